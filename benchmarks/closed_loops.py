@@ -15,7 +15,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 from common import FloatArray, median_time, show
-from machines import MACHINES, five_bar, machine, states
+from support.closed_loop_robots import MACHINES, five_bar, machine, states
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.expressions import Program

@@ -15,7 +15,7 @@ import argparse
 from itertools import product
 
 import numpy as np
-from spoilt import KINDS, NOISES, N, arm_signals, corrupt
+from support.spoilt_recordings import KINDS, NOISES, N, arm_signals, corrupt
 
 from dynident.recordings import JointLimits, RecordedJoints
 from dynident.recordings.conditioning.outliers import measure_usual_steps

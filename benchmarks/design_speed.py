@@ -29,15 +29,14 @@ from scipy.optimize import minimize
 from dynident.effects import EffectChoice
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
 from dynident.excitation.criteria.design_criterion import build_design_criterion
-from dynident.excitation.observation.design_model import DesignModel, build_design_model
+from dynident.excitation.design_model import DesignModel, build_design_model
 from dynident.excitation.optimising import augmented_lagrangian
 from dynident.excitation.optimising.augmented_lagrangian import search_stepwise
 from dynident.excitation.optimising.design_problem import Budget, DesignProblem
 from dynident.excitation.optimising.random_trajectories import CandidateEvaluator, draw_candidates
+from dynident.motion.joint_trajectories import Family, FourierFamily
 from dynident.motion.limits.bounds import Bounds, build_bounds
 from dynident.motion.limits.margins import AmplitudeScaler
-from dynident.motion.trajectories.motion import Family
-from dynident.motion.trajectories.periodic import FourierFamily
 from dynident.progress import ignore_progress
 from dynident.regressors.base_parameters import evaluate_at_random_states, select_base
 from dynident.regressors.observation import Observation

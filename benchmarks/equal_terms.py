@@ -44,7 +44,7 @@ from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.search import forward_selection, model_comparison
 from dynident.diagnosis.search.state import State, score_all
 from dynident.identification import identify
-from dynident.identification.shapes.shape_search import list_between
+from dynident.identification.shape_search import list_between
 from dynident.regressors.model import Model
 
 RIVALS, STARTS = 0.3, 12

@@ -32,7 +32,7 @@ from dynident.effects.hysteresis_states import step_state
 from dynident.estimation import CovarianceName, statistics
 from dynident.identification import Identification, IdentificationChoices, identify, identify_model
 from dynident.identification.choices import AVAILABLE_COVARIANCES, EstimatorName
-from dynident.identification.shapes.shape_search import refine_shapes
+from dynident.identification.shape_search import refine_shapes
 from dynident.identification.study.prediction import predict
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording, choose_preprocessing, recording_from_arrays

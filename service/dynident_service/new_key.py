@@ -12,8 +12,7 @@ from dynident.errors import DynidentError
 from dynident_service.api_keys import SCOPES, create_key, list_keys, revoke_keys
 from dynident_service.settings import load_settings
 from dynident_service.storage.data_directory import prepare_data_directory, restrict_file_permissions
-from dynident_service.storage.database import Database
-from dynident_service.storage.migrate import migrate
+from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.quotas import QuotaLimits
 
 MOST_DAYS = 36500

@@ -102,7 +102,7 @@ class Readiness:
     async def _ask_child(self) -> None:
         await self._awaited.call(
             Request({"type": "http", "headers": []}, _wait_forever),
-            "dynident_service.jobs.calls:confirm_readiness",
+            "dynident_service.jobs.messages:confirm_readiness",
             bool,
             {},
             ComputationLimits(GIVEN_UP),

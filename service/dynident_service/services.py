@@ -19,16 +19,15 @@ from dynident_service.jobs.confinement import REQUEST_MEMORY, AllowedFolders, Co
 from dynident_service.jobs.engine import Engine
 from dynident_service.jobs.fork_server import ForkServer
 from dynident_service.lru_cache import LruCache
-from dynident_service.models.verdicts import VerdictView
 from dynident_service.readiness import Readiness
 from dynident_service.settings import Settings
 from dynident_service.storage.data_directory import mark_in_use, prepare_data_directory
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.resources import Resources
 from dynident_service.upload_quotas import get_quota_limits
+from dynident_service.wire_types.verdicts import VerdictView
 
 MOST_VERDICTS = 500
 """Cached verdicts, of some 2 kB each."""

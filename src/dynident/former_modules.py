@@ -39,11 +39,13 @@ MODULES = {
     "dynident.desk.xacro_files": "dynident.api.robot_files",
     "dynident.diagnosis.comparing.autocorrelation": "dynident.diagnosis.comparing.autocorrelation_and_spectra",
     "dynident.diagnosis.comparing.spectrum": "dynident.diagnosis.comparing.autocorrelation_and_spectra",
+    "dynident.effects.drive": "dynident.effects.motors",
     "dynident.effects.friction_in_time": "dynident.effects.friction",
     "dynident.effects.geometry": "dynident.effects.structure",
     "dynident.effects.linked": "dynident.effects.closed_loops",
     "dynident.effects.memory": "dynident.effects.hysteresis_states",
     "dynident.effects.operators": "dynident.effects.hysteresis_operators",
+    "dynident.effects.plugins": "dynident.effects.catalogue",
     "dynident.effects.sizes": "dynident.effects.usual_sizes",
     "dynident.effects.written": "dynident.effects.text_format",
     "dynident.estimation.beside": "dynident.estimation.rest_and_reversal_rows",
@@ -57,7 +59,8 @@ MODULES = {
     "dynident.estimation.instrumental": "dynident.estimation.instrumental_variables",
     "dynident.estimation.kalman": "dynident.estimation.kalman_filter",
     "dynident.estimation.linearised": "dynident.estimation.shape_constant_uncertainty",
-    "dynident.estimation.nuisance": "dynident.estimation.marginalisation",
+    "dynident.estimation.marginalisation": "dynident.identification.equations.model_equations",
+    "dynident.estimation.nuisance": "dynident.identification.equations.model_equations",
     "dynident.estimation.recursive": "dynident.estimation.kalman_filter",
     "dynident.estimation.robust": "dynident.estimation.robust_weights",
     "dynident.estimation.semidefinite": "dynident.estimation.constrained_least_squares",
@@ -65,9 +68,20 @@ MODULES = {
     "dynident.estimation.turned": "dynident.estimation.rest_and_reversal_rows",
     "dynident.estimation.turning_noise": "dynident.estimation.reversal_weights",
     "dynident.estimation.whitening": "dynident.estimation.qr",
-    "dynident.excitation.formats.ros2": "dynident.excitation.formats.design_files",
+    "dynident.excitation.formats": "dynident.excitation.design_files",
+    "dynident.excitation.formats.design_files": "dynident.excitation.design_files",
+    "dynident.excitation.formats.ros2": "dynident.excitation.design_files",
+    "dynident.excitation.observation": "dynident.excitation.design_model",
+    "dynident.excitation.observation.design_model": "dynident.excitation.design_model",
+    "dynident.excitation.observation.row_model_names": "dynident.excitation.row_model_names",
+    "dynident.excitation.observation.row_models": "dynident.excitation.row_models",
     "dynident.excitation.optimising.budget": "dynident.excitation.optimising.design_problem",
+    "dynident.excitation.points": "dynident.excitation.point_sequence",
+    "dynident.excitation.points.point_sequence": "dynident.excitation.point_sequence",
+    "dynident.excitation.request_checks": "dynident.excitation.design",
+    "dynident.expressions.machine_code": "dynident.expressions.program",
     "dynident.expressions.recurrence": "dynident.expressions.program",
+    "dynident.identification.column_inference.robot_check": "dynident.identification.column_inference.dynamics_fits",
     "dynident.identification.methods.estimators.auto": "dynident.identification.methods.estimators.least_squares",
     "dynident.identification.methods.estimators.didim": "dynident.identification.methods.estimators.simulation",
     "dynident.identification.methods.estimators.ekf": "dynident.identification.methods.estimators.simulation",
@@ -76,24 +90,46 @@ MODULES = {
     "dynident.identification.methods.estimators.iv": "dynident.identification.methods.estimators.simulation",
     "dynident.identification.methods.estimators.ols": "dynident.identification.methods.estimators.least_squares",
     "dynident.identification.methods.estimators.wls": "dynident.identification.methods.estimators.least_squares",
-    "dynident.identification.methods.models.base_wrench": "dynident.identification.methods.models.equation_types",
-    "dynident.identification.methods.models.dynamic": "dynident.identification.methods.models.equation_types",
-    "dynident.identification.methods.models.energy": "dynident.identification.methods.models.equation_types",
-    "dynident.identification.methods.models.filtered": "dynident.identification.methods.models.equation_types",
-    "dynident.identification.methods.models.power": "dynident.identification.methods.models.equation_types",
-    "dynident.identification.methods.priors.description_entropic": "dynident.identification.methods.priors.description",
-    "dynident.identification.methods.strategies.global_": "dynident.identification.methods.strategies.solution_order",
-    "dynident.identification.methods.strategies.separate_friction": "dynident.identification.methods.strategies.solution_order",  # noqa: E501
-    "dynident.identification.methods.strategies.sequential": "dynident.identification.methods.strategies.solution_order",  # noqa: E501
-    "dynident.identification.shapes.shape_columns": "dynident.identification.shapes.shape_refinement",
+    "dynident.identification.methods.models": "dynident.identification.methods.equation_types",
+    "dynident.identification.methods.models.base_wrench": "dynident.identification.methods.equation_types",
+    "dynident.identification.methods.models.dynamic": "dynident.identification.methods.equation_types",
+    "dynident.identification.methods.models.energy": "dynident.identification.methods.equation_types",
+    "dynident.identification.methods.models.equation_types": "dynident.identification.methods.equation_types",
+    "dynident.identification.methods.models.filtered": "dynident.identification.methods.equation_types",
+    "dynident.identification.methods.models.power": "dynident.identification.methods.equation_types",
+    "dynident.identification.methods.priors": "dynident.identification.methods.description_priors",
+    "dynident.identification.methods.priors.description": "dynident.identification.methods.description_priors",
+    "dynident.identification.methods.priors.description_entropic": "dynident.identification.methods.description_priors",
+    "dynident.identification.methods.strategies": "dynident.identification.methods.solution_order",
+    "dynident.identification.methods.strategies.global_": "dynident.identification.methods.solution_order",
+    "dynident.identification.methods.strategies.separate_friction": "dynident.identification.methods.solution_order",
+    "dynident.identification.methods.strategies.sequential": "dynident.identification.methods.solution_order",
+    "dynident.identification.methods.strategies.solution_order": "dynident.identification.methods.solution_order",
+    "dynident.identification.parameters": "dynident.identification.standard_parameters",
+    "dynident.identification.parameters.standard_parameters": "dynident.identification.standard_parameters",
+    "dynident.identification.prior": "dynident.identification.description_prior",
+    "dynident.identification.prior.description_prior": "dynident.identification.description_prior",
+    "dynident.identification.prior.entropic": "dynident.identification.entropic_prior",
+    "dynident.identification.shapes": "dynident.identification.shape_constants",
+    "dynident.identification.shapes.shape_columns": "dynident.identification.shape_refinement",
+    "dynident.identification.shapes.shape_constants": "dynident.identification.shape_constants",
+    "dynident.identification.shapes.shape_refinement": "dynident.identification.shape_refinement",
+    "dynident.identification.shapes.shape_search": "dynident.identification.shape_search",
     "dynident.identification.study.dependence": "dynident.identification.study.correlated_and_essential_parameters",
     "dynident.identification.study.estimate": "dynident.identification.study.result",
     "dynident.identification.study.removing": "dynident.identification.study.solve_again",
     "dynident.identification.study.same_recordings": "dynident.identification.study.identifying",
     "dynident.kinds": "dynident.schema.registry",
-    "dynident.motion.moves.home": "dynident.motion.moves.paths",
-    "dynident.motion.trajectories.b_spline": "dynident.motion.trajectories.periodic",
-    "dynident.motion.trajectories.fourier": "dynident.motion.trajectories.periodic",
+    "dynident.motion.moves": "dynident.motion.move_paths",
+    "dynident.motion.moves.home": "dynident.motion.move_paths",
+    "dynident.motion.moves.jerk_limited": "dynident.motion.jerk_limited_moves",
+    "dynident.motion.moves.paths": "dynident.motion.move_paths",
+    "dynident.motion.trajectories": "dynident.motion.joint_trajectories",
+    "dynident.motion.trajectories.b_spline": "dynident.motion.joint_trajectories",
+    "dynident.motion.trajectories.fourier": "dynident.motion.joint_trajectories",
+    "dynident.motion.trajectories.motion": "dynident.motion.joint_trajectories",
+    "dynident.motion.trajectories.periodic": "dynident.motion.joint_trajectories",
+    "dynident.recordings.formats.messages": "dynident.recordings.formats.bags",
     "dynident.regressors.base_wrench": "dynident.regressors.equation_forms",
     "dynident.regressors.extension": "dynident.regressors.model",
     "dynident.regressors.folding": "dynident.regressors.qr_accumulation",
@@ -103,6 +139,7 @@ MODULES = {
     "dynident.regressors.rows": "dynident.regressors.row_cache",
     "dynident.regressors.stages": "dynident.regressors.equations",
     "dynident.regressors.stream": "dynident.regressors.filtered_rows",
+    "dynident.robot.dyads": "dynident.robot.passive_positions",
     "dynident.robot.mesh_files": "dynident.robot.meshes",
     "dynident.robot.mjcf_equality": "dynident.robot.mjcf",
     "dynident.robot.rounding": "dynident.robot.pinocchio_model",
@@ -200,7 +237,7 @@ NAMES: dict[str, dict[str, str]] = {
     "dynident.estimation.kalman_filter": {
         "recursive_statistics": "compute_recursive_statistics",
     },
-    "dynident.estimation.marginalisation": {
+    "dynident.identification.equations.model_equations": {
         "without_nuisance": "marginalise_parameters",
     },
     "dynident.estimation.prior_information": {
@@ -324,6 +361,9 @@ NAMES: dict[str, dict[str, str]] = {
 }
 """The present name of each former name in a present module."""
 
+_PACKAGES = {module.rpartition(".")[0] for module in MODULES} & MODULES.keys()
+"""Former modules that were packages of other former modules."""
+
 
 class FormerModuleFinder(MetaPathFinder, Loader):
     """Finds modules by their former paths; each gives what its present module has, by former and by present names."""
@@ -332,8 +372,7 @@ class FormerModuleFinder(MetaPathFinder, Loader):
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """Return a spec if the module is a former one."""
-        # Of the former modules only `desk` was a package; all others lie in packages that still exist.
-        return ModuleSpec(fullname, self, is_package=fullname == "dynident.desk") if fullname in MODULES else None
+        return ModuleSpec(fullname, self, is_package=fullname in _PACKAGES) if fullname in MODULES else None
 
     def exec_module(self, module: ModuleType) -> None:
         """Let the module look up its names in the present one."""

@@ -9,9 +9,7 @@ from typing import Self
 import httpx2
 
 from dynident_client import answers
-from dynident_client.identifications import Identifications
-from dynident_client.records import Job, Page, Record, get_identifier
-from dynident_client.results import (
+from dynident_client.analyses_and_reports import (
     Comparisons,
     CurrentModelSets,
     Diagnoses,
@@ -20,6 +18,8 @@ from dynident_client.results import (
     SeriesOfDays,
     Validations,
 )
+from dynident_client.identifications import Identifications
+from dynident_client.records import Job, Page, Record, get_identifier
 from dynident_client.transport import Event, ListPart, Transport
 from dynident_client.uploads_and_designs import Designs, Imports, Measurements, Robots, Simulations
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden_physics import BAND, NAMES, ROBOT, WITH_OFFSET, on_joint, recorded
-from oracles import Motion, fourier_motion
+from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, on_joint, recorded
+from support.oracles import Motion, fourier_motion
 
 from dynident.advice import AdvisedDiagnosis, advise
 from dynident.diagnosis import Diagnosis, RankedEffect, examine

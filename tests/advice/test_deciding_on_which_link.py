@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from hidden_physics import BAND, NAMES, ROBOT, WITH_OFFSET
-from oracles import Motion, fourier_motion
+from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET
+from support.oracles import Motion, fourier_motion
 
 from dynident.advice import AdvisedDiagnosis, advise
 from dynident.diagnosis import examine

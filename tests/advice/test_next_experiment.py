@@ -8,8 +8,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hidden_physics import BAND, CASES, NAMES, ROBOT, WITH_OFFSET, Experiment, experiment, nothing, recorded
-from oracles import fourier_motion
+from support.hidden_effects import BAND, CASES, NAMES, ROBOT, WITH_OFFSET, Experiment, experiment, nothing, recorded
+from support.oracles import fourier_motion
 
 from dynident.advice import NextExperiment
 from dynident.advice.experiments import EXPERIMENTS, Question, choose_experiment
@@ -21,7 +21,7 @@ from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.excitation import design_experiment
-from dynident.excitation.observation.design_model import build_design_model
+from dynident.excitation.design_model import build_design_model
 from dynident.identification import IdentificationChoices, identify
 from dynident.motion.limits.bounds import build_bounds
 

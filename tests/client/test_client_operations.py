@@ -9,7 +9,7 @@ from typing import Any
 
 import httpx2
 import pytest
-from contract import COLLECTIONS, CONTRACT, OPERATIONS, operation_of
+from support.openapi_contract import COLLECTIONS, CONTRACT, OPERATIONS, operation_of
 
 from dynident_client import Client, JobCancelled, JobFailed, ProblemError
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from running_commands import dynident, write_run
+from support.running_commands import dynident, write_run
 
 from dynident.robot.library import library_table
 

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from running_commands import dynident
+from support.running_commands import dynident
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
-from running_commands import ROBOT, dynident, write_run
+from support.running_commands import ROBOT, dynident, write_run
 
 from dynident.robot import urdf_from_robot
 

@@ -9,8 +9,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
-from oracles import arm, fourier_motion, pinocchio_torque
-from running_commands import dynident
+from support.oracles import arm, fourier_motion, pinocchio_torque
+from support.running_commands import dynident
 
 ARM = arm("scara")
 GAINS = np.array([14.0, 12.5, 80.0, 1.5])

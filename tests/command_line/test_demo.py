@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.csv as pacsv
 import pytest
-from running_commands import dynident
+from support.running_commands import dynident
 
 from dynident.effects import CATALOGUE
 from dynident.errors import DynidentError

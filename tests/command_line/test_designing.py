@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 
 import pytest
-from running_commands import dynident
+from support.running_commands import dynident
 
 from dynident.robot import robot_from_library, urdf_from_robot
 

@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
-from oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
-from running_commands import dynident
+from support.oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
+from support.running_commands import dynident
 
-from dynident_service.models.drive_gains import DriveGainsResult
+from dynident_service.wire_types.drive_gains import DriveGainsResult
 
 ARM = arm("ur10")
 GAINS = np.array([14.0, 12.5, 11.0, 10.5, 9.5, 11.5])

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pyarrow.csv as pacsv
 import pytest
-from running_commands import dynident, write_run
+from support.running_commands import dynident, write_run
 
 from dynident.identification.column_inference import Question
 from dynident_service.cli.metadata import StatedAnswers

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.csv as pacsv
 import pytest
-from resting import COULOMB, write_resting_run
-from running_commands import ROBOT, dynident
+from support.joints_at_rest import COULOMB, write_resting_run
+from support.running_commands import ROBOT, dynident
 
 from dynident.identification import from_bytes
 from dynident.reports.number_format import format_percent

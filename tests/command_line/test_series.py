@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 
 import pytest
-from running_commands import dynident, write_run
+from support.running_commands import dynident, write_run
 
 CHANGED = 3.0
 

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from running_commands import dynident, write_run
+from support.running_commands import dynident, write_run
 from typer.main import get_command
 from typer.testing import CliRunner
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.csv as pacsv
 import pytest
-from running_commands import ROBOT, dynident, write_run
+from support.running_commands import ROBOT, dynident, write_run
 
 from dynident.effects import CATALOGUE
 from dynident.identification import from_bytes

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from running_commands import ROBOT, dynident
+from support.running_commands import ROBOT, dynident
 
 from dynident.identification.choices import AVAILABLE_MODELS
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
-from running_commands import ROBOT, dynident, write_run
+from support.running_commands import ROBOT, dynident, write_run
 
 import dynident as dynident_package
 from dynident.robot import urdf_from_robot

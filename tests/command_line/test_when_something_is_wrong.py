@@ -13,7 +13,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
-from running_commands import ROBOT, dynident
+from support.running_commands import ROBOT, dynident
 
 from dynident_service.cli import terminal
 

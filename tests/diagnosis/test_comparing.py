@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_physics import BAND, NAMES, NOISE, ROBOT, experiment, motions, recorded
-from oracles import Motion, fourier_motion, record
+from support.hidden_effects import BAND, NAMES, NOISE, ROBOT, experiment, motions, recorded
+from support.oracles import Motion, fourier_motion, record
 
 from dynident.diagnosis import compare
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from versions import older_than_locked
+from support.installed_versions import older_than_locked
 
 from dynident.recordings.arrow import from_numbers, table_column_to_numbers
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden_physics import BAND, NAMES, experiment, on_joint
+from support.hidden_effects import BAND, NAMES, experiment, on_joint
 
 from dynident.diagnosis.candidates.accumulate import gather_products
 from dynident.diagnosis.candidates.pool import build_pool

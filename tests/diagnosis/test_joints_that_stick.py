@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from oracles import arm, pinocchio_torque, record
-from resting import COULOMB, MOVES, NOISE, PERIOD, resting_motion, resting_torque
-from test_scoring_and_gate import judged
+from support.joints_at_rest import COULOMB, MOVES, NOISE, PERIOD, resting_motion, resting_torque
+from support.oracles import arm, pinocchio_torque, record
+from support.scored_candidates import judged
 
 from dynident.diagnosis import compare, diagnose
 from dynident.diagnosis.candidates.significance import ScoredCandidate

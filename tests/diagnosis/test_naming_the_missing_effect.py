@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from hidden_physics import (
+from support.hidden_effects import (
     BAND,
     CASES,
     NAMES,
@@ -22,7 +22,7 @@ from hidden_physics import (
     on_joint,
     recorded,
 )
-from oracles import fourier_motion
+from support.oracles import fourier_motion
 
 from dynident.advice import advise
 from dynident.diagnosis import Diagnosis, diagnose, examine

@@ -4,8 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from disturbed import CONTACT, DELAY, FREQUENCY, MORE, PAYLOAD, loaded, touched
-from hidden_physics import BAND, NAMES, ROBOT, WITH_OFFSET, experiment, floor, motions, nothing, on_joint, recorded
+from support.further_hidden_effects import CONTACT, DELAY, FREQUENCY, MORE, PAYLOAD, loaded, touched
+from support.hidden_effects import (
+    BAND,
+    NAMES,
+    ROBOT,
+    WITH_OFFSET,
+    experiment,
+    floor,
+    motions,
+    nothing,
+    on_joint,
+    recorded,
+)
 
 from dynident.diagnosis import diagnose, evidence
 from dynident.identification import IdentificationChoices, extend, identify

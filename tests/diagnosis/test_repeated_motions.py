@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_physics import BAND, NAMES, NOISE, ROBOT, WITH_OFFSET, experiment, nothing, on_joint, recorded
-from oracles import Motion, fourier_motion
+from support.hidden_effects import BAND, NAMES, NOISE, ROBOT, WITH_OFFSET, experiment, nothing, on_joint, recorded
+from support.oracles import Motion, fourier_motion
 
 from dynident.diagnosis import compare, diagnose, judge
 from dynident.diagnosis.comparing.noise import estimate_noise_from_repetitions, floor_of

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden_physics import ROBOT
-from oracles import fourier_motion
+from support.hidden_effects import ROBOT
+from support.oracles import fourier_motion
 
 from dynident.diagnosis import angle_spectrum, autocorrelation, time_spectrum
 from dynident.diagnosis.comparing.autocorrelation_and_spectra import count_independent_squares

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from disturbed import FREQUENCY, in_gravity
-from disturbed import shaking as shaken
-from hidden_physics import BAND, ROBOT, WITH_OFFSET, nothing, recorded
-from oracles import FloatArray, Motion, fourier_motion
+from support.further_hidden_effects import FREQUENCY, in_gravity
+from support.further_hidden_effects import shaking as shaken
+from support.hidden_effects import BAND, ROBOT, WITH_OFFSET, nothing, recorded
+from support.oracles import FloatArray, Motion, fourier_motion
 
 from dynident.diagnosis import Comparison, compare
 from dynident.diagnosis.residuals.spectral_peaks import find_base_vibration, find_motion_lines

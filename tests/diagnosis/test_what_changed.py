@@ -6,9 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from disturbed import loaded, scaled
-from hidden_physics import BAND, EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, motions, nothing, on_joint, recorded, tilted
-from oracles import FloatArray, Motion, pinocchio_torque
+from support.further_hidden_effects import loaded, scaled
+from support.hidden_effects import (
+    BAND,
+    EFFORT,
+    NAMES,
+    ROBOT,
+    WITH_OFFSET,
+    Hidden,
+    motions,
+    nothing,
+    on_joint,
+    recorded,
+    tilted,
+)
+from support.oracles import FloatArray, Motion, pinocchio_torque
 
 from dynident.diagnosis import Change, Diagnosis, diagnose
 from dynident.diagnosis.candidates.pool import build_pool

@@ -5,10 +5,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from evaluating import PUBLISHED, Evaluated
 from hypothesis import given
 from hypothesis import strategies as st
-from oracles import arm, random_states
+from support.effect_columns import PUBLISHED, Evaluated
+from support.oracles import arm, random_states
 
 from dynident.effects import (
     CATALOGUE,

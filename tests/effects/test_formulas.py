@@ -5,10 +5,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from evaluating import COUNT, Evaluated
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import arm, pinocchio_rows
+from support.effect_columns import COUNT, Evaluated
+from support.oracles import arm, pinocchio_rows
 
 from dynident.effects import (
     DAHL,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from oracles import ARMS, FROM_PINOCCHIO, arm, crooked_urdf, pinocchio_rows, random_states
+from support.oracles import ARMS, FROM_PINOCCHIO, arm, crooked_urdf, pinocchio_rows, random_states
 
 from dynident.effects.mechanics import build_dynamic_rows
 from dynident.effects.signals import Signals

@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
-import re
 import shlex
-import subprocess
-import sys
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from evaluating import PUBLISHED
+from support.effect_columns import PUBLISHED
+from support.own_effects_page import block, run
 
 from dynident.robot import robot_from_library, urdf_from_robot
-
-ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "own-effects.md").read_text(encoding="utf-8")
-
-
-def block(language: str) -> str:
-    """The page's first block in a language."""
-    found = re.search(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
-    assert found
-    return found.group(1)
 
 
 def install(folder: Path, module: str, code: str, points: Mapping[str, str]) -> None:
@@ -36,12 +23,6 @@ def install(folder: Path, module: str, code: str, points: Mapping[str, str]) -> 
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1\n", encoding="utf-8")
     lines = "\n".join(f"{name} = {value}" for name, value in points.items())
     (info / "entry_points.txt").write_text(f"[dynident.effects]\n{lines}\n", encoding="utf-8")
-
-
-def run(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
-    paths = [str(folder), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), "PYTHONWARNINGS": "always"}
-    return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture
@@ -89,7 +70,7 @@ def test_the_documented_effect_is_in_the_catalogue_over_http_and_in_virtual_robo
 NAMED = """
 import json
 import numpy as np
-from oracles import arm, fourier_motion, pinocchio_torque, record
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.diagnosis import diagnose
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.recordings import Preprocessing

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import ARMS, FloatArray, arm, crooked_urdf, pinocchio_torque, random_states
+from support.oracles import ARMS, FloatArray, arm, crooked_urdf, pinocchio_torque, random_states
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns, count_reference_parameters
 from dynident.effects.mechanics import to_constant

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from evaluating import COUNT, Evaluated
-from oracles import FROM_PINOCCHIO, FloatArray, arm, pinocchio_torque
+from support.effect_columns import COUNT, Evaluated
+from support.oracles import FROM_PINOCCHIO, FloatArray, arm, pinocchio_torque
 
 from dynident.effects import EffectChoice, get_effect
 from dynident.robot import Robot, to_pinocchio

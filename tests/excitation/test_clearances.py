@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from safe_robots import safe_robot
 from scipy.optimize import minimize
+from support.robots_with_collision_geometry import safe_robot
 
 from dynident.effects import EffectChoice
 from dynident.excitation import CriterionChoice, DesignRequest
 from dynident.excitation.criteria.criterion_values import build_smooth_criterion
-from dynident.excitation.observation.design_model import build_design_model
+from dynident.excitation.design_model import build_design_model
 from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
 from dynident.excitation.result import find_nearest_along
 from dynident.motion import Box, Surroundings, ToolRange, Wall
 from dynident.motion.collision.clearance import compute_block_distance, find_closest_shares
 from dynident.motion.collision.obstacles import build_block
+from dynident.motion.joint_trajectories import FourierFamily
 from dynident.motion.limits.bounds import Bounds, build_bounds
-from dynident.motion.trajectories.periodic import FourierFamily
 from dynident.robot import Limits
 from dynident.robot.kinematics import joint_frames
 

@@ -9,10 +9,10 @@ from dynident.effects.hysteresis_states import PathMemory, step_state
 from dynident.excitation.criteria.criterion_choice import CRITERIA, CriterionChoice
 from dynident.excitation.criteria.criterion_values import build_smooth_criterion
 from dynident.excitation.criteria.design_criterion import build_design_criterion
-from dynident.excitation.observation.design_model import ObservationGradient, build_design_model
+from dynident.excitation.design_model import ObservationGradient, build_design_model
 from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
+from dynident.motion.joint_trajectories import FourierFamily
 from dynident.motion.limits.bounds import build_bounds
-from dynident.motion.trajectories.periodic import FourierFamily
 from dynident.robot import robot_from_library, to_pinocchio
 
 MOST = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")

@@ -12,11 +12,11 @@ from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.criterion_values import build_smooth_criterion
 from dynident.excitation.criteria.design_criterion import build_design_criterion
-from dynident.excitation.observation.design_model import build_design_model
-from dynident.excitation.observation.row_models import ROW_MODELS, build_row_model
+from dynident.excitation.design_model import build_design_model
 from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
+from dynident.excitation.row_models import ROW_MODELS, build_row_model
+from dynident.motion.joint_trajectories import FourierFamily
 from dynident.motion.limits.bounds import build_bounds
-from dynident.motion.trajectories.periodic import FourierFamily
 from dynident.recordings import recording_from_arrays
 from dynident.robot import robot_from_library
 

@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from machines import five_bar, palletiser
 from scipy.signal import resample
+from support.closed_loop_robots import five_bar, palletiser
 
 from dynident.effects import EffectChoice
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment

@@ -10,11 +10,11 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.design_criterion import build_design_criterion
-from dynident.excitation.observation.design_model import build_design_model, lock_model
+from dynident.excitation.design_model import build_design_model, lock_model
 from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
 from dynident.motion import Surroundings
+from dynident.motion.joint_trajectories import FourierFamily
 from dynident.motion.limits.bounds import build_bounds, lock_bounds
-from dynident.motion.trajectories.periodic import FourierFamily
 from dynident.robot import Robot, to_pinocchio
 
 LINKS = (EffectChoice("rigid_body"),)

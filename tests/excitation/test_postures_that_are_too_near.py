@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from safe_robots import safe_robot
+from support.robots_with_collision_geometry import safe_robot
 
 from dynident.motion import Box, Surroundings
 from dynident.motion.collision.free_space import build_free_space

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from safe_robots import Judge, judge_of, safe_robot
 from scipy.signal import resample
+from support.robots_with_collision_geometry import Judge, judge_of, safe_robot
 
 from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice

@@ -7,7 +7,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynident.excitation.formats.design_files import format_joint_trajectory
+from dynident.excitation.design_files import format_joint_trajectory
 
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
 

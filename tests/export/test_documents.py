@@ -6,9 +6,18 @@ import json
 
 import numpy as np
 import pytest
-from made_up import PLAIN, drives, from_standard, made_up, measured, path, predicted, signals
-from oracles import arm
-from test_programs import MODELS, NAMES, run_signals
+from support.exported_programs import MODELS, NAMES, run_signals
+from support.models_with_chosen_parameters import (
+    PLAIN,
+    drives,
+    from_standard,
+    made_up,
+    measured,
+    path,
+    predicted,
+    signals,
+)
+from support.oracles import arm
 
 from dynident.errors import DynidentError
 from dynident.export import export_model, model_from_json, model_to_document, to_json
@@ -27,7 +36,7 @@ def test_json_read_back_predicts_the_same_torque(name: str) -> None:
 
 
 def test_a_locked_joint_and_another_gravity_survive_json() -> None:
-    from test_links_and_joints import OWN
+    from support.exported_robots import OWN
 
     from dynident.robot import robot_from_urdf
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up import PLAIN, FloatArray, made_up, path, predicted, signals
-from oracles import Motion, arm, crooked_urdf
+from support.exported_programs import HYSTERESIS, MODELS, NAMES, run_signals
+from support.models_with_chosen_parameters import PLAIN, FloatArray, made_up, path, predicted, signals
+from support.oracles import Motion, crooked_urdf
 
-from dynident.effects import CATALOGUE, EffectChoice
 from dynident.errors import DynidentError
 from dynident.export.c_code import make_c_name, to_c, write_c_statements
 from dynident.export.casadi_function import build_torque_formula, to_casadi, to_casadi_bytes
@@ -26,44 +26,10 @@ from dynident.identification import Identification
 from dynident.regressors.observation import FurtherSignals
 from dynident.robot import robot_from_urdf
 
-TREE = robot_from_urdf("tree", crooked_urdf(7, 3, (1, 5), (-1, 0, 1, 1, 0, 4, 5)))
-HYSTERESIS = (
-    EffectChoice("presliding", (), (("d0", 0.01), ("law", 1.0))),
-    EffectChoice("presliding", (), (("d0", 0.02), ("law", -1.0))),
-)
-
-
-def every_effect() -> tuple[EffectChoice, ...]:
-    """All of the catalogue, some in runs of their own, a joint with a shape of its own."""
-    special = {
-        "presliding": HYSTERESIS,
-        "payload": (EffectChoice("payload"), EffectChoice("payload", runs=("heavy", "run 2"))),
-        "stribeck": (EffectChoice("stribeck", (), (("vs", 0.2), ("delta", 1.3))),),
-        "external_contact": (EffectChoice("external_contact", (), (("t0", 0.5), ("t1", 1.5))),),
-        "transmission_coupling": (EffectChoice("transmission_coupling", (), (("side", -1.0),)),),
-    }
-    return tuple(one for effect in CATALOGUE for one in special.get(effect, (EffectChoice(effect),)))
-
-
-MODELS = {
-    "plain": lambda: made_up(arm("franka_panda"), PLAIN),
-    "friction alone": lambda: made_up(arm("scara"), ("coulomb", "stribeck")),
-    "hysteresis on a tree": lambda: made_up(TREE, (*PLAIN, *HYSTERESIS, "load_dependent_friction")),
-    "everything": lambda: made_up(arm("ur10"), every_effect()),
-    "everything with a sliding joint": lambda: made_up(arm("scara"), every_effect()),
-}
-
-
-NAMES = [pytest.param(name, marks=pytest.mark.slow if name == "everything" else ()) for name in MODELS]
-
 
 @pytest.fixture(scope="module", params=NAMES)
 def model(request: pytest.FixtureRequest) -> Identification:
     return MODELS[request.param]()
-
-
-def run_signals(identification: Identification) -> FloatArray:
-    return np.array([1.0, 0.0][: len(identification.model.observation.runs)])
 
 
 def arguments_at(identification: Identification, motion: Motion, k: int) -> dict[str, FloatArray]:

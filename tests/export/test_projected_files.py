@@ -8,9 +8,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from made_up import PLAIN, FloatArray, measured
-from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
-from test_links_and_joints import moving, torque_of_mjcf, torque_of_urdf
+from support.exported_robots import moving, torque_of_mjcf, torque_of_urdf
+from support.models_with_chosen_parameters import PLAIN, FloatArray, measured
+from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError

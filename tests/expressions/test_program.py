@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import arm, random_states
+from support.oracles import arm, random_states
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.expressions import Program, UnsupportedOperationError

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from strangers import guess, log, read, signals
+from support.drawn_recordings import guess, log, read, signals
 
 from dynident.recordings import RecordingError
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from exact_data import drawn_standard, torque_of
-from oracles import arm, fourier_motion, pinocchio_rows, record
+from support.noise_free_data import drawn_standard, torque_of
+from support.oracles import arm, fourier_motion, pinocchio_rows, record
 
 from dynident.errors import DynidentError
 from dynident.identification.loads.drive_gains import DriveGains, identify_gains, payload_mass

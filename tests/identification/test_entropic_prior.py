@@ -8,18 +8,18 @@ from functools import cache
 import cvxpy as cp
 import numpy as np
 import pytest
-from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, record
 from scipy.optimize import minimize
+from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import build_weighted_factor, weighted
 from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.identification.description_prior import build_normal_prior, build_prior
+from dynident.identification.entropic_prior import EntropicPrior, build_entropic_prior
 from dynident.identification.equations.reduce_data import reduce_to_rows
 from dynident.identification.estimators.feasible import minimise_entropic_cost
 from dynident.identification.estimators.feasible_problem import build_problem, build_standard_prior
-from dynident.identification.prior.description_prior import build_normal_prior, build_prior
-from dynident.identification.prior.entropic import EntropicPrior, build_entropic_prior
 from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import arm, fourier_motion, pinocchio_torque, record
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.diagnosis import diagnose
 from dynident.effects import CATALOGUE, EffectChoice, get_effect

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from strangers import FloatArray, guess, legged, log, log_of, read, signals
+from support.drawn_recordings import FloatArray, guess, legged, log, log_of, read, signals
 
 from dynident.identification import identify
 from dynident.identification.recording_faults.fault_search import list_chains

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from oracles import arm, fourier_motion, pinocchio_torque
+from support.oracles import arm, fourier_motion, pinocchio_torque
 
 from dynident.api.robot_files import set_drive_gains
 from dynident.identification.column_inference.column_statistics import Sample

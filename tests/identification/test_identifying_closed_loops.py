@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from machines import machine, palletiser
+from support.closed_loop_robots import machine, palletiser
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 from scipy import signal
+from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, ReferenceParameters, UnknownEffectError
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics
 from dynident.identification import IdentificationChoices, extend, identify, identify_model
-from dynident.identification.parameters.standard_parameters import compute_smallest_inertia_eigenvalue, draw_postures
+from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue, draw_postures
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot import to_pinocchio

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from strangers import FloatArray, guess, log, read
+from support.drawn_recordings import FloatArray, guess, log, read
 
 from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import arm, fourier_motion, pinocchio_torque, record
 from scipy.signal import lfilter
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError

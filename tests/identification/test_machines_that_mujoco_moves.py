@@ -9,7 +9,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from machines import machine, mjcf
+from support.closed_loop_robots import machine, mjcf
 
 from dynident.diagnosis import Comparison, compare, diagnose
 from dynident.effects import EffectChoice

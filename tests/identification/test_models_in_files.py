@@ -7,7 +7,7 @@ import io
 
 import numpy as np
 import pytest
-from oracles import arm, fourier_motion, pinocchio_torque, record
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from dynident.effects import EffectChoice

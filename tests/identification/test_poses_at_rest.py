@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import arm, fourier_motion, pinocchio_torque, record
-from robots_at_rest import poses, write_poses
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
+from support.poses_at_rest import poses, write_poses
 
 from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice

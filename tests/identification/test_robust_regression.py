@@ -10,7 +10,7 @@ import pytest
 import statsmodels.api as sm
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import arm, fourier_motion, pinocchio_torque, record
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from exact_data import drawn_standard, torque_of
-from oracles import Motion, arm, crooked_urdf, fourier_motion, record
+from support.noise_free_data import drawn_standard, torque_of
+from support.oracles import Motion, arm, crooked_urdf, fourier_motion, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from exact_data import drawn_standard, reduced_states, states, torque_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import arm, crooked_urdf, fourier_motion, record
+from support.noise_free_data import drawn_standard, reduced_states, states, torque_of
+from support.oracles import arm, crooked_urdf, fourier_motion, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import STOP, EffectChoice, MemorySignal, ReferenceParameters
 from dynident.effects.hysteresis_states import step_state
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.shapes.shape_search import (
+from dynident.identification.shape_search import (
     check_shapes_given,
     complete_shapes,
     find_shapes,

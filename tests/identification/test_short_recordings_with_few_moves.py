@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification.recording_faults import ColumnFault, find_recording_faults, gravity_in_torque
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows

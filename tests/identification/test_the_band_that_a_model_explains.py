@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_physics import WITH_OFFSET
-from oracles import arm, fourier_motion, pinocchio_torque, record
+from support.hidden_effects import WITH_OFFSET
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles import arm, fourier_motion, pinocchio_torque, record
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification import PayloadEstimate
 from dynident.identification.loads.payload_weighing import compare_estimates, payload_from_pair

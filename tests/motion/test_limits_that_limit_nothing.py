@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from one_joint import one_joint_urdf
+from support.one_joint_robots import one_joint_urdf
 
 import dynident as dy
 from dynident.motion.limits.bounds import build_bounds

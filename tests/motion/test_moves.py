@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.effects import EffectChoice
-from dynident.excitation.observation.design_model import build_design_model
+from dynident.excitation.design_model import build_design_model
+from dynident.motion.jerk_limited_moves import Move, move_within_torque, plan_move
+from dynident.motion.joint_trajectories import Rest
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, build_bounds
-from dynident.motion.moves.jerk_limited import Move, move_within_torque, plan_move
-from dynident.motion.trajectories.motion import Rest
 from dynident.robot import Limits, robot_from_library
 
 BOUNDS = build_bounds(robot_from_library("ur10"), {})

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.errors import DynidentError
-from dynident.motion.trajectories.motion import PeriodicMotion, Rest, sample_pieces
-from dynident.motion.trajectories.periodic import BSplineFamily, FourierFamily
+from dynident.motion.joint_trajectories import BSplineFamily, FourierFamily, PeriodicMotion, Rest, sample_pieces
 
 families = st.one_of(
     st.builds(FourierFamily, st.integers(2, 12), st.floats(0.5, 60.0)),

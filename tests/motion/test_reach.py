@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from oracles import arm
+from support.oracles import arm
 
 from dynident.motion.collision.obstacles import NOTHING_STATED, measure_reach, note_reach
 from dynident.motion.collision.surroundings import Box, Surroundings

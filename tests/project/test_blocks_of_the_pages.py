@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from written_commands import run_commands
+from support.page_commands import run_commands
 
 import dynident as dy
 from dynident.robot import Drive, robot_from_library, urdf_from_robot
@@ -23,6 +23,7 @@ from dynident_client import Client
 
 sys.path.append(str(Path(__file__).parents[1] / "service"))
 from service_helpers import serving
+from support.page_blocks import blocks_of, commands
 
 from dynident_service.settings import Settings
 
@@ -35,7 +36,7 @@ RUN_BY = {
     "tutorial.md": ("docs/figures.py", "sh python"),
     "exports.md": ("tests/project/test_exports_page.py", "sh python c"),
     "closed-loops.md": ("tests/identification/test_identifying_closed_loops.py", "json sh"),
-    "notebook.md": ("tests/desk/test_the_page_about_notebooks.py", "python"),
+    "notebook.md": ("tests/api/test_the_page_about_notebooks.py", "python"),
     "own-effects.md": ("tests/effects/test_own_effects.py", "python toml sh"),
     **{page.name: ("tests/project/test_how_to_pages.py", "sh python") for page in (ROOT / "docs/how-to").glob("*.md")},
     "methods.md": (HERE, "sh"),
@@ -46,33 +47,11 @@ RUN_BY = {
     "drive-chain.md": (HERE, "json sh"),
     "http-service.md": (HERE, "sh"),
 }
-MARK = re.compile(r"<!-- not run: \S.+ -->\n\Z")
-
-
-@dataclass(frozen=True)
-class Block:
-    """A fenced block: its language, its text, and whether the page says why it is not run."""
-
-    language: str
-    text: str
-    marked: bool
-
-
-def blocks_of(page: Path) -> list[Block]:
-    text = page.read_text(encoding="utf-8")
-    found = re.finditer(r"^```(\w*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    return [Block(one[1], one[2], bool(MARK.search(text[: one.start()]))) for one in found]
 
 
 def to_run(page: str, language: str) -> list[str]:
     """The blocks of a page in docs/ in one language, without those that it says are not run."""
     return [one.text for one in blocks_of(ROOT / "docs" / page) if one.language == language and not one.marked]
-
-
-def commands(block: str) -> list[str]:
-    """Its commands, one a line, without comments and continued lines joined."""
-    lines = re.sub(r"\\\n\s*", "", block).splitlines()
-    return [re.sub(r"\s+# .*", "", line) for line in lines if line.strip()]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

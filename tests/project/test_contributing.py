@@ -41,7 +41,7 @@ def test_estimators_are_entered_where_it_says() -> None:
 
 
 def test_files_among_the_effects_are_found_by_themselves() -> None:
-    from dynident.effects.plugins import list_package_effects
+    from dynident.effects.catalogue import list_package_effects
 
     found = {effect.id for effect in list_package_effects()}
     assert found

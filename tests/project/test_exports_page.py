@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from written_commands import run_commands
+from support.page_commands import run_commands
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "exports.md").read_text(encoding="utf-8")
 

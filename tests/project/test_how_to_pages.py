@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_blocks_of_the_pages import Block, blocks_of, commands
-from written_commands import run_commands
+from support.page_blocks import Block, blocks_of, commands
+from support.page_commands import run_commands
 
 from dynident.robot import robot_from_library, urdf_from_robot
 

@@ -13,10 +13,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from written_commands import run_commands
+from support.page_commands import run_commands
 
 from dynident.identification import thresholds
 from dynident.robot import robot_from_library, urdf_from_robot
+from dynident.verdict.use_findings import HAND_CONTACT_FORCE_LIMIT
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -40,7 +41,7 @@ def test_the_thresholds_are_those_of_the_program() -> None:
     for sentence in (
         f"at most {thresholds.LARGEST_ERROR:.0%} ({thresholds.LARGEST_TO_WEIGH:.0%} to weigh payloads), and no joint "
         f"above {thresholds.LARGEST_OF_JOINT:.0%} while it moves",
-        f"above {thresholds.LARGEST_FORCE:g} N the model is not fit",
+        f"above {HAND_CONTACT_FORCE_LIMIT:g} N the model is not fit",
         f"above {thresholds.STOP:.0%} means *stop*",
         f"{low}-{high}% is usual",
         f"{least}-{most}% once the missing effects are in",

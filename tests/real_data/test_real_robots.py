@@ -8,34 +8,15 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from support.real_robots import CHOICES, DATA, UR10E_GAINS, UR10E_ROWS, held_out, pytestmark, robot  # noqa: F401
 
 from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, extend, identify
 from dynident.recordings import Preprocessing, RecordedJoints, Recording, RecordingMetadata, import_recording
-from dynident.robot import Robot, robot_from_urdf
+from dynident.robot import Robot
 
-DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 README = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
-pytestmark = [
-    pytest.mark.real_data,
-    pytest.mark.skipif(
-        not (DATA / "ur10e").is_dir(), reason="the recordings of real robots are not here (../shared/data is missing)"
-    ),
-]
-
-CHOICES = IdentificationChoices(
-    tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
-)
-UR10E_GAINS = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)
-# Rows, counted from 1, between the standstills at both ends.
-UR10E_ROWS = {
-    "id_30s_12harm": (635, 3510),
-    "id_40s_12harm": (500, 4460),
-    "id_50s_12harm": (355, 5090),
-    "val_ptp10": (700, 4200),
-    "pair14_unloaded": (195, 4966),
-}
 
 
 def said_of(arm: str) -> tuple[float, float]:
@@ -43,10 +24,6 @@ def said_of(arm: str) -> tuple[float, float]:
     (row,) = re.findall(rf"^\| {arm} \|.*\|$", README, re.MULTILINE)
     before, after = (float(share) / 100 for share in re.findall(r"([\d.]+) %", row))
     return before, after
-
-
-def robot(name: str) -> Robot:
-    return robot_from_urdf(name, (DATA / name / "robot.urdf").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
@@ -60,11 +37,6 @@ def read(tmp_path_factory):
         return import_recording(source, target, RecordedJoints(arm.joint_names, gains=gains), metadata=metadata)[0]
 
     return recording
-
-
-def held_out(found: Identification) -> float:
-    assert found.held_out is not None
-    return found.held_out.relative_total
 
 
 @pytest.fixture(scope="module")

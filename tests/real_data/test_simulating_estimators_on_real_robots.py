@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from test_real_robots import CHOICES, DATA, UR10E_GAINS, UR10E_ROWS, held_out, pytestmark, robot  # noqa: F401
+from support.real_robots import CHOICES, DATA, UR10E_GAINS, UR10E_ROWS, held_out, pytestmark, robot  # noqa: F401
 
 from dynident.identification import identify
 from dynident.identification.study.correlated_and_essential_parameters import essential_parameters, parameter_dependence

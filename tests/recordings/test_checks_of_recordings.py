@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from recording_data import JOINTS, motion, write_parquet
+from support.recording_data import JOINTS, motion, write_parquet
 
 from dynident.recordings import (
     JointLimits,

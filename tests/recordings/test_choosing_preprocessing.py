@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from recording_data import JOINTS, motion
 from scipy import signal
+from support.recording_data import JOINTS, motion
 
 from dynident.recordings import (
     Preprocessing,

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from recording_data import write_csv, write_parquet
-from spoilt import KINDS, N, arm_signals, corrupt, file_columns
+from support.recording_data import write_csv, write_parquet
+from support.spoilt_recordings import KINDS, N, arm_signals, corrupt, file_columns
 
 from dynident.identification import identify
 from dynident.identification.robot_recordings import import_for_robot

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from recording_data import JOINTS, motion
+from support.recording_data import JOINTS, motion
 
 from dynident.recordings import RecordedJoints, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.formats import open_source

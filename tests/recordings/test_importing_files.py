@@ -14,8 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recording_data import GAINS, JOINTS, motion, write_csv, write_parquet
 from scipy.interpolate import CubicSpline
+from support.recording_data import GAINS, JOINTS, motion, write_csv, write_parquet
 
 from dynident.recordings import (
     JointLimits,

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from logger_layouts import BETWEEN_SAMPLES, LAYOUTS, WITHOUT_TIME, Recorded
-from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque
+from support.logger_layouts import BETWEEN_SAMPLES, LAYOUTS, WITHOUT_TIME, Recorded
+from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque
 
 from dynident.api.recording_files import read_recordings
 from dynident.identification.column_inference.infer_columns import propose

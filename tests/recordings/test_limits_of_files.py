@@ -8,7 +8,7 @@ import zlib
 
 import numpy as np
 import pytest
-from mutations import JOINT_STATE, mcap_file, rosbag2_file, written
+from support.file_mutations import JOINT_STATE, mcap_file, rosbag2_file, written
 
 from dynident.recordings import RecordingError, file_limits
 from dynident.recordings.formats import open_source

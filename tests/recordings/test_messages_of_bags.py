@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.recordings.formats import messages
-from dynident.recordings.formats.messages import TopicSamples, read_topic_samples
+from dynident.recordings.formats import bags
+from dynident.recordings.formats.bags import TopicSamples, read_topic_samples
 
 pytest.importorskip("rosbags")
 
@@ -108,14 +108,14 @@ def whole(path: Path, name: str) -> dict[str, dict[str, np.ndarray]]:
 def test_messages_that_are_read_many_at_once_say_what_each_says_by_itself(tmp_path, monkeypatch, name, write):
     path = write(tmp_path / "run")
     unpacked = []
-    by_package = messages._MessageUnpacker._unpack_message
+    by_package = bags._MessageUnpacker._unpack_message
     monkeypatch.setattr(
-        messages._MessageUnpacker, "_unpack_message", lambda self, one: unpacked.append(one) or by_package(self, one)
+        bags._MessageUnpacker, "_unpack_message", lambda self, one: unpacked.append(one) or by_package(self, one)
     )
     many = whole(path, name)
     few = len(unpacked)
     unpacked.clear()
-    monkeypatch.setattr(messages, "learn_layout", lambda *_: None)
+    monkeypatch.setattr(bags, "learn_layout", lambda *_: None)
     each = whole(path, name)
     assert few < 0.2 * len(unpacked)  # the package unpacks what has another layout, and one of each
     assert many.keys() == each.keys() == {"joints", "force"}
@@ -137,7 +137,7 @@ def test_messages_that_cannot_be_packed_again_are_read_one_by_one(tmp_path, monk
     def fails(*_: object) -> None:
         raise KeyError("a type that the package does not write")
 
-    monkeypatch.setattr(messages, "learn_layout", fails)
+    monkeypatch.setattr(bags, "learn_layout", fails)
     found = whole(path, "mcap")
     assert np.array_equal(found["force"]["force_x"], known["force"]["force_x"])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from recording_data import JOINTS, motion, write_csv, write_parquet
+from support.recording_data import JOINTS, motion, write_csv, write_parquet
 
 from dynident.recordings import (
     FurtherColumns,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from strangers import Log, guess, log, read, signals
+from support.drawn_recordings import Log, guess, log, read, signals
 
 from dynident.recordings.conditioning.registers import find_register
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import arm, fourier_motion, pinocchio_torque
+from support.oracles import arm, fourier_motion, pinocchio_torque
 
 from dynident.identification.robot_recordings import import_cured, import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision

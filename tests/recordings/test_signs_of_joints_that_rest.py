@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import arm
-from resting import resting_motion, resting_torque
+from support.joints_at_rest import resting_motion, resting_torque
+from support.oracles import arm
 
 from dynident.recordings import nonparametric_fit, recording_from_arrays
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import ARMS, arm, crooked_urdf, pinocchio_rows, random_states
+from support.oracles import ARMS, arm, crooked_urdf, pinocchio_rows, random_states
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.regressors.base_parameters import find_base_parameters, select_base

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import arm, fourier_motion
+from support.oracles import arm, fourier_motion
 
 from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters
 from dynident.estimation import compute_errors

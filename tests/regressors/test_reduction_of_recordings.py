@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
 from scipy import signal
+from support.oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
 
 import dynident.regressors.filtered_rows as stream
 from dynident.effects import STOP, EffectChoice, ReferenceParameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import arm, pinocchio_torque
+from support.oracles import arm, pinocchio_torque
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.estimation import Errors, compute_errors, compute_moving_errors, weighted

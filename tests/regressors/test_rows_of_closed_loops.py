@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from machines import MACHINES, accelerations_of_pinocchio, machine, states, torque_of_mujoco
+from support.closed_loop_robots import MACHINES, accelerations_of_pinocchio, machine, states, torque_of_mujoco
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.recordings import Preprocessing, recording_from_arrays
@@ -85,7 +85,7 @@ def test_energy_and_power_models_are_those_of_the_torque(name: str) -> None:
 
 
 def test_a_parallelogram_groups_as_the_same_machine_with_tied_joints() -> None:
-    from machines import palletiser
+    from support.closed_loop_robots import palletiser
 
     from dynident.robot.modified_dh import robot_from_modified_dh
 
@@ -111,7 +111,7 @@ def test_a_parallelogram_groups_as_the_same_machine_with_tied_joints() -> None:
 
 
 def test_a_parallelogram_has_the_base_parameters_of_its_crank_with_the_follower_and_the_masses_of_the_coupler() -> None:
-    from machines import bar
+    from support.closed_loop_robots import bar
 
     from dynident.robot.modified_dh import robot_from_modified_dh
 

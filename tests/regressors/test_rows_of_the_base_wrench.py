@@ -9,13 +9,13 @@ import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_states
+from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_states
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction, compute_errors, ordinary, solve, statistics, weighted
-from dynident.estimation.marginalisation import marginalise_parameters
 from dynident.identification import IdentificationChoices, extend, identify
+from dynident.identification.equations.model_equations import marginalise_parameters
 from dynident.identification.study.solve_again import remove
 from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.regressors.equation_forms import build_wrench_form, build_wrench_model

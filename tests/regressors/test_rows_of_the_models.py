@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_states
 from scipy import integrate, signal
+from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_states
 
 from dynident.effects import (
     CATALOGUE,

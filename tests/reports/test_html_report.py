@@ -11,8 +11,8 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from markupsafe import escape
-from oracles import arm, fourier_motion, pinocchio_torque, record
-from resting import resting_motion, resting_torque
+from support.joints_at_rest import resting_motion, resting_torque
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.diagnosis import Change, ChangedValue, FrictionDifference, compare, diagnose
 from dynident.effects import EffectChoice, get_effect

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dynident.effects import CATALOGUE, ShapeSpec
-from dynident.identification.shapes.shape_constants import ShapeConstant
+from dynident.identification.shape_constants import ShapeConstant
 from dynident.reports.report_tables import ReportedTable, make_interval_cell, make_number_cell, make_text_cells
 from dynident.reports.result_rows import build_shape_table
 

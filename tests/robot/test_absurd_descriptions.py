@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterator
 
 import pytest
-from one_joint import one_joint_urdf
+from support.one_joint_robots import one_joint_urdf
 
 from dynident.effects import EffectChoice, Signals, build_columns
 from dynident.errors import DynidentError

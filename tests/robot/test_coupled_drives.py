@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import arm, fourier_motion
+from support.oracles import arm, fourier_motion
 
 from dynident.errors import DynidentError
 from dynident.recordings import RecordedJoints, RecordingMetadata, import_recording

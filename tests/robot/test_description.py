@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from texts import EVERY_KIND, one_joint
+from support.urdf_texts import EVERY_KIND, one_joint
 
 from dynident.errors import DynidentError
 from dynident.robot import Description, Drive, Limits, robot_from_description

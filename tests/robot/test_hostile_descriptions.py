@@ -6,7 +6,7 @@ import time
 import tracemalloc
 
 import pytest
-from mutations import MJCF, URDF
+from support.file_mutations import MJCF, URDF
 
 from dynident.api.robot_files import load_robot
 from dynident.errors import DynidentError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mutations import CORNERS, dae_file, obj_file, ply_file, stl_file, stl_text
+from support.file_mutations import CORNERS, dae_file, obj_file, ply_file, stl_file, stl_text
 
 from dynident.robot.mesh_readers import read_triangles
 from dynident.robot.meshes import read_surface

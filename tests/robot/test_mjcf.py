@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from machines import MACHINES, machine, mjcf, states, torque_of_mujoco
+from support.closed_loop_robots import MACHINES, machine, mjcf, states, torque_of_mujoco
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.errors import DynidentError

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from mutations import DESCRIPTIONS, MESHES, MUTABLE_FILES, read_mutants
+from support.file_mutations import DESCRIPTIONS, MESHES, MUTABLE_FILES, read_mutants
 
 PEAK = 600 * 2**20
 """Bytes; about 200 MB are what reads them."""

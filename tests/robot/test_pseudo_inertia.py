@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import FROM_PINOCCHIO
+from support.oracles import FROM_PINOCCHIO
 
 from dynident.robot.pseudo_inertia import inertial_parameters, pseudo_inertia, smallest_pseudo_inertia
 

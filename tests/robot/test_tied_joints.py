@@ -8,9 +8,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from machines import delta, five_bar, machine, palletiser, six_axis
-from texts import joint, link
-from texts import machine as urdf
+from support.closed_loop_robots import delta, five_bar, machine, palletiser, six_axis
+from support.urdf_texts import joint, link
+from support.urdf_texts import machine as urdf
 
 from dynident.errors import DynidentError
 from dynident.robot import robot_from_urdf, urdf_from_robot

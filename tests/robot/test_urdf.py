@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from texts import EVERY_KIND, EVERY_KIND_JOINTS, joint, link, machine, one_joint
+from support.urdf_texts import EVERY_KIND, EVERY_KIND_JOINTS, joint, link, machine, one_joint
 
 from dynident.robot import (
     Limits,

@@ -3,7 +3,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from texts import BODY, EVERY_KIND, joint, link, machine, one_joint
+from support.urdf_texts import BODY, EVERY_KIND, joint, link, machine, one_joint
 
 from dynident.errors import DynidentError
 from dynident.robot import Description, robot_from_description

@@ -19,9 +19,8 @@ from sqlalchemy import text
 from dynident_client import Client
 from dynident_service.services import Services
 from dynident_service.settings import Settings
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
 
 HERE = Path(__file__).parent

@@ -11,7 +11,7 @@ from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
-from nurseries import OfTests
+from fork_servers import OfTests
 from sqlalchemy import update
 
 from dynident_service.app import create_app

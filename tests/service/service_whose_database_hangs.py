@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from nurseries import bring_up_without_science
+from fork_servers import bring_up_without_science
 from sqlalchemy.orm import Session
 
 from dynident_service import serve as draining

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nurseries import bring_up_without_science
+from fork_servers import bring_up_without_science
 
 from dynident_service.serve import serve
 

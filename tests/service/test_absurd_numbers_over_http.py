@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from one_joint import one_joint_urdf
+from support.one_joint_robots import one_joint_urdf
 
 from dynident_client import Client
 from dynident_service.openapi import render_contract

@@ -16,7 +16,7 @@ from dynident.schema.fields import resolve_hint
 from dynident.validation.outcome import ValidationOutcome
 from dynident.validation.torque_errors import TorqueValidation
 from dynident_service.adapters.conversion import from_view, to_view
-from dynident_service.models import diagnoses, validations
+from dynident_service.wire_types import diagnoses, validations
 
 CHOICE = EffectChoice("stribeck", ("a",), (("vs", 0.1),), ("run 1",))
 

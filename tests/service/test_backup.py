@@ -14,7 +14,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS, wait_for
 from sqlalchemy import select
-from test_nothing_is_lost import Store, open_store
+from support.stores import Store, open_store
 from typer.testing import CliRunner
 
 from dynident.errors import DynidentError
@@ -23,9 +23,9 @@ from dynident_service.cli.app import app
 from dynident_service.routes import identifications, measurements
 from dynident_service.services import Services
 from dynident_service.storage.backup import back_up, list_tables, restore
+from dynident_service.storage.database import migrate
 from dynident_service.storage.integrity_check import check_storage
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
 
 JOB = NewJob("report", "small_jobs:answer")

@@ -11,13 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.stores import Store, open_store
 from test_backup import Open, at, hashes
-from test_nothing_is_lost import Store, open_store
 
 from dynident.errors import DynidentError
 from dynident_service.storage.backup import back_up, open_archive_for_writing, restore
+from dynident_service.storage.database import migrate
 from dynident_service.storage.integrity_check import check_storage
-from dynident_service.storage.migrate import migrate
 
 __all__ = ["at"]
 PROGRAM = Path(__file__).parent / "writing_a_backup.py"

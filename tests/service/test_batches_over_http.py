@@ -11,13 +11,12 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS, app_of, wait_for
 from sqlalchemy import event
-from test_uploads import as_csv, sound, upload
+from support.measurement_uploads import as_csv, sound, upload
 
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import Dependency, NewJob, NewResource
 from dynident_service.storage.resources import Resources

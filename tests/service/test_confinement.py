@@ -14,8 +14,8 @@ from fastapi import Request
 from fastapi.testclient import TestClient
 from pydantic import ByteSize
 from service_helpers import SCIENCE, app_of, wait_for
-from test_awake import Client
-from test_jobs import is_running
+from support.processes import is_running
+from support.service_client import Client
 
 from dynident_service import interactive_compute as awaited_module
 from dynident_service.interactive_compute import InteractiveCompute

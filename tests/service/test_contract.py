@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from versions import older_than_locked
+from support.installed_versions import older_than_locked
 
 import dynident_client
 from dynident_service.openapi import (

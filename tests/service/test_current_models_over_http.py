@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
 from fastapi.testclient import TestClient
-from oracles import arm, fourier_motion, pinocchio_torque
+from support.oracles import arm, fourier_motion, pinocchio_torque
 
 from dynident.progress import ignore_progress
 from dynident.robot import urdf_from_robot

@@ -13,7 +13,7 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 import pytest
 from fastapi.testclient import TestClient
-from oracles import fourier_motion, pinocchio_rows
+from support.oracles import fourier_motion, pinocchio_rows
 from typer.testing import CliRunner
 
 from dynident.errors import DynidentError

@@ -15,7 +15,7 @@ from pathlib import Path
 import httpx2
 import pytest
 from service_helpers import TWO_JOINTS, serving, wait_for
-from test_uploads import as_csv, files_in, sound
+from support.measurement_uploads import as_csv, files_in, sound
 
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database

@@ -15,15 +15,14 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS
 from sqlalchemy import func, select
-from test_uploads import as_csv, sound, upload
+from support.measurement_uploads import as_csv, sound, upload
 
 from dynident.errors import DynidentError
-from dynident_service.routes.stored_resource_check import check_stored_resource
+from dynident_service.cli.stored_resource_checks import check_stored_resource
 from dynident_service.services import Services
 from dynident_service.storage import bundle as bundle_module
 from dynident_service.storage.bundle import export_robot, import_robot
-from dynident_service.storage.database import Database
-from dynident_service.storage.migrate import migrate
+from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.tables import ResourceRow
 

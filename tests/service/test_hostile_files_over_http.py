@@ -17,9 +17,9 @@ from typing import Any
 
 import httpx2
 import pytest
-from hostile_files import gltf, hostile_files
-from mutations import DESCRIPTIONS, FILE_NAMES, JOINTS, MESHES, MUTABLE_FILES, URDF, mutant
 from service_helpers import free_port, wait_for
+from support.file_mutations import DESCRIPTIONS, FILE_NAMES, JOINTS, MESHES, MUTABLE_FILES, URDF, mutant
+from support.hostile_files import gltf, hostile_files
 
 pytestmark = pytest.mark.slow
 

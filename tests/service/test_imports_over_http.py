@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
-from test_uploads import sound
+from support.measurement_uploads import sound
 
 from dynident_service.storage.deletion import delete_unused_imports
 

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from nurseries import StandingBack
+from fork_servers import StandingBack
 from service_helpers import wait_for
+from support.processes import is_running
 
 from dynident_service.app import create_app
 from dynident_service.jobs.child import STANDS_BACK
@@ -154,11 +155,3 @@ def test_the_overhead_of_a_job_is_small(start: Start, wait: Wait) -> None:
         times.append(time.monotonic() - began)
     # Beside other work many take longer: the best few are what the engine itself needs.
     assert sorted(times)[2] < 0.15
-
-
-def is_running(pid: int) -> bool:
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return False
-    return state != "Z" and os.path.exists(f"/proc/{pid}")

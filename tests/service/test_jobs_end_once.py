@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from nurseries import HEARTBEAT
+from fork_servers import HEARTBEAT
 from service_helpers import app_of, wait_for
 from sqlalchemy.exc import OperationalError
 
 from dynident_service.jobs import engine as engine_module
 from dynident_service.jobs import supervisor
-from dynident_service.jobs.local_executor import LocalExecutor
+from dynident_service.jobs.engine import LocalExecutor
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.job_queue import JobQueue

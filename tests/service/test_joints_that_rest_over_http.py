@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracles import arm
-from resting import COULOMB, MOVES, PERIOD, resting_motion, write_resting_run
+from support.joints_at_rest import COULOMB, MOVES, PERIOD, resting_motion, write_resting_run
+from support.oracles import arm
 
 from dynident.recordings.phases import SLOW, SLOW_SHARE
 from dynident.robot import library_table

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
-from strangers import FloatArray, log
+from support.drawn_recordings import FloatArray, log
 
 from dynident.export import model_from_json
 from dynident.robot.urdf_writer import urdf_from_robot

@@ -6,10 +6,9 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from test_uploads import as_csv, sound, upload
+from support.measurement_uploads import as_csv, sound, upload
 
-from dynident_service.storage.database import Database
-from dynident_service.storage.migrate import migrate
+from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import NewResource
 from dynident_service.storage.resources import Resources

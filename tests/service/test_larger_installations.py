@@ -21,9 +21,8 @@ from dynident_service.problems import make_problem
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage import job_queue as ledger_module
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, build_alembic_config, migrate
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.migrate import build_alembic_config, migrate
 from dynident_service.storage.records import FINAL, NewJob
 
 pytestmark = pytest.mark.slow

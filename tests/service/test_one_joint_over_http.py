@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from one_joint import ONE_JOINT, one_joint_urdf
+from support.one_joint_robots import ONE_JOINT, one_joint_urdf
 
 from dynident.validation.request import TRIALS
 from dynident_client import Client

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from oracles import arm
-from robots_at_rest import poses, write_poses
+from support.oracles import arm
+from support.poses_at_rest import poses, write_poses
 
 from dynident.robot import library_table
 from dynident_client import Client

@@ -15,9 +15,9 @@ from dynident.robot import library_table
 from dynident_service.adapters.designs import to_checked_request, to_design_request
 from dynident_service.adapters.diagnoses import restore_next_experiment, show_next_experiment
 from dynident_service.adapters.robots import restore_robot
-from dynident_service.models.designs import DesignRequest
-from dynident_service.models.diagnoses import NextExperiment as Shown
-from dynident_service.models.robots import RobotRequest
+from dynident_service.wire_types.designs import DesignRequest
+from dynident_service.wire_types.diagnoses import NextExperiment as Shown
+from dynident_service.wire_types.robots import RobotRequest
 
 PLAIN = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous"))
 PAIRS = {

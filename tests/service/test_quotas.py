@@ -16,9 +16,9 @@ from alembic import command
 from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS, app_of, wait_for
 from sqlalchemy import event, text
-from test_meshes_over_http import ARM, rod
-from test_nothing_is_lost import Store
-from test_uploads import as_csv, files_in, sound, upload
+from support.arm_with_meshes import ARM, rod
+from support.measurement_uploads import as_csv, files_in, sound, upload
+from support.stores import Store
 
 from dynident.robot import library_table
 from dynident_service import new_key
@@ -27,8 +27,7 @@ from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.backup import back_up, restore
 from dynident_service.storage.bundle import export_robot, import_robot
-from dynident_service.storage.database import WRITES, Database
-from dynident_service.storage.migrate import build_alembic_config, migrate
+from dynident_service.storage.database import WRITES, Database, build_alembic_config, migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.quotas import (
     Account,

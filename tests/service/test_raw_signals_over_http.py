@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
-from test_uploads import as_csv, sound, upload
+from support.measurement_uploads import as_csv, sound, upload
 
 from dynident_service.routes import measurements
 from dynident_service.services import Services

@@ -10,8 +10,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import pytest
+from support.installed_versions import older_than_locked
 from typer.testing import CliRunner
-from versions import older_than_locked
 
 from dynident.diagnosis import DiagnosisChoices
 from dynident.errors import DynidentError
@@ -34,9 +34,9 @@ from dynident.validation.request import TRIALS, build_trial
 from dynident_service.adapters.conversion import to_body, to_body_value, to_request
 from dynident_service.adapters.measurements import show_revision, to_recording_metadata, to_revision
 from dynident_service.cli.app import app
-from dynident_service.models import designs, identifications
-from dynident_service.models.measurements import MeasurementMetadata
 from dynident_service.openapi import render_contract
+from dynident_service.wire_types import designs, identifications
+from dynident_service.wire_types.measurements import MeasurementMetadata
 
 CONTRACT = json.loads(render_contract())
 PAGE = (Path(__file__).parents[2] / "docs" / "own-methods.md").read_text(encoding="utf-8")
@@ -49,7 +49,7 @@ import dynident.identification.methods.estimators as home
 home.__path__.append({folder!r})
 from dynident_service.adapters.conversion import to_request
 from dynident_service.openapi import build_request_types
-from dynident_service.models.identifications import IdentificationRequest
+from dynident_service.wire_types.identifications import IdentificationRequest
 from dynident.identification import IdentificationChoices
 from dynident_service.openapi import render_contract
 

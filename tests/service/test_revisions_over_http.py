@@ -6,7 +6,7 @@ from typing import Any
 
 from fastapi.testclient import TestClient
 from service_helpers import wait_for
-from test_uploads import as_csv, sound, upload
+from support.measurement_uploads import as_csv, sound, upload
 
 
 def revise(client: TestClient, measurement: dict[str, Any], **change: Any) -> Any:

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from machines import machine, mjcf
 from service_helpers import TWO_JOINTS
+from support.closed_loop_robots import machine, mjcf
 
 BODY: dict[str, Any] = {
     "name": "arm",

@@ -15,15 +15,14 @@ import pytest
 from fastapi.testclient import TestClient
 from s3_server import BUCKET, S3, s3_server
 from service_helpers import TWO_JOINTS, wait_for
-from test_uploads import as_csv, sound, upload
+from support.measurement_uploads import as_csv, sound, upload
 
 from dynident_service.app import create_app
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.deletion import ObjectGone, sweep_objects
 from dynident_service.storage.integrity_check import check_storage
-from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import CHUNK, ObjectStore
 from dynident_service.storage.records import NewResource, OwnedObject
 from dynident_service.storage.resources import Resources

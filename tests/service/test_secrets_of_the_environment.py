@@ -13,12 +13,12 @@ from pathlib import Path
 
 import httpx2
 import pytest
-from nurseries import WithoutScience
+from fork_servers import WithoutScience
 from service_helpers import free_port, wait_for
 
 from dynident_service import environment_secrets
-from dynident_service.jobs.calls import Answer, Call
 from dynident_service.jobs.confinement import Confinement
+from dynident_service.jobs.messages import Answer, Call
 from dynident_service.jobs.pool import ChildProcess
 from dynident_service.settings import Settings
 

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from sqlalchemy import text
 
 from dynident_service.problems import ProblemError
-from dynident_service.storage.database import WRITES, Database
+from dynident_service.storage.database import WRITES, Database, build_alembic_config, migrate
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.migrate import build_alembic_config, migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import create_identifier
 from dynident_service.storage.tables import KeyRow

@@ -18,9 +18,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
-from contract import COLLECTIONS, OPERATIONS, operation_of
 from installations import LARGER, SMALLEST
-from oracles import pinocchio_torque
+from support.openapi_contract import COLLECTIONS, OPERATIONS, operation_of
+from support.oracles import pinocchio_torque
 
 from dynident.robot import robot_from_urdf
 from dynident_client import Client, Computed, JobCancelled, JobFailed, ProblemError, Record

@@ -21,7 +21,7 @@ from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanE
 
 from dynident_service import tracing
 from dynident_service.app import create_app
-from dynident_service.jobs.calls import Call, answer_call
+from dynident_service.jobs.messages import Call, answer_call
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.records import NewJob

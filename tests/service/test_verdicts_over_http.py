@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 from service_helpers import wait_for
-from test_uploads import as_csv, sound, upload
+from support.measurement_uploads import as_csv, sound, upload
 
 from dynident_service.interactive_compute import InteractiveCompute
 from dynident_service.lru_cache import LruCache

@@ -14,7 +14,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS, app_of, wait_for
 from sqlalchemy import event
-from test_uploads import as_csv, sound, upload
+from support.measurement_uploads import as_csv, sound, upload
 
 from dynident_service.services import Services
 from dynident_service.settings import Settings

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from fastapi.testclient import TestClient
-from oracles import arm, fourier_motion
 from service_helpers import wait_for
+from support.oracles import arm, fourier_motion
 
 from dynident.recordings.recording import WRENCH_NAMES
 from dynident.robot import library_table, to_pinocchio

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nurseries import OfTests
+from fork_servers import OfTests
 
 from dynident_service.jobs.fork_server import ForkServer
 

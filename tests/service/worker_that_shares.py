@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nurseries import Sharing
+from fork_servers import Sharing
 
 from dynident_service.jobs.fork_server import ForkServer
 

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from nurseries import bring_up_without_science
+from fork_servers import bring_up_without_science
 
 bring_up_without_science()

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from oracles import pinocchio_torque
-from virtual_arms import fourier, plain_friction
+from support.oracles import pinocchio_torque
+from support.virtual_arms import fourier, plain_friction
 
 from dynident.errors import DynidentError
 from dynident.recordings import JointLimits, RecordedJoints, RecordingMetadata, import_recording

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from virtual_arms import effort, fourier, plain_friction
+from support.virtual_arms import effort, fourier, plain_friction
 
 from dynident.effects import CATALOGUE
 from dynident.errors import Cancelled, DynidentError

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles import pinocchio_torque
-from virtual_arms import effort, fourier, plain_friction
+from support.oracles import pinocchio_torque
+from support.virtual_arms import effort, fourier, plain_friction
 
 from dynident.robot import Robot, robot_from_library
 from dynident.simulation import Controller, Reference, Sensors, TrueEffect, VirtualRobot

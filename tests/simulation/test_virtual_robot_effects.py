@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from virtual_arms import effort, fourier, plain_friction
+from support.virtual_arms import effort, fourier, plain_friction
 
 from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.effects.hysteresis_states import MemoryStates

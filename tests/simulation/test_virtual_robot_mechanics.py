@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from virtual_arms import fourier, plain_friction
+from support.virtual_arms import fourier, plain_friction
 
 from dynident.robot import robot_from_library, to_pinocchio
 from dynident.simulation import Sensors, TrueEffect, VirtualRobot

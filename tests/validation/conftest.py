@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from measured_arm import BAND, EFFECTS, ROBOT, recorded
+from support.measured_arm import BAND, EFFECTS, ROBOT, recorded
 
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Recording

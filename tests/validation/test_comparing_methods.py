@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measured_arm import ROBOT
+from support.measured_arm import ROBOT
 
 from dynident.errors import DynidentError
 from dynident.identification import identify

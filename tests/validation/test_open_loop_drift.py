@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from oracles import arm, fourier_motion, pinocchio_torque, record
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.identification import IdentificationChoices, identify

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measured_arm import BAND, EFFECTS, FC, IA, NOISE, ROBOT, recorded, with_values
-from oracles import pinocchio_torque
+from support.measured_arm import BAND, EFFECTS, FC, IA, NOISE, ROBOT, recorded, with_values
+from support.oracles import pinocchio_torque
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError

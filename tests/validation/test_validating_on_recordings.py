@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measured_arm import with_values
+from support.measured_arm import with_values
 
 from dynident.errors import DynidentError
 from dynident.recordings import low_pass

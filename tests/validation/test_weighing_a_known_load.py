@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measured_arm import FC, FV, IA, NOISE, RATE, ROBOT
-from oracles import fourier_motion, pinocchio_torque, record
+from support.measured_arm import FC, FV, IA, NOISE, RATE, ROBOT
+from support.oracles import fourier_motion, pinocchio_torque, record
 
 from dynident.errors import DynidentError
 from dynident.validation import validate_payload

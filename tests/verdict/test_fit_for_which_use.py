@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from one_joint import one_joint_run
-from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+from support.one_joint_robots import one_joint_run
+from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
 from dynident.recordings import Recording, Revision, recording_from_arrays

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawn_arms import LOAD, DrawnArm, dahl, draw_arm
-from oracles import Motion
 from scipy.signal import lfilter
+from support.drawn_arms import LOAD, DrawnArm, dahl, draw_arm
+from support.oracles import Motion
 
 from dynident.identification import identify
 from dynident.recordings import Recording

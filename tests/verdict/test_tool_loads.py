@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import arm
 from scipy.signal import lfilter
+from support.oracles import arm
 
 from dynident.robot import tool_path
 from dynident.verdict.detectable_loads import _compute_lift, _compute_threshold, compute_tool_jacobian

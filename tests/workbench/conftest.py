@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from two_link_arm import write_recording
+from support.two_link_arm import write_recording
 
 from dynident_service.settings import Settings
 

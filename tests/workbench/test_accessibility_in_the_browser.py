@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from two_link_arm import URDF
+from support.two_link_arm import URDF
 
 from dynident_client import Client
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from machines import delta, five_bar, palletiser
-from test_signals_in_the_browser import robot_of, stored
-from test_workbench import ask
-from two_link_arm import URDF, write_recording
+from support.closed_loop_robots import delta, five_bar, palletiser
+from support.stored_recordings import robot_of, stored
+from support.two_link_arm import URDF, write_recording
+from support.workbench_page import ask
 
 from dynident.robot import Robot, robot_from_modified_dh, to_pinocchio
 

@@ -8,28 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_workbench import ask
-from two_link_arm import URDF
+from support.heavy_arm import heavy_arm
+from support.workbench_page import ask
 
 from dynident.robot import library_table
 from dynident_client import Client
 
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
 pytestmark = pytest.mark.slow
-
-INERTIAL = (
-    '<inertial><origin xyz="0.2 0 0"/><mass value="3"/>'
-    '<inertia ixx="0.01" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
-)
-
-
-def heavy_arm(page: Any) -> str:
-    """The two-link arm with inertias, which a virtual one needs; gives its id."""
-    content = URDF
-    for link in ("upper", "fore"):
-        content = content.replace(f'<link name="{link}"/>', f'<link name="{link}">{INERTIAL}</link>')
-    body = {"name": "heavy links", "description": {"format": "urdf", "content": content}}
-    return str(page.request.post("/v1/robots", data=body).json()["id"])
 
 
 def test_an_experiment_is_designed_taken_along_and_made_by_a_virtual_robot(

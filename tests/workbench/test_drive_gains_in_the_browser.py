@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_workbench import ask, upload, value_in
-from two_link_arm import URDF, write_recording
+from support.two_link_arm import URDF, write_recording
+from support.workbench_page import ask, upload, value_in
 
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
 pytestmark = pytest.mark.slow

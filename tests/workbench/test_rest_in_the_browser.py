@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from oracles import arm
-from resting import write_resting_run
+from support.joints_at_rest import write_resting_run
+from support.oracles import arm
 
 from dynident.robot import library_table
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_workbench import ask, identifier, open_tab, the_robot, upload
+from support.workbench_page import ask, identifier, open_tab, the_robot, upload
 
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
 pytestmark = pytest.mark.slow

@@ -12,7 +12,7 @@ from fastapi.testclient import TestClient
 from dynident_service import workbench
 from dynident_service.app import create_app
 from dynident_service.settings import Settings
-from dynident_service.workbench.page_files import PageFiles
+from dynident_service.workbench import PageFiles
 
 MOST_LINES = 300
 OWN = sorted(path for path in workbench.FOLDER.rglob("*") if path.suffix in (".js", ".css", ".html"))

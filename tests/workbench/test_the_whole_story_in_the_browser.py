@@ -12,9 +12,9 @@ import pytest
 pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright")
 
 from conftest import Heard, beside, free_port, listened_page, started
-from storytelling import Keyboard, Mouse, Story
-from test_signals_in_the_browser import foreign
-from test_workbench import ask
+from support.stored_recordings import foreign
+from support.workbench_page import ask
+from support.workbench_story import Keyboard, Mouse, Story
 
 pytestmark = pytest.mark.slow
 

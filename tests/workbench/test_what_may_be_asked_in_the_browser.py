@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_design_in_the_browser import heavy_arm
-from test_workbench import the_robot, upload
+from support.heavy_arm import heavy_arm
+from support.workbench_page import the_robot, upload
 
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
 pytestmark = pytest.mark.slow

@@ -9,8 +9,8 @@ from dynident.diagnosis import Comparison, Judgement
 from dynident.diagnosis.comparing.storage import JointSignals
 from dynident.recordings.phases import Phase, PhaseArray
 from dynident_service.adapters.conversion import show_figures, to_view
-from dynident_service.models import comparisons as wire
-from dynident_service.models.measurements import PhasesView
+from dynident_service.wire_types import comparisons as wire
+from dynident_service.wire_types.measurements import PhasesView
 
 
 def describe_comparison(comparison: Comparison, judgement: Judgement, held_out: bool | None) -> wire.ComparisonResult:

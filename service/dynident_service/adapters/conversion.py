@@ -20,16 +20,16 @@ from dynident.effects import EffectChoice
 from dynident.estimation import Errors
 from dynident.schema.fields import resolve_hint
 from dynident.schema.registry import RegistryEntry
-from dynident_service.models import common
-from dynident_service.models.identifications import ErrorFigures, ErrorsView
-from dynident_service.models.request_bodies import BODIES, REQUESTS
+from dynident_service.wire_types import common
+from dynident_service.wire_types.identifications import ErrorFigures, ErrorsView
+from dynident_service.wire_types.request_bodies import BODIES, REQUESTS
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 from dynident.effects import CATALOGUE, Effect
 from dynident.reports.report_tables import ReportedTable
-from dynident_service.models import effects as wire
-from dynident_service.models.common import Table, TableColumn
+from dynident_service.wire_types import effects as wire
+from dynident_service.wire_types.common import Table, TableColumn
 
 
 def show_catalogue() -> wire.Catalogue:

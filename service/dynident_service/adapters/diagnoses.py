@@ -12,10 +12,10 @@ from dynident.diagnosis.result import Change, ChangedValue
 from dynident.robot import Robot
 from dynident_service.adapters.conversion import from_view, to_view
 from dynident_service.adapters.designs import show_request, to_design_request
-from dynident_service.models import diagnoses as wire
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.designs import DesignRequest
 from dynident_service.problems import ProblemError, make_unusable
+from dynident_service.wire_types import diagnoses as wire
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.designs import DesignRequest
 
 
 def describe_diagnosis(

@@ -10,8 +10,8 @@ import numpy as np
 
 from dynident.identification import Identification, IdentificationChoices, IdentifiedParameter
 from dynident.identification.equations.reduce_data import split_friction_tests
-from dynident.identification.shapes.shape_constants import ShapeConstant
-from dynident.identification.shapes.shape_search import check_choices
+from dynident.identification.shape_constants import ShapeConstant
+from dynident.identification.shape_search import check_choices
 from dynident.identification.study.correlated_and_essential_parameters import EssentialPath, parameter_dependence
 from dynident.identification.study.held_out_gain import find_best_of_errors
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
@@ -19,9 +19,9 @@ from dynident.reports.report_tables import ReportedTable
 from dynident.reports.result_rows import build_essential_tables, build_parameter_table, build_shape_table
 from dynident.robot import Robot
 from dynident_service.adapters.conversion import from_view, show_errors, show_tables, to_request, to_view
-from dynident_service.models import identifications as wire
-from dynident_service.models.common import EffectChoice
-from dynident_service.models.identifications import ErrorsView, IdentificationView, Lineage, Rung, RungDifference
+from dynident_service.wire_types import identifications as wire
+from dynident_service.wire_types.common import EffectChoice
+from dynident_service.wire_types.identifications import ErrorsView, IdentificationView, Lineage, Rung, RungDifference
 
 T = TypeVar("T", int, float)
 

@@ -16,9 +16,9 @@ from dynident.recordings import (
 )
 from dynident.robot import Robot
 from dynident_service.adapters.conversion import to_view
-from dynident_service.models import measurements as wire
 from dynident_service.problems import Problem, ProblemField, to_problem
 from dynident_service.storage.records import Resource
+from dynident_service.wire_types import measurements as wire
 
 if TYPE_CHECKING:
     # The command line uses this module, too, where no object store is installed.
@@ -34,8 +34,8 @@ from dynident.recordings import RecordingMetadata, Revision
 from dynident.recordings.phases import find_phases
 from dynident.recordings.raw_signals import RecordedSignals, RobotFile
 from dynident_service.adapters.conversion import from_view, to_body, to_json_numbers, to_request
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.measurements import (
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.measurements import (
     MeasurementMetadata,
     RawSignals,
     RevisionRequest,

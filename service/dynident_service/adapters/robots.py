@@ -20,8 +20,8 @@ from dynident.robot.kinematics import joint_frames
 from dynident.robot.meshes import Surface, find_mesh_file, link_mesh_files, match_mesh_files, read_surface, thin_surface
 from dynident.robot.shapes import Capsule, enclose_shape
 from dynident_service.adapters.conversion import to_body, to_request
-from dynident_service.models import robots as wire
-from dynident_service.models.robots import GeometryView
+from dynident_service.wire_types import robots as wire
+from dynident_service.wire_types.robots import GeometryView
 
 
 @contextmanager
@@ -100,9 +100,9 @@ def describe_geometry_with_meshes(robot: Robot, files: Mapping[str, Path]) -> Ge
         return describe_geometry(robot, folders)
 
 
-MOST_TRIANGLES = 9000
+MOST_TRIANGLES_ON_PAGE = 9000
 """Triangles of a whole robot: a page still turns so many fluently."""
-FEWEST_TRIANGLES = 120
+FEWEST_TRIANGLES_OF_MESH = 120
 """Triangles that a small mesh keeps, whatever its neighbours have."""
 DIGITS = 5
 """Of coordinates in m: a hundredth of a millimetre is less than a picture shows."""
@@ -128,7 +128,7 @@ def describe_geometry(robot: Robot, mesh_folders: Sequence[Path] = ()) -> wire.G
     number = sum(len(surface.triangles) for body in collision.bodies for surface in body.surfaces)
     closure = robot.linkage.closure if robot.linkage else None
     # All meshes are thinned by the same share, so that a detailed link keeps more triangles than a plain one.
-    share = min(1.0, MOST_TRIANGLES / max(number, 1))
+    share = min(1.0, MOST_TRIANGLES_ON_PAGE / max(number, 1))
     return wire.GeometryView(
         joints=list(robot.joint_names),
         frames=[_show_frame(robot, place) for place in range(robot.tree.n)],
@@ -176,7 +176,7 @@ def describe_poses(robot: Robot, q: FloatArray) -> wire.PosesView:
 
 
 def _show_surface(joint: int, surface: Surface, share: float) -> wire.SurfaceView:
-    thinned_surface = thin_surface(surface, max(FEWEST_TRIANGLES, int(share * len(surface.triangles))))
+    thinned_surface = thin_surface(surface, max(FEWEST_TRIANGLES_OF_MESH, int(share * len(surface.triangles))))
     return wire.SurfaceView(
         frame=None if joint == BASE else joint,
         points=np.round(thinned_surface.points, DIGITS).tolist(),

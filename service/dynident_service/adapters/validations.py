@@ -21,7 +21,7 @@ from dynident.validation import (
 )
 from dynident.validation.request import Payload, Stated, Trial, build_trial
 from dynident_service.adapters.conversion import show_errors, to_request, to_view
-from dynident_service.models import validations as wire
+from dynident_service.wire_types import validations as wire
 
 if TYPE_CHECKING:
     from dynident.validation.request import TrialResult
@@ -39,8 +39,14 @@ from dynident.reports.report_tables import (
     make_text_cells,
 )
 from dynident.validation import ValidationOutcome
-from dynident_service.models.identifications import ErrorsView
-from dynident_service.models.validations import BootstrapView, FiltersView, MethodView, PayloadView, ValidationResult
+from dynident_service.wire_types.identifications import ErrorsView
+from dynident_service.wire_types.validations import (
+    BootstrapView,
+    FiltersView,
+    MethodView,
+    PayloadView,
+    ValidationResult,
+)
 
 TITLES = {
     "direct": "Direct validation: the identification's own data",

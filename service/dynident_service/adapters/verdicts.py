@@ -10,8 +10,8 @@ from dynident.recordings.revisions import adapt_revision
 from dynident.verdict import ModelVerdict, Stop
 from dynident_service.adapters.conversion import to_view
 from dynident_service.adapters.measurements import show_revision, to_recording_metadata
-from dynident_service.models import verdicts as wire
-from dynident_service.models.measurements import MeasurementMetadata
+from dynident_service.wire_types import verdicts as wire
+from dynident_service.wire_types.measurements import MeasurementMetadata
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from dynident.effects.text_format import parse_effects
 from dynident.errors import DynidentError
 from dynident.identification import Identification, from_bytes
 from dynident.identification.robot_recordings import MOST_CURES, import_cured
-from dynident.identification.shapes.shape_search import check_choices
+from dynident.identification.shape_search import check_choices
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.recording_files import make_unique_names

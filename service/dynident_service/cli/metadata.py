@@ -157,7 +157,7 @@ def _read_metadata_file(path: Path) -> RecordingMetadata:
     from pydantic import ValidationError
 
     from dynident_service.adapters.measurements import to_recording_metadata
-    from dynident_service.models.measurements import MeasurementMetadata
+    from dynident_service.wire_types.measurements import MeasurementMetadata
 
     document = read_json_object(path)
     field_names = [

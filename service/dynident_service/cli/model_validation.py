@@ -23,7 +23,7 @@ from dynident.validation.request import Methods, Trial, ValidationData
 from dynident_service.adapters.validations import build_validation_tables, describe_validation
 from dynident_service.cli.files import read_text
 from dynident_service.cli.terminal import build_table
-from dynident_service.models.validations import ValidationResult
+from dynident_service.wire_types.validations import ValidationResult
 
 _MARKS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not evaluated"}
 _STYLES = {"pass": "bold green", "fail": "bold red", "not_evaluated": "bold"}

@@ -98,7 +98,7 @@ def write_extended_model(
     def describe_model() -> Document:
         from dynident_service.adapters.identifications import describe_identification
         from dynident_service.adapters.verdicts import show_verdict as shown_verdict
-        from dynident_service.models.common import to_plain_json
+        from dynident_service.wire_types.common import to_plain_json
 
         document = to_plain_json(describe_identification(identification, parent_id, parent))
         return document if verdict is None else {**document, "verdict": to_plain_json(shown_verdict(verdict))}
@@ -129,6 +129,6 @@ def write_unchanged_model(result: OutputOptions, identification: Identification,
 def _to_document(described: BaseModel | Document) -> Document:
     if isinstance(described, Mapping):
         return described
-    from dynident_service.models.common import to_plain_json
+    from dynident_service.wire_types.common import to_plain_json
 
     return to_plain_json(described)

@@ -23,10 +23,19 @@ from sqlalchemy.orm import Session
 
 from dynident.errors import Cancelled, DynidentError
 from dynident_service import tracing
-from dynident_service.jobs.calls import Answer, Call, answer_call
 from dynident_service.jobs.confinement import Confinement, is_out_of_memory
 from dynident_service.jobs.distributed_map import share_with_workers
-from dynident_service.jobs.messages import End, Heartbeat, Hello, JobOrder, Receipt, make_memory_problem
+from dynident_service.jobs.messages import (
+    Answer,
+    Call,
+    End,
+    Heartbeat,
+    Hello,
+    JobOrder,
+    Receipt,
+    answer_call,
+    make_memory_problem,
+)
 from dynident_service.jobs.task import PATIENCE, JobEnvironment, JobFunction, ObjectCache, Outcome, Task
 from dynident_service.logs import set_log_context
 from dynident_service.problems import Problem, ProblemError, make_problem, to_problem

@@ -137,7 +137,7 @@ class OtherWorkers:
         return pickle.loads(result)
 
     def _send_part(self, client: Client, address: str, work: bytes, item: bytes, progress: Progress) -> bytes:
-        from dynident_service.jobs.dask_worker import run_part
+        from dynident_service.jobs.dask_cluster import run_part
 
         if len(item) > MOST or client.status != "running":
             raise PartFailed("it cannot be sent")

@@ -16,10 +16,9 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from dynident_service.jobs.calls import Answer, Call
 from dynident_service.jobs.confinement import Confinement
 from dynident_service.jobs.fork_server import ForkServer, ProcessExit
-from dynident_service.jobs.messages import Hello, JobOrder, Receipt
+from dynident_service.jobs.messages import Answer, Call, Hello, JobOrder, Receipt
 
 MEMORY_LIMIT = 2_000_000_000
 """Bytes of peak memory after which a child is replaced: freed memory seldom returns to the system."""

@@ -11,7 +11,6 @@ from fastapi import APIRouter, Response
 from pydantic import TypeAdapter
 
 from dynident.errors import DynidentError
-from dynident_service.models.identifications import BatchItem, BatchRequest, BatchView
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import (
     MOST_FIELDS,
@@ -27,6 +26,7 @@ from dynident_service.routes.paging_and_retries import RetryKeyDep, replay_respo
 from dynident_service.routes.references import PrefetchedResources
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Resource
+from dynident_service.wire_types.identifications import BatchItem, BatchRequest, BatchView
 
 if TYPE_CHECKING:
     from dynident.robot import Robot

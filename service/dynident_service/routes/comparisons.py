@@ -7,8 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 from fastapi import APIRouter, Query
 
-from dynident_service.models.common import ViewModel
-from dynident_service.models.comparisons import (
+from dynident_service.preload import hold_import_lock
+from dynident_service.routes.crud import ResourceRoutes, add_create_route
+from dynident_service.routes.paging_and_retries import require_succeeded
+from dynident_service.routes.references import depend_on, require_measurements, require_model
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import Dependency, NewJob
+from dynident_service.wire_types.common import ViewModel
+from dynident_service.wire_types.comparisons import (
     AutocorrelationView,
     ComparisonRequest,
     ComparisonView,
@@ -16,12 +22,6 @@ from dynident_service.models.comparisons import (
     Series,
     Spectrum,
 )
-from dynident_service.preload import hold_import_lock
-from dynident_service.routes.crud import ResourceRoutes, add_create_route
-from dynident_service.routes.paging_and_retries import require_succeeded
-from dynident_service.routes.references import depend_on, require_measurements, require_model
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import Dependency, NewJob
 
 ShownT = TypeVar("ShownT", bound=ViewModel)
 

@@ -10,7 +10,6 @@ from typing import Annotated, TypeVar, cast, get_type_hints
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import BaseModel
 
-from dynident_service.models.common import Computed, LabelsRequest, Page, Table, to_plain_json
 from dynident_service.routes.paging_and_retries import (
     LabelledQueryDep,
     ListQueryDep,
@@ -21,6 +20,7 @@ from dynident_service.routes.paging_and_retries import (
 )
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, Kind, NewJob, NewResource, Resource
+from dynident_service.wire_types.common import Computed, LabelsRequest, Page, Table, to_plain_json
 
 BodyT = TypeVar("BodyT", bound=BaseModel)
 Show = Callable[[Resource], BaseModel]

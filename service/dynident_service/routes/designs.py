@@ -10,14 +10,20 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
 from dynident.excitation.request import TRAJECTORY_FORMATS, TrajectoryFormat
-from dynident_service.models.designs import DesignClearances, DesignRequest, DesignResult, DesignView, TrajectorySamples
-from dynident_service.models.request_bodies import describe_choices
 from dynident_service.preload import hold_import_lock
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.paging_and_retries import require_succeeded
 from dynident_service.routes.references import depend_on, require_measurements, require_robot
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob, find_mesh_files
+from dynident_service.wire_types.designs import (
+    DesignClearances,
+    DesignRequest,
+    DesignResult,
+    DesignView,
+    TrajectorySamples,
+)
+from dynident_service.wire_types.request_bodies import describe_choices
 
 router = APIRouter(prefix="/v1/designs", tags=["designs"])
 

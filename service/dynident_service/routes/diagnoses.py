@@ -7,7 +7,6 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from dynident_service.models.diagnoses import DiagnosisRequest, DiagnosisView, Evidence
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import ProblemError, make_unusable
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
@@ -15,6 +14,7 @@ from dynident_service.routes.paging_and_retries import require_succeeded
 from dynident_service.routes.references import depend_on, require_measurements, require_model
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob
+from dynident_service.wire_types.diagnoses import DiagnosisRequest, DiagnosisView, Evidence
 
 router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
 

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from fastapi import APIRouter
 
 from dynident.errors import DynidentError
-from dynident_service.models.common import Table
-from dynident_service.models.drive_gains import DriveGainsRequest, DriveGainsResult, DriveGainsView
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.references import depend_on, refuse_coupled, require_measurements, require_robot
 from dynident_service.services import Services
 from dynident_service.storage.records import Dependency, NewJob, Resource
+from dynident_service.wire_types.common import Table
+from dynident_service.wire_types.drive_gains import DriveGainsRequest, DriveGainsResult, DriveGainsView
 
 router = APIRouter(prefix="/v1/drive_gains", tags=["drive gains"])
 

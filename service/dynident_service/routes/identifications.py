@@ -9,17 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 
-from dynident_service.models.common import Page, Tables, to_plain_json
-from dynident_service.models.identifications import (
-    ExportQuery,
-    ExtensionRequest,
-    IdentificationRequest,
-    IdentificationResult,
-    IdentificationView,
-    Lineage,
-    RemovalRequest,
-    StoredIdentification,
-)
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
@@ -41,13 +30,24 @@ from dynident_service.routes.references import (
 from dynident_service.routes.uncertainty import AWAITED, find_model_file, refuse_stopped
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob, NewResource, Resource, Retry
+from dynident_service.wire_types.common import Page, Tables, to_plain_json
+from dynident_service.wire_types.identifications import (
+    ExportQuery,
+    ExtensionRequest,
+    IdentificationRequest,
+    IdentificationResult,
+    IdentificationView,
+    Lineage,
+    RemovalRequest,
+    StoredIdentification,
+)
 
 if TYPE_CHECKING:
     from dynident.robot import Robot
 from collections.abc import Iterator, Sequence
 
-from dynident_service.models.common import EffectChoice
-from dynident_service.models.diagnoses import DiagnosisResult
+from dynident_service.wire_types.common import EffectChoice
+from dynident_service.wire_types.diagnoses import DiagnosisResult
 
 _LATEST = 5
 
@@ -154,7 +154,7 @@ def extend_identification(
 ) -> IdentificationView:
     """Add effects to an identified model: makes a new identification, whose parent is this one."""
     with hold_import_lock():
-        from dynident.identification.shapes.shape_search import check_choices
+        from dynident.identification.shape_search import check_choices
         from dynident_service.adapters.conversion import from_wire_choices
         from dynident_service.adapters.robots import restore_robot
 

@@ -11,8 +11,6 @@ from anyio import to_thread
 from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 
 from dynident_service.jobs.confinement import ComputationLimits
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.measurements import ImportMetadata, ImportView
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.paging_and_retries import RetryKeyDep, create_or_replay, parse_json_body, replay_response
 from dynident_service.routes.references import require_resource
@@ -20,6 +18,8 @@ from dynident_service.routes.uploads import FURTHER, MOST_FILES, FormRoute, dete
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.deletion import IMPORT_LIFETIME
 from dynident_service.storage.records import Dependency, NewResource, Resource, Retry
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.measurements import ImportMetadata, ImportView
 
 router = APIRouter(prefix="/v1/imports", tags=["imports"], route_class=FormRoute)
 

@@ -9,11 +9,11 @@ from anyio import to_thread
 from fastapi import APIRouter, Depends, Header, Query
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from dynident_service.models.common import Page, Progress
-from dynident_service.models.jobs import JobResource, JobView
 from dynident_service.routes.paging_and_retries import ListQueryDep, resource_path
 from dynident_service.services import ServicesDep
 from dynident_service.storage.records import KINDS, Job, JobKind, State
+from dynident_service.wire_types.common import Page, Progress
+from dynident_service.wire_types.jobs import JobResource, JobView
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 

@@ -1,7 +1,11 @@
-"""Measurements: upload with checks, look, fetch what was uploaded or some signals of it, delete."""
+"""Measurements: upload with checks, look, fetch what was uploaded or some signals of it, revise, delete.
+
+A revision changes the metadata of the same file, and nothing is uploaded.
+"""
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -16,15 +20,15 @@ from fastapi.responses import FileResponse, StreamingResponse
 from starlette.background import BackgroundTask
 
 from dynident_service.jobs.confinement import ComputationLimits
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.measurements import (
-    MeasurementMetadata,
-    MeasurementOfImport,
-    MeasurementView,
-    RawSignals,
-    Standstills,
+from dynident_service.preload import hold_import_lock
+from dynident_service.problems import (
+    Problem,
+    ProblemError,
+    ProblemField,
+    make_not_found,
+    make_unusable,
+    make_validation_problem,
 )
-from dynident_service.problems import ProblemError, ProblemField, make_not_found, make_unusable, make_validation_problem
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.paging_and_retries import (
     RetryKey,
@@ -47,6 +51,15 @@ from dynident_service.routes.uploads import (
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.deletion import ObjectGone
 from dynident_service.storage.records import Dependency, NewResource, OwnedObject, Resource, Retry
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.measurements import (
+    MeasurementMetadata,
+    MeasurementOfImport,
+    MeasurementView,
+    RawSignals,
+    RevisionRequest,
+    Standstills,
+)
 
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"], route_class=FormRoute)
 
@@ -338,3 +351,66 @@ async def get_standstills(measurement_id: str, request: Request, services: Servi
     path = await to_thread.run_sync(services.objects.fetch_file, measurement.objects["recording"].key)
     arguments = {"recording": str(path)}
     return Standstills.model_validate(await services.interactive.call(request, STANDSTILLS, dict, arguments))
+
+
+revisions_router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
+
+_NUMBERED = re.compile(r" r\d+$")
+
+
+@revisions_router.post("/{measurement_id}/revisions", status_code=201)
+async def revise_measurement(
+    measurement_id: str,
+    body: RevisionRequest,
+    request: Request,
+    services: ServicesDep,
+    retry: RetryKeyDep,
+    response: Response,
+) -> MeasurementView:
+    """Change the metadata of a measurement's file: makes a new measurement, checked again, whose parent is this one."""
+    with services.create_scratch_folder() as folder:
+        received = await to_thread.run_sync(
+            _prepare_revision, services, measurement_id, body, folder, retry.bind_to_body(body)
+        )
+        try:
+            return await check_and_store(request, services, received, response)
+        except ProblemError as error:
+            raise _repoint_to_body(error.problem) from error
+
+
+def _prepare_revision(
+    services: Services, measurement_id: str, body: RevisionRequest, folder: Path, key: Retry | None
+) -> ReceivedFile | Resource:
+    parent = services.resources.get("measurement", measurement_id)
+    if (existing := services.resources.find_retried(key)) is not None:
+        return existing
+    metadata, edits = _merge_revision(parent, body)
+    original = find_original(parent)
+    sha256 = original.key if parent.result is None else parent.result["sha256"]
+    robot = services.resources.get("robot", metadata.robot_id).request
+    source = services.objects.fetch_file(original.key)
+    return ReceivedFile(metadata, source, folder, sha256, key, robot, parent=parent, edits=edits)
+
+
+def _merge_revision(parent: Resource, body: RevisionRequest) -> tuple[MeasurementMetadata, list[dict[str, Any]]]:
+    """Return what is said of the file from now on, and all that was said anew since it was uploaded."""
+    with hold_import_lock():
+        from dynident_service.adapters.measurements import apply_revision
+
+    change = to_plain_json(body)
+    if not change:
+        raise make_unusable("give at least one field to change", "/", title="Nothing to revise")
+    edits = [*(parent.result or {}).get("edits", []), change]
+    # The number counts all revisions of the file: a revision of "run1 r2" is "run1 r3".
+    own_name = f"{_NUMBERED.sub('', parent.name or 'measurement')[:190]} r{len(edits)}"
+    return apply_revision(
+        MeasurementMetadata.model_validate(parent.request), body.model_copy(update={"name": body.name or own_name})
+    ), edits
+
+
+def _repoint_to_body(problem: Problem) -> ProblemError:
+    """Return what is wrong with a file, told by the fields of a revision: there is no form around them."""
+    fields = [
+        field.model_copy(update={"pointer": field.pointer.removeprefix("/metadata")}) for field in problem.errors or []
+    ]
+    return ProblemError.from_problem(problem.model_copy(update={"errors": fields or None}))

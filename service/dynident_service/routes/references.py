@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Protocol
 
-from dynident_service.models.robots import JointView, RobotResult
 from dynident_service.problems import make_not_found, make_unusable
 from dynident_service.storage.records import Dependency, Kind, Resource
 from dynident_service.storage.resources import Resources
+from dynident_service.wire_types.robots import JointView, RobotResult
 
 
 class ResourceReader(Protocol):

@@ -8,7 +8,6 @@ from fastapi import APIRouter, Request
 from fastapi.responses import StreamingResponse
 
 from dynident.reports.request import MEDIA_TYPES
-from dynident_service.models.reports import ReportRequest, ReportView
 from dynident_service.problems import make_unusable
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.paging_and_retries import require_succeeded
@@ -21,6 +20,7 @@ from dynident_service.routes.references import (
 )
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob, Resource
+from dynident_service.wire_types.reports import ReportRequest, ReportView
 
 router = APIRouter(prefix="/v1/reports", tags=["reports"])
 

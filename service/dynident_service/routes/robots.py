@@ -8,8 +8,6 @@ from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
 
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.robots import RobotRequest, RobotView
 from dynident_service.request_limits import mark_long
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.meshes import inherit_meshes
@@ -17,6 +15,8 @@ from dynident_service.routes.paging_and_retries import RetryKeyDep, create_or_re
 from dynident_service.services import ServicesDep
 from dynident_service.storage.bundle import RobotBundle
 from dynident_service.storage.records import NewResource, Resource, list_meshes
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.robots import RobotRequest, RobotView
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"])
 ZIP = "application/zip"

@@ -8,13 +8,18 @@ from typing import Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request
 
-from dynident_service.models.identifications import CorrelationView, EssentialQuery, EssentialView, IdentificationResult
-from dynident_service.models.verdicts import VerdictView
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import ProblemError
 from dynident_service.routes.paging_and_retries import require_succeeded
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Resource
+from dynident_service.wire_types.identifications import (
+    CorrelationView,
+    EssentialQuery,
+    EssentialView,
+    IdentificationResult,
+)
+from dynident_service.wire_types.verdicts import VerdictView
 
 AWAITED = "dynident_service.work.interactive"
 MOST_OUTCOMES = 100

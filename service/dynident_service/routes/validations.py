@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 from fastapi import APIRouter
 
-from dynident_service.models.common import Table
-from dynident_service.models.identifications import StoredIdentification
-from dynident_service.models.validations import ValidationRequest, ValidationResult, ValidationView
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.references import depend_on, require_measurements, require_model
 from dynident_service.services import Services
 from dynident_service.storage.records import Dependency, NewJob, Resource
+from dynident_service.wire_types.common import Table
+from dynident_service.wire_types.identifications import StoredIdentification
+from dynident_service.wire_types.validations import ValidationRequest, ValidationResult, ValidationView
 
 router = APIRouter(prefix="/v1/validations", tags=["validations"])
 

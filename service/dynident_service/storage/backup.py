@@ -32,8 +32,7 @@ from dynident_service.storage.archive import (
     write_object,
     write_rows,
 )
-from dynident_service.storage.database import WRITES, Database
-from dynident_service.storage.migrate import build_alembic_config
+from dynident_service.storage.database import WRITES, Database, build_alembic_config
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import FINAL
 from dynident_service.storage.retry import describe_error

@@ -1,4 +1,4 @@
-"""Connection to the database: an SQLite file by default, PostgreSQL by URL."""
+"""Connection to the database (an SQLite file by default, PostgreSQL by URL), and its migration to these tables."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select, text
 from sqlalchemy.orm import Session
+
+if TYPE_CHECKING:
+    from alembic.config import Config
 
 WRITES = "dynident_writes"
 """Execution option that marks a connection on which transactions write."""
@@ -136,3 +139,32 @@ def _create_postgresql_engine(url: str) -> Engine:
         connection.commit()
 
     return engine
+
+
+POSTGRESQL_LOCK = 7_311_949_283_041
+"""Number of the advisory lock under which migrations run; any fixed number will do."""
+
+
+def migrate(database: Database) -> None:
+    """Apply the missing migrations; safe when several processes start at once."""
+    # Only processes that migrate load Alembic.
+    from alembic import command
+
+    engine = database.engine.execution_options(**{WRITES: True})
+    with engine.connect() as connection, connection.begin():
+        # On SQLite the transaction is the only writer from its beginning; PostgreSQL needs a lock of its own.
+        if not database.is_sqlite:
+            connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": POSTGRESQL_LOCK})
+        # All migrations are one transaction: if one fails, the database stays as it was.
+        command.upgrade(build_alembic_config(connection), "head")
+
+
+def build_alembic_config(connection: Connection) -> Config:
+    """Return Alembic's configuration for the migrations of this package."""
+    from alembic.config import Config
+
+    config = Config()
+    config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
+    config.set_main_option("path_separator", "os")
+    config.attributes["connection"] = connection
+    return config

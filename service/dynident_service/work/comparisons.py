@@ -10,9 +10,9 @@ from dynident.diagnosis.comparing.storage import write_comparison
 from dynident.progress import scale_progress
 from dynident_service.adapters.comparisons import describe_comparison
 from dynident_service.jobs.task import Outcome, Task
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.comparisons import ComparisonRequest
-from dynident_service.models.identifications import StoredIdentification
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.comparisons import ComparisonRequest
+from dynident_service.wire_types.identifications import StoredIdentification
 from dynident_service.work.stored_inputs import load_stored_model, open_recording_by_id, open_stored_recordings
 
 

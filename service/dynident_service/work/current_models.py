@@ -6,8 +6,8 @@ from dynident.identification import identify_currents
 from dynident.identification.loads.payload_data import PLAIN_EFFECTS
 from dynident_service.adapters.conversion import from_wire_choices, to_view
 from dynident_service.jobs.task import Outcome, Task
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.drive_gains import CurrentModelsRequest, CurrentModelsResult
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.drive_gains import CurrentModelsRequest, CurrentModelsResult
 from dynident_service.work.stored_inputs import load_stored_robot, open_stored_recordings
 
 

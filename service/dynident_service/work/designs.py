@@ -10,9 +10,9 @@ from dynident.excitation import design_experiment
 from dynident_service.adapters.designs import describe_design, to_checked_request, write_trajectory
 from dynident_service.adapters.robots import place_mesh_files
 from dynident_service.jobs.task import Outcome, Task
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.designs import DesignRequest
 from dynident_service.storage.records import find_mesh_files
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.designs import DesignRequest
 from dynident_service.work.stored_inputs import load_stored_robot, open_stored_recordings
 
 

@@ -9,8 +9,8 @@ from dynident.progress import scale_progress
 from dynident_service.adapters.conversion import to_request
 from dynident_service.adapters.diagnoses import describe_diagnosis, write_evidence
 from dynident_service.jobs.task import Outcome, Task
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.diagnoses import DiagnosisRequest
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.diagnoses import DiagnosisRequest
 from dynident_service.work.stored_inputs import load_stored_model, open_stored_recordings
 
 

@@ -16,8 +16,8 @@ from dynident.robot import Robot
 from dynident_service.adapters.conversion import to_request
 from dynident_service.adapters.drive_gains import describe_gains
 from dynident_service.jobs.task import Outcome, Task
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.drive_gains import DriveGainsRequest
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.drive_gains import DriveGainsRequest
 from dynident_service.work.stored_inputs import load_stored_robot, open_recording_by_id
 
 

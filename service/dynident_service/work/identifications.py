@@ -6,9 +6,9 @@ from dynident.identification import Identification, extend, identify, remove, to
 from dynident_service.adapters.conversion import from_wire_choices
 from dynident_service.adapters.identifications import describe_identification, to_choices
 from dynident_service.jobs.task import Outcome, Task
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.identifications import StoredIdentification
-from dynident_service.models.measurements import SeenMeasurement
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.identifications import StoredIdentification
+from dynident_service.wire_types.measurements import SeenMeasurement
 from dynident_service.work.stored_inputs import load_stored_model, load_stored_robot, open_stored_recordings
 
 

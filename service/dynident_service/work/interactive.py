@@ -39,12 +39,12 @@ from dynident_service.adapters.robots import (
     restore_robot,
 )
 from dynident_service.adapters.verdicts import SeenMeasurement, show_verdict
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.designs import DesignRequest
-from dynident_service.models.identifications import CorrelationView
-from dynident_service.models.measurements import ImportMetadata, MeasurementMetadata
-from dynident_service.models.robots import MeshView, RobotRequest
 from dynident_service.problems import ProblemError
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.designs import DesignRequest
+from dynident_service.wire_types.identifications import CorrelationView
+from dynident_service.wire_types.measurements import ImportMetadata, MeasurementMetadata
+from dynident_service.wire_types.robots import MeshView, RobotRequest
 
 
 class SentCheck(TypedDict):

@@ -19,12 +19,12 @@ from dynident_service.adapters.diagnoses import restore_diagnosis
 from dynident_service.adapters.measurements import restore_checks, to_recording_metadata, to_revision
 from dynident_service.adapters.validations import build_reported_validation
 from dynident_service.jobs.task import Outcome, Task
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.identifications import StoredIdentification
-from dynident_service.models.measurements import MeasurementMetadata, MeasurementResult
-from dynident_service.models.reports import ReportRequest, ReportResult
-from dynident_service.models.validations import ValidationResult
 from dynident_service.storage.records import Resource
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.identifications import StoredIdentification
+from dynident_service.wire_types.measurements import MeasurementMetadata, MeasurementResult
+from dynident_service.wire_types.reports import ReportRequest, ReportResult
+from dynident_service.wire_types.validations import ValidationResult
 from dynident_service.work.stored_inputs import load_stored_model, open_recording_by_id
 
 

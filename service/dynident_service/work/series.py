@@ -21,9 +21,9 @@ from dynident.progress import scale_progress
 from dynident.reports.figures.changes import draw_parameter_tracks
 from dynident_service.adapters.diagnoses import describe_series
 from dynident_service.jobs.task import Outcome, Task
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.diagnoses import Day as AskedDay
-from dynident_service.models.diagnoses import SeriesRequest
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.diagnoses import Day as AskedDay
+from dynident_service.wire_types.diagnoses import SeriesRequest
 from dynident_service.work.stored_inputs import load_stored_model, open_stored_recordings
 
 

@@ -14,10 +14,10 @@ from dynident_service.adapters import designs
 from dynident_service.adapters.conversion import to_body, to_request
 from dynident_service.adapters.measurements import describe_recording, import_file
 from dynident_service.jobs.task import Outcome, Task
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.designs import DesignResult, Samples, SimulationRequest
-from dynident_service.models.measurements import MeasurementMetadata
 from dynident_service.storage.records import Dependency, NewResource
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.designs import DesignResult, Samples, SimulationRequest
+from dynident_service.wire_types.measurements import MeasurementMetadata
 from dynident_service.work.stored_inputs import load_stored_robot
 
 PARQUET = "application/vnd.apache.parquet"

@@ -18,8 +18,8 @@ from dynident_service.adapters.designs import restore_design
 from dynident_service.adapters.measurements import open_stored_recording
 from dynident_service.adapters.robots import restore_robot
 from dynident_service.jobs.task import Task
-from dynident_service.models.diagnoses import Evidence
 from dynident_service.problems import ProblemError
+from dynident_service.wire_types.diagnoses import Evidence
 
 Read = Callable[[Mapping[str, Any], Mapping[str, Any], Path], object]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dynident.validation.request import ValidationData
 from dynident_service.adapters.validations import describe_validation, trial_from_request
 from dynident_service.jobs.task import Outcome, Task
-from dynident_service.models.common import to_plain_json
-from dynident_service.models.validations import ValidationRequest
+from dynident_service.wire_types.common import to_plain_json
+from dynident_service.wire_types.validations import ValidationRequest
 from dynident_service.work.stored_inputs import load_stored_model, open_stored_recordings
 
 

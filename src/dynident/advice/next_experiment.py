@@ -28,8 +28,8 @@ from dynident.effects.effect_columns import find_joints
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, rehearse_motion, rehearse_quickly
 from dynident.excitation.criteria.design_criterion import find_effect_parameters
+from dynident.excitation.design_model import DesignModel, build_design_model
 from dynident.excitation.experiments.design_task import compute_planned_seconds
-from dynident.excitation.observation.design_model import DesignModel, build_design_model
 from dynident.identification import Identification
 from dynident.motion import Surroundings
 from dynident.motion.limits.bounds import Bounds, build_bounds

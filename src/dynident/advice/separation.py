@@ -14,9 +14,9 @@ from dynident.estimation.least_squares import floor_noise
 from dynident.estimation.residual_correlation import compute_overstatement
 from dynident.excitation import Rehearsal
 from dynident.excitation.criteria.parameter_variances import compute_diagonal_from_information
+from dynident.excitation.design_model import DesignModel
 from dynident.excitation.experiments.design_task import STANDSTILL_VELOCITY
-from dynident.excitation.observation.design_model import DesignModel
-from dynident.motion.trajectories.motion import Motion
+from dynident.motion.joint_trajectories import Motion
 from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
 from dynident.regressors.filtered_rows import is_in_run

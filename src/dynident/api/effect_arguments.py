@@ -9,7 +9,7 @@ from dynident.diagnosis import Diagnosis, RankedEffect
 from dynident.effects import EffectChoice
 from dynident.effects.text_format import parse_effects
 from dynident.errors import DynidentError
-from dynident.identification.shapes.shape_search import check_choices
+from dynident.identification.shape_search import check_choices
 from dynident.robot import Robot
 
 _TITLE = "Nothing to add"

@@ -15,7 +15,7 @@ from dynident.effects import EffectChoice
 from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
-from dynident.excitation.formats.design_files import design_table, format_joint_trajectory
+from dynident.excitation.design_files import design_table, format_joint_trajectory
 from dynident.excitation.request import Kind
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings.arrow import table_column_to_numbers

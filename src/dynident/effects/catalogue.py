@@ -1,13 +1,27 @@
-"""The catalogue of all effects: our own in an order for readers, other modules of this package, then plug-ins."""
+"""The catalogue of all effects: our own in an order for readers, other modules of this package, then plug-ins.
+
+Effects of other distributions need one Python file and one entry point each:
+
+    [project.entry-points."dynident.effects"]
+    my_effect = "my_package.my_effect:MyEffect"
+
+The object is a subclass of `Effect` or an instance of one. An effect that cannot be loaded, or fails on a trial robot,
+is left out with a warning that says why: a broken package of somebody else must not stop an identification.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import importlib
+import inspect
+import pkgutil
+import warnings
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
+from importlib.metadata import EntryPoint, entry_points
 
+from dynident import effects
 from dynident.effects.disturbances import BaseVibration, ExternalContact, Payload
-from dynident.effects.drive import DriveGainError, DriveGainSaturation, RotorCoupling, TorqueDelay
 from dynident.effects.effect import Column, Effect, ParameterSpec, Role
 from dynident.effects.friction import (
     Coulomb,
@@ -22,9 +36,10 @@ from dynident.effects.friction import (
     WarmUpFriction,
 )
 from dynident.effects.gears import Backlash, JointElasticity
-from dynident.effects.plugins import list_package_effects, load_installed_effects
+from dynident.effects.motors import DriveGainError, DriveGainSaturation, RotorCoupling, TorqueDelay
 from dynident.effects.presliding import BreakAway, Presliding
 from dynident.effects.rigid_body import RigidBody, RotorInertia
+from dynident.effects.signals import Signals
 from dynident.effects.springs import CableForce, GravityCompensator
 from dynident.effects.structure import (
     BaseTilt,
@@ -36,6 +51,93 @@ from dynident.effects.structure import (
     TransmissionCoupling,
 )
 from dynident.errors import DynidentError
+from dynident.robot import robot_from_modified_dh
+
+ENTRY_POINT_GROUP = "dynident.effects"
+
+
+def load_installed_effects(used_ids: Collection[str]) -> tuple[Effect, ...]:
+    """Return the effects of all installed entry points, sorted by name, without those whose id is in use."""
+    accepted: dict[str, Effect] = {}
+    # By name, so that of two effects with one id it is always the same one that is left out.
+    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda item: item.name):
+        effect = _load_effect(point)
+        if effect is None:
+            continue
+        if effect.id in used_ids or effect.id in accepted:
+            warnings.warn(
+                f"the effect {effect.id!r} of {point.value} is left out: another effect has this id", stacklevel=2
+            )
+            continue
+        accepted[effect.id] = effect
+    return tuple(accepted.values())
+
+
+def list_package_effects() -> tuple[Effect, ...]:
+    """Return all effects that modules of `dynident.effects` define, sorted by module."""
+    instances = []
+    for module in sorted(pkgutil.iter_modules(effects.__path__), key=lambda item: item.name):
+        for value in vars(importlib.import_module(f"{effects.__name__}.{module.name}")).values():
+            # Modules import each other's effects: each one counts where it is defined.
+            is_defined_here = (
+                isinstance(value, type) and issubclass(value, Effect) and value.__module__.endswith(f".{module.name}")
+            )
+            if is_defined_here and not inspect.isabstract(value) and hasattr(value, "id"):
+                instances.append(value())
+    return tuple(instances)
+
+
+def _load_effect(point: EntryPoint) -> Effect | None:
+    try:
+        # An entry point may name a class or an instance; an effect has no arguments.
+        plugin = point.load()
+        effect = plugin() if isinstance(plugin, type) else plugin
+    except Exception as error:  # whatever somebody else's module raises
+        warnings.warn(f"the effect {point.name!r} ({point.value}) cannot be loaded: {error}", stacklevel=3)
+        return None
+    if not isinstance(effect, Effect) or not all(hasattr(effect, name) for name in _NEEDED):
+        warnings.warn(
+            f"{point.value} is not an effect: derive it from dynident.effects.Effect and define {', '.join(_NEEDED)}",
+            stacklevel=3,
+        )
+        return None
+    try:
+        _try_effect(effect)
+    except Exception as error:  # whatever somebody else's code raises
+        warnings.warn(f"the effect {effect.id!r} ({point.value}) is left out: {error}", stacklevel=3)
+        return None
+    return effect
+
+
+def _try_effect(effect: Effect) -> None:
+    """Build the effect's columns on a small arm; raise an error if they do not match its specification."""
+    robot = robot_from_modified_dh("trial", _TRIAL)
+    signals, names = Signals(robot), {spec.name for spec in effect.parameters}
+    constants = {spec.name for spec in effect.shapes}
+    # Every joint, every candidate of the grid and every shape of a column: later code relies on all of them.
+    for joint in effect.applicable(robot):
+        for shape in effect.grid(robot, joint):
+            if set(shape) != constants:
+                raise ValueError(f"its grid has {sorted(shape)}, but its shape constants are {sorted(constants)}")
+        columns = effect.columns(signals, (joint,), effect.shape_with_defaults({}))
+        if len(columns) != len(names) or {column.parameter for column in columns} != names:
+            raise ValueError(
+                f"its columns belong to {[c.parameter for c in columns]}, but its parameters are {sorted(names)}"
+            )
+        for column in columns:
+            if column.effect != effect.id or column.torque.shape != (robot.n, 1):
+                raise ValueError(f"column {column.name} has the shape {column.torque.shape}, not ({robot.n}, 1)")
+
+
+# Three revolute joints with axes at odd angles, so that no torque vanishes by symmetry.
+_TRIAL = tuple(
+    {"antecedent": k, "sigma": 0, "alpha": alpha, "d": 0.3, "theta": 0.0, "r": 0.1, "gamma": 0.0, "b": 0.0}
+    for k, alpha in enumerate((0.0, 1.5, 0.4))
+)
+
+
+_NEEDED = ("id", "title", "formula", "parameters", "signature", "sources")
+
 
 _BUILT_IN_EFFECTS: tuple[Effect, ...] = (
     RigidBody(),

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from dynident.excitation.criteria.criterion_values import Baseline, CriterionValues
     from dynident.excitation.criteria.parameter_variances import ExpectedParameter
     from dynident.excitation.design import design_experiment
-    from dynident.excitation.formats.design_files import (
+    from dynident.excitation.design_files import (
         FORMATS,
         design_document,
         design_table,

@@ -9,15 +9,15 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.excitation.criteria.design_criterion import build_design_criterion
+from dynident.excitation.design_model import DesignModel
 from dynident.excitation.experiments.periodic import build_family, search_trajectory
 from dynident.excitation.experiments.single_joint import Stroke, plan_stroke_moves, plan_strokes
-from dynident.excitation.observation.design_model import DesignModel
 from dynident.excitation.optimising.design_problem import Budget, count_period_samples
 from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
+from dynident.motion.joint_trajectories import Motion, PeriodicMotion, concatenate_motions, sample_pieces
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.motion.limits.postures import compute_static_torque
-from dynident.motion.moves.paths import list_home_candidates
-from dynident.motion.trajectories.motion import Motion, PeriodicMotion, concatenate_motions, sample_pieces
+from dynident.motion.move_paths import list_home_candidates
 
 # Random motions of a quick rehearsal, and postures of a joint's strokes whose static torque is checked.
 _CANDIDATES = 6

@@ -8,7 +8,7 @@ from typing import Literal
 
 from dynident.effects.choices import DEFAULT_EFFECTS, JOINT_FRICTION, EffectChoice
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
-from dynident.excitation.observation.row_model_names import ROW_MODELS, RowModelName
+from dynident.excitation.row_model_names import ROW_MODELS, RowModelName
 from dynident.motion.collision.surroundings import Surroundings
 from dynident.robot.limits import Limits
 from dynident.schema.fields import LARGEST_SEED, Choice, OneOf, declare_field

@@ -26,8 +26,8 @@ from dynident.estimation.constrained_least_squares import (
 )
 from dynident.identification import Estimate, Identification
 from dynident.identification.estimators.feasible import solve_feasible
-from dynident.identification.parameters.standard_parameters import StandardParameters
 from dynident.identification.problem import Problem
+from dynident.identification.standard_parameters import StandardParameters
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS, estimate_inertia_errors, estimate_rotor_inertias

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from dynident.identification.loads.current_units import CurrentModel, identify_currents
     from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, identify_gains, payload_mass
     from dynident.identification.loads.payload_weighing import PayloadVerdict, payload_from_pair
-    from dynident.identification.parameters.standard_parameters import StandardParameters
-    from dynident.identification.shapes.shape_constants import ShapeConstant
+    from dynident.identification.shape_constants import ShapeConstant
+    from dynident.identification.standard_parameters import StandardParameters
     from dynident.identification.study.extending import extend
     from dynident.identification.study.fit_model import identify_model
     from dynident.identification.study.identifying import check_same_recordings, identify

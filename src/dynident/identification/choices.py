@@ -82,7 +82,7 @@ class IdentificationChoices:
     effects : tuple of EffectChoice
         What acts on the joints, with their joints and shape constants.
     model : str
-        Equation type that makes the rows of W; each has a file in `identification.methods.models`.
+        Equation type that makes the rows of W; each is a class in `identification.methods.equation_types`.
     strategy : str
         Which parameters are solved for at a time.
     estimator : str or Estimator
@@ -96,7 +96,7 @@ class IdentificationChoices:
         payload.
     prior_error : float
         Share by which the description's inertias are usually off (`robot.pseudo_inertia`, and for the prior
-        description_entropic `identification.prior.entropic`).
+        description_entropic `identification.entropic_prior`).
     pole : float or None
         The a of [12.29] in rad/s, for the filtered model; None where the data decide.
     interval : float or None

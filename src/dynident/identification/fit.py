@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dynident.estimation import Solution, Statistics
-from dynident.identification.parameters.standard_parameters import StandardParameters
+from dynident.identification.standard_parameters import StandardParameters
 
 
 @dataclass(frozen=True, eq=False)

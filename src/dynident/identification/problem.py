@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from dynident.estimation import CovarianceName, PriorInformation, estimate_reversal_weights
+from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.reduce_data import Data
-from dynident.identification.prior.description_prior import build_prior
 from dynident.identification.problem_options import DescriptionTrust
 from dynident.regressors.model import Model
 

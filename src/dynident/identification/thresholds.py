@@ -53,10 +53,6 @@ NOTABLE_DRIFT, LARGEST_DRIFT = 0.25, 0.5
 joint makes: above half, staying where one is would be about as good. First models of a UR10e are at 0.18, of a dVRK and
 a Gen3 at 0.15; a TX40 with a coupled wrist at 0.43, and what is not positive definite diverges."""
 
-LARGEST_FORCE_ANYWHERE, LARGEST_FORCE = 65.0, 140.0
-"""N that a face, and a hand or a chest, may bear while they are clamped (ISO/TS 15066:2016, table A.2): a collision
-that shows later than that is seen too late for a person."""
-
 STOP = 0.5
 """Held-out error above which something else is wrong than a missing effect: the model is not to be used."""
 

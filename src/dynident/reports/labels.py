@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from dynident.array_types import FloatArray
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
-from dynident.identification.shapes.shape_constants import ShapeConstant, ShapeJudgement
+from dynident.identification.shape_constants import ShapeConstant, ShapeJudgement
 from dynident.identification.study.held_out_gain import BestStep
 from dynident.identification.thresholds import ParameterJudgement
 from dynident.reports.number_format import format_estimate

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from dynident.diagnosis import Change, FrictionDifference, RankedEffect
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentifiedParameter
-from dynident.identification.shapes.shape_constants import ShapeConstant
+from dynident.identification.shape_constants import ShapeConstant
 from dynident.identification.study.correlated_and_essential_parameters import EssentialPath
 from dynident.reports.labels import (
     PARAMETER_JUDGEMENTS,

@@ -1,6 +1,12 @@
 """Passive positions as expressions of the driven ones: in closed form, or a polynomial guess with exact corrections.
 
-Where every loop is a triangle, it is solved in closed form (`dyads`). Elsewhere a polynomial gives a guess x₀, and the
+Where every loop is a triangle (a dyad: two passive joints of a planar loop), it is solved in closed form. The two
+equations are u + R(y₁) v + R(y₂) w = 0 with vectors u, v, w in the plane that the driven joints alone determine, and
+turns y = T x of the two: each by itself, or one carried by the other. Sides of these lengths make two triangles, which
+are the two branches; they meet where they are flat, and there the loop is singular. So the branch of the start holds
+wherever the loop closes, and sines and cosines are known before any angle is.
+
+Elsewhere a polynomial gives a guess x₀, and the
 path to the closed posture is φ(x(t)) = (1 - t) φ(x₀), 0 ≤ t ≤ 1. The first term of its Taylor series at x₀ is Newton's
 step. Every further term (Chebyshev's method, and so on) removes one more power of the guess's error, and needs no sine
 or cosine beyond those of the first. The degree of the polynomial and the number of terms are those with the shortest
@@ -9,7 +15,8 @@ code, found by trying all combinations.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import casadi as ca
@@ -17,9 +24,218 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.expressions.angles import AngleTerms, substitute_angles
-from dynident.robot.dyads import solve_by_triangles
 from dynident.robot.loop_equations import LoopEquations
 from dynident.robot.loop_numbers import list_products
+
+# Postures of the other joints, and random angles of the two, at which the form of their equations is tried.
+_POSTURES, _TURNS = 3, 8
+# Misfit of that form per length of the loop, relative spread of a constant, and distance (rad) of a branch: rounding.
+_EXACT_FORM, _CONSTANT, _SAME_BRANCH = 1e-12, 1e-13, 1e-8
+_WIDEST = 5.5
+"""Largest range (rad) of a passive joint: with less than a whole turn, its angle follows from cosine and sine."""
+_FLAT = 1e-14
+"""Lower bound of a triangle's squared area, as a share of the largest: keeps numbers finite where a loop is open."""
+
+
+@dataclass(frozen=True, eq=False)
+class _PlaneVector:
+    """A vector or a rotation in the plane, multiplied like a complex number."""
+
+    x: ca.SX
+    y: ca.SX
+
+    def __add__(self, other: _PlaneVector) -> _PlaneVector:
+        return _PlaneVector(self.x + other.x, self.y + other.y)
+
+    def __mul__(self, other: _PlaneVector) -> _PlaneVector:
+        return _PlaneVector(self.x * other.x - self.y * other.y, self.x * other.y + self.y * other.x)
+
+    def scale(self, factor: ca.SX) -> _PlaneVector:
+        return _PlaneVector(self.x * factor, self.y * factor)
+
+    def conjugate(self) -> _PlaneVector:
+        return _PlaneVector(self.x, -self.y)
+
+    def squared_length(self) -> ca.SX:
+        return self.x * self.x + self.y * self.y
+
+
+def solve_by_triangles(closure: LoopEquations, q: FloatArray, x: FloatArray) -> AngleTerms | None:
+    """Return the passive coordinates as closed-form expressions of the driven ones.
+
+    Parameters
+    ----------
+    closure : LoopEquations
+        The closed loops of the machine.
+    q, x : (m, n), (m, p)
+        Closed postures on the branch of the start; they select the branch of each triangle.
+
+    Returns
+    -------
+    AngleTerms or None
+        Angles, cosines and sines SX (p, 1) of the closure's driven symbols; None if any loop is not a triangle. The
+        sides of a triangle may depend on triangles that are solved before.
+    """
+    solution = AngleTerms(*(ca.SX.zeros(closure.p) for _ in range(3)))
+    for rows, unknowns in _order_blocks(closure):
+        part = _solve_triangle(closure, rows, unknowns, solution, q, x)
+        if part is None:
+            return None
+        solution.angles[unknowns], solution.cosines[unknowns], solution.sines[unknowns] = (
+            part.angles,
+            part.cosines,
+            part.sines,
+        )
+    return solution
+
+
+def _order_blocks(closure: LoopEquations) -> list[tuple[list[int], list[int]]]:
+    """Return blocks of equations with the passive coordinates that each determines, in an order to solve them."""
+    # The block triangular form of ∂φ/∂x splits the loops into the smallest systems that can be solved one by one.
+    over = np.asarray(ca.DM(closure.slopes[1].sparsity(), 1.0).full() != 0)
+    count, rows, columns, row_borders, column_borders, *_ = closure.slopes[1].sparsity().btf()
+    remaining_blocks = [
+        (sorted(rows[row_borders[k] : row_borders[k + 1]]), sorted(columns[column_borders[k] : column_borders[k + 1]]))
+        for k in range(count)
+    ]
+    ordered_blocks: list[tuple[list[int], list[int]]] = []
+    while remaining_blocks:
+        solved_unknowns = {k for _, unknowns in ordered_blocks for k in unknowns}
+        # A block can be solved once all other unknowns of its equations are.
+        ready = next(
+            block
+            for block in remaining_blocks
+            if set(np.flatnonzero(over[block[0]].any(axis=0))) <= solved_unknowns | set(block[1])
+        )
+        remaining_blocks.remove(ready)
+        ordered_blocks.append(ready)
+    return ordered_blocks
+
+
+def _solve_triangle(
+    closure: LoopEquations,
+    rows: list[int],
+    unknowns: list[int],
+    solved_before: AngleTerms,
+    q: FloatArray,
+    x: FloatArray,
+) -> AngleTerms | None:
+    """Solve two equations for two passive coordinates; None if they do not form a triangle."""
+    if len(rows) != 2 or len(unknowns) != 2:
+        return None
+    turning = _find_turning(closure, rows, unknowns, q[:_POSTURES], x[:_POSTURES])
+    vectors = None if turning is None else _extract_vectors(closure, rows, unknowns, turning, solved_before)
+    if turning is None or vectors is None:
+        return None
+    passive, driven = x[:, unknowns], closure.symbols[0]
+    if np.ptp(passive, axis=0).max() > _WIDEST:
+        return None
+    # Three sides make two triangles, mirrored at the base. The sampled postures tell which of them is the start's.
+    middle = 0.5 * (passive.min(axis=0) + passive.max(axis=0))
+    squares = [_to_constant(vector.squared_length(), driven, q) for vector in vectors[1:]]
+    for side in (1.0, -1.0):
+        turns = _close_triangle(vectors, squares, side)
+        branch = _angles_near([_combine_rotations(turns, powers) for powers in np.linalg.inv(turning)], middle)
+        if np.abs(_evaluate_at(branch.angles, driven, q) - passive).max() < _SAME_BRANCH:
+            return branch
+    return None
+
+
+def _iter_turnings() -> Iterator[FloatArray]:
+    """Yield T (2, 2): both joints on the same body, or one on the other, about the same axis or the opposite one."""
+    for first, second in product((1, -1), repeat=2):
+        yield np.array([[first, 0], [0, second]])
+        yield np.array([[first, 0], [first, second]])
+        yield np.array([[0, second], [first, second]])
+
+
+def _find_turning(
+    closure: LoopEquations, rows: list[int], unknowns: list[int], q: FloatArray, x: FloatArray
+) -> FloatArray | None:
+    """Return T of two equations, or None: with it they are linear in u, v and w for any angles of the two joints."""
+    angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_TURNS, 2))
+    whole = np.repeat(x, _TURNS, axis=0)
+    whole[:, unknowns] = np.tile(angles, (len(x), 1))
+    gaps = closure.evaluate(np.repeat(q, _TURNS, axis=0), whole)[0][:, rows].reshape(len(q), -1).T
+    for turning in _iter_turnings():
+        y = angles @ turning.T
+        matrices = np.array([[np.cos(y), -np.sin(y)], [np.sin(y), np.cos(y)]])
+        # For one posture of the others, u, v and w are six numbers. Fit them to the gaps at random angles of the two:
+        # an exact fit proves the form, since there are more angles than numbers.
+        terms = np.hstack([np.tile(np.eye(2), (_TURNS, 1)), np.einsum("rctk->trkc", matrices).reshape(-1, 4)])
+        misfit = gaps - terms @ np.linalg.lstsq(terms, gaps, rcond=None)[0]
+        if np.abs(misfit).max() < _EXACT_FORM * closure.largest_length:
+            return turning
+    return None
+
+
+def _extract_vectors(
+    closure: LoopEquations, rows: list[int], unknowns: list[int], turning: FloatArray, solved_before: AngleTerms
+) -> list[_PlaneVector] | None:
+    """Return u, v and w: the constant part of the equations, and the factors of the cosines of y₁ and y₂."""
+    # Replace cosines and sines by symbols: the gaps are then polynomials in them, and v and w their coefficients.
+    x = closure.symbols[1]
+    open_turns = AngleTerms(x, ca.SX.sym("cos", closure.p), ca.SX.sym("sin", closure.p))
+    gaps = substitute_angles(ca.densify(closure.gaps[rows]), x, open_turns)
+    if ca.depends_on(gaps, x):
+        return None
+    parts = [gaps, gaps, gaps]
+    for k, powers in enumerate(turning, start=1):
+        for unknown, power in zip(unknowns, powers, strict=True):
+            if power:
+                parts[k] = ca.jacobian(parts[k], open_turns.cosines[unknown])
+    parts = ca.substitute(parts, [open_turns.cosines, open_turns.sines], [solved_before.cosines, solved_before.sines])
+    return [_PlaneVector(*(ca.densify(part)[k] for k in range(2))) for part in parts]
+
+
+def _close_triangle(vectors: Sequence[_PlaneVector], squares: Sequence[ca.SX], side: float) -> list[_PlaneVector]:
+    """Return the rotations by y₁ and y₂ that close u + R(y₁) v + R(y₂) w = 0, with the corner on one side of u."""
+    u, v, w = vectors
+    base_squared = u.squared_length()
+    # The law of cosines gives the corner's coordinate along the base u, Pythagoras the one across it. Multiplying by
+    # the squared length of u avoids its square root.
+    along = 0.5 * (squares[1] - squares[0] - base_squared)
+    largest = squares[0] * base_squared
+    across = side * ca.sqrt(ca.fmax(largest - along * along, _FLAT * largest))
+    first = u * _PlaneVector(along / base_squared, across / base_squared)
+    second = first + u
+    return [first * v.conjugate().scale(1 / squares[0]), second * w.conjugate().scale(-1 / squares[1])]
+
+
+def _combine_rotations(turns: Sequence[_PlaneVector], powers: FloatArray) -> _PlaneVector:
+    """Return the rotation by a sum of angles, each counted with its power in `powers` (2,): 1, -1 or 0."""
+    # A unit vector's conjugate turns back.
+    used = [turn if power > 0 else turn.conjugate() for turn, power in zip(turns, powers, strict=True) if round(power)]
+    return used[0] if len(used) == 1 else used[0] * used[1]
+
+
+def _angles_near(turns: Sequence[_PlaneVector], middle: FloatArray) -> AngleTerms:
+    """Return angles within half a turn of their middles, with their cosines and sines."""
+    # Turned back by the middle first, so that the jump of atan2 lies half a turn away from it.
+    away = [
+        rotation * _PlaneVector(ca.SX(np.cos(centre)), ca.SX(-np.sin(centre)))
+        for rotation, centre in zip(turns, middle, strict=True)
+    ]
+    angles = [centre + ca.atan2(rotation.y, rotation.x) for rotation, centre in zip(away, middle, strict=True)]
+    return AngleTerms(
+        *(
+            ca.vertcat(*rotation)
+            for rotation in (angles, [rotation.x for rotation in turns], [rotation.y for rotation in turns])
+        )
+    )
+
+
+def _to_constant(value: ca.SX, driven: ca.SX, q: FloatArray) -> ca.SX:
+    """Return a squared length as a number if the driven joints do not change it, else as it is."""
+    values = _evaluate_at(value, driven, q)
+    return ca.SX(float(values.mean())) if np.ptp(values) < _CONSTANT * values.max() else value
+
+
+def _evaluate_at(value: ca.SX, driven: ca.SX, q: FloatArray) -> FloatArray:
+    """Evaluate an expression SX (k, 1) at driven positions (m, n); returns (m, k)."""
+    values = ca.Function("value", [driven], [ca.densify(value)]).map(len(q))(q.T)
+    return np.asarray(values.full().T, dtype=np.float64)
+
 
 # Postures to recognise triangles by, postures to fit polynomials to, and the error (rad, m) that counts as exact.
 _FEW, _SAMPLES, _EXACT = 200, 3000, 1e-12

@@ -63,22 +63,22 @@ class RegistryEntry:
 
 
 class Registry(Generic[EntryT]):
-    """The registry of all kinds that the modules of a package define, by their names.
+    """The registry of all kinds that a module, or the modules of a package, define, by their names.
 
-    Each class in a file of the package is a kind.
+    Each class in these files is a kind.
 
     Parameters
     ----------
-    package : str
-        Its modules are imported at the first look-up.
+    home : str
+        The module or the package. It is imported at the first look-up.
     base : type
         The base class of every kind.
     what : str
         The name of the request's field, which messages use as the word for one kind.
     """
 
-    def __init__(self, package: str, base: type[object], what: str) -> None:
-        self.package = package
+    def __init__(self, home: str, base: type[object], what: str) -> None:
+        self.home = home
         self.base: type[Any] = base
         self.what = what
 
@@ -86,8 +86,10 @@ class Registry(Generic[EntryT]):
     def by_name(self) -> Mapping[str, type[EntryT]]:
         """The kinds by their names, in their order."""
         kinds: dict[str, type[EntryT]] = {}
-        for module_info in iter_modules(import_module(self.package).__path__):
-            module = import_module(f"{self.package}.{module_info.name}")
+        home = import_module(self.home)
+        # A module has no path; a package has one, and the kinds are in its modules.
+        names = [f"{self.home}.{info.name}" for info in iter_modules(getattr(home, "__path__", []))]
+        for module in (home, *map(import_module, names)):
             # Only classes that the module defines itself: a module may import the base class, or another kind to derive
             # from.
             for value in vars(module).values():

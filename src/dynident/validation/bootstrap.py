@@ -17,8 +17,8 @@ from dynident.estimation import Bootstrap, Drawing, Reduction, Solution, Statist
 from dynident.estimation.block_bootstrap import DRAWS
 from dynident.estimation.uncertainty import FEWEST_CLUSTERS, find_occupied_blocks
 from dynident.identification import Identification
-from dynident.identification.shapes.shape_constants import linearise_shapes
-from dynident.identification.shapes.shape_refinement import list_shape_variables
+from dynident.identification.shape_constants import linearise_shapes
+from dynident.identification.shape_refinement import list_shape_variables
 from dynident.progress import Progress, ignore_progress
 from dynident.validation.outcome import ValidationOutcome
 

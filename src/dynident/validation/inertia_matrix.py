@@ -18,7 +18,7 @@ from dynident.blas_threads import single_threaded
 from dynident.effects import get_effect
 from dynident.estimation.uncertainty import NORMAL_95
 from dynident.identification import Identification
-from dynident.identification.parameters.standard_parameters import draw_postures, get_joint_range
+from dynident.identification.standard_parameters import draw_postures, get_joint_range
 from dynident.progress import Progress, ignore_progress
 from dynident.regressors.model import Model
 from dynident.robot.model import Robot

@@ -12,12 +12,10 @@ from dynident.effects import LINKS
 from dynident.errors import DynidentError
 from dynident.estimation import compute_errors
 from dynident.identification.estimators.feasible import find_nearest_feasible
-from dynident.identification.parameters.standard_parameters import compute_smallest_inertia_eigenvalue
+from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
 from dynident.identification.thresholds import (
     LARGEST_DRIFT,
     LARGEST_ERROR,
-    LARGEST_FORCE,
-    LARGEST_FORCE_ANYWHERE,
     LARGEST_OF_JOINT,
     LARGEST_TO_WEIGH,
     NOTABLE_DRIFT,
@@ -34,6 +32,9 @@ MARKS: dict[State, str] = {"yes": "✓", "limited": "!", "no": "✕", "not_judge
 DIAGNOSE = "Find the missing effects: dynident diagnose MODEL RUN."
 GIVE_RECORDINGS = "Give the held-out recordings of the model."
 """Next steps that several uses have."""
+FACE_CONTACT_FORCE_LIMIT, HAND_CONTACT_FORCE_LIMIT = 65.0, 140.0
+"""N that a face, and a hand or a chest, may bear while they are clamped (ISO/TS 15066:2016, table A.2): a collision
+that shows later than that is seen too late for a person."""
 _GRAVEST_FIRST: tuple[State, ...] = ("no", "not_judged", "limited", "yes")
 
 
@@ -154,14 +155,17 @@ def judge_collision_detection(evidence: HeldOutEvidence, force: DetectableForce 
         f"At {FALSE_ALARMS_AN_HOUR:g} false alarm per hour, a force of {force.force:.3g} N at the tool is detected "
         f"(in {SEEN:.0%} of directions and postures of the held-out motion, {force.seconds:.0f} s)."
     )
-    if force.force > LARGEST_FORCE:
+    if force.force > HAND_CONTACT_FORCE_LIMIT:
         against = (
-            f"{figures} This is above the {LARGEST_FORCE:g} N that a hand can bear: it protects the machine at best."
+            f"{figures} This is above the {HAND_CONTACT_FORCE_LIMIT:g} N that a hand can bear: it protects the machine "
+            "at best."
         )
         return [*findings, UseFinding("no", against, DIAGNOSE)]
-    if force.force > LARGEST_FORCE_ANYWHERE:
+    if force.force > FACE_CONTACT_FORCE_LIMIT:
         findings.append(
-            UseFinding("limited", f"This is more than the {LARGEST_FORCE_ANYWHERE:g} N that a face can bear.", DIAGNOSE)
+            UseFinding(
+                "limited", f"This is more than the {FACE_CONTACT_FORCE_LIMIT:g} N that a face can bear.", DIAGNOSE
+            )
         )
     if not evidence.list_passed("payload"):
         findings.append(

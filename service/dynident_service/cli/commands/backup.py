@@ -34,10 +34,9 @@ def doctor(
     It reads every robot, recording, model and other result as the service does. The service may run at the same time.
     The exit code is 1 if there is a fault that is not repaired.
     """
-    from dynident_service.jobs.stored_file_reader import StoredFilesReader
-    from dynident_service.routes.stored_resource_check import show_resource
+    from dynident_service.cli.stored_resource_checks import StoredFilesReader, show_resource
     from dynident_service.storage import integrity_check as examination
-    from dynident_service.storage.migrate import migrate
+    from dynident_service.storage.database import migrate
 
     wrong: Counter[examination.Trouble] = Counter()
     with (
@@ -117,7 +116,7 @@ def import_robot(
     data_dir: DataDir = None,
 ) -> None:
     """Read a robot with all that belongs to it, under the same ids; existing resources do not change."""
-    from dynident_service.routes.stored_resource_check import check_stored_resource
+    from dynident_service.cli.stored_resource_checks import check_stored_resource
     from dynident_service.storage.bundle import import_robot as read
 
     with open_storage(data_dir, must_exist=False) as (database, objects, scratch):
@@ -135,8 +134,7 @@ def open_storage(
     from dynident_service.problems import ProblemError
     from dynident_service.settings import load_settings
     from dynident_service.storage.data_directory import prepare_data_directory, restrict_file_permissions
-    from dynident_service.storage.database import Database
-    from dynident_service.storage.migrate import migrate
+    from dynident_service.storage.database import Database, migrate
     from dynident_service.storage.objects import ObjectStore
 
     settings = load_settings() if data_dir is None else load_settings(data_dir=data_dir)

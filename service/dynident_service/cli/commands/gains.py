@@ -49,7 +49,7 @@ def currents(
     from dynident.identification.loads.payload_data import PLAIN_EFFECTS
     from dynident_service.adapters.conversion import to_view as in_contract
     from dynident_service.cli import inputs, output, result_tables
-    from dynident_service.models.drive_gains import CurrentModelsResult
+    from dynident_service.wire_types.drive_gains import CurrentModelsResult
 
     machine = inputs.load_robot_argument(robot, reading)
     unknown = all(drive.gain is None for drive in machine.drives)

@@ -53,7 +53,7 @@ def ladder(
     from dynident.errors import DynidentError
     from dynident_service.adapters.identifications import build_steps, compare_ladders
     from dynident_service.cli import inputs, output, result_tables
-    from dynident_service.models.identifications import Lineage
+    from dynident_service.wire_types.identifications import Lineage
 
     identification = inputs.load_model(model)
     other = None if against is None else inputs.load_model(against)
@@ -225,7 +225,7 @@ def identify(
         from dynident_service.adapters.identifications import describe_identification
         from dynident_service.adapters.measurements import show_checks
         from dynident_service.adapters.verdicts import show_verdict
-        from dynident_service.models.common import to_plain_json
+        from dynident_service.wire_types.common import to_plain_json
 
         return {
             **to_plain_json(describe_identification(identification, None)),

@@ -20,7 +20,7 @@ from dynident.diagnosis.search.pruning import prune_findings
 from dynident.diagnosis.search.refine import split_groups
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import get_effect
-from dynident.identification.shapes.shape_search import list_between
+from dynident.identification.shape_search import list_between
 from dynident.progress import Progress
 from dynident.regressors.model import Model
 

@@ -20,7 +20,7 @@ from dynident.diagnosis.search.acceptance import FOUND_AGAIN, compute_stability
 from dynident.diagnosis.search.next_finding import is_seldom_change, select_candidate
 from dynident.diagnosis.search.state import State, score_all
 from dynident.effects import EffectChoice
-from dynident.identification.shapes.shape_search import list_between
+from dynident.identification.shape_search import list_between
 from dynident.regressors.model import Model
 
 # `benchmarks/equal_terms.py` calibrates these; seeds 1 to 3 and 5.

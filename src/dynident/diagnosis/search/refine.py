@@ -28,7 +28,7 @@ from dynident.diagnosis.search.state import Finding, State, estimate_residual_no
 from dynident.effects import EffectChoice, ReferenceParameters, build_columns, get_effect
 from dynident.estimation import EstimationError, weighted
 from dynident.identification import Identification
-from dynident.identification.shapes.shape_search import are_nearly_alike, refine_shapes
+from dynident.identification.shape_search import are_nearly_alike, refine_shapes
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.filtered_rows import reduce_recordings

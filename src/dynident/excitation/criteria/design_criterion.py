@@ -18,7 +18,7 @@ from dynident.excitation.criteria.criterion_values import (
     compute_true_values,
 )
 from dynident.excitation.criteria.parameter_variances import ParameterSelection
-from dynident.excitation.observation.design_model import DesignModel
+from dynident.excitation.design_model import DesignModel
 from dynident.robot.json_fields import join_names, make_pointer
 
 # Of the largest parameter of the same unit: smaller ones cannot be told from zero anyway, and must not rule.

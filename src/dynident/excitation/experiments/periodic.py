@@ -10,17 +10,16 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_values import compute_baseline
 from dynident.excitation.criteria.design_criterion import DesignCriterion
+from dynident.excitation.design_model import DesignModel
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, MotionValues
-from dynident.excitation.observation.design_model import DesignModel
 from dynident.excitation.optimising.augmented_lagrangian import Resumption, optimise_trajectories, read_checkpoint
 from dynident.excitation.optimising.design_problem import Budget, DesignProblem
 from dynident.excitation.optimising.random_trajectories import Candidate, CandidateEvaluator, draw_candidates
 from dynident.excitation.request import DesignRequest, TrajectoryRequest
+from dynident.motion.joint_trajectories import BSplineFamily, Family, FourierFamily, PeriodicMotion
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.motion.limits.margins import AmplitudeScaler, Margin, are_limits_kept, build_limit_error
-from dynident.motion.moves.paths import plan_home_moves
-from dynident.motion.trajectories.motion import Family, PeriodicMotion
-from dynident.motion.trajectories.periodic import BSplineFamily, FourierFamily
+from dynident.motion.move_paths import plan_home_moves
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, scale_progress
 
 # Samples of a period that the reported values are computed from.

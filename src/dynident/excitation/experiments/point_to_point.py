@@ -9,10 +9,10 @@ import numpy as np
 
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_values import compute_baseline
+from dynident.excitation.design_model import DesignModel
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask
-from dynident.excitation.observation.design_model import DesignModel
 from dynident.excitation.optimising.design_problem import Budget
-from dynident.excitation.points.point_sequence import (
+from dynident.excitation.point_sequence import (
     EvaluatedSequence,
     FreePoints,
     MovePlanner,
@@ -21,12 +21,12 @@ from dynident.excitation.points.point_sequence import (
     evaluate_moves,
     improve_sequence,
 )
+from dynident.motion.jerk_limited_moves import move_within_torque
+from dynident.motion.joint_trajectories import Piece, Rest
 from dynident.motion.limits.bounds import ImpossibleLimitsError
 from dynident.motion.limits.margins import Margin, are_limits_kept, build_limit_error, find_tightest
 from dynident.motion.limits.postures import draw_holdable_postures
-from dynident.motion.moves.jerk_limited import move_within_torque
-from dynident.motion.moves.paths import plan_home_moves
-from dynident.motion.trajectories.motion import Piece, Rest
+from dynident.motion.move_paths import plan_home_moves
 from dynident.progress import scale_progress
 
 # Variations that are tried per point of the sequence.

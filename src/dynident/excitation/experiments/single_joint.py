@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.excitation.design_model import DesignModel
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask
-from dynident.excitation.observation.design_model import DesignModel
 from dynident.excitation.request import DesignRequest
+from dynident.motion.jerk_limited_moves import move_within_torque
+from dynident.motion.joint_trajectories import Piece
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, select_moving_joints
 from dynident.motion.limits.margins import are_limits_kept, build_limit_error
-from dynident.motion.moves.jerk_limited import move_within_torque
-from dynident.motion.moves.paths import list_home_candidates, note_home, plan_path
-from dynident.motion.trajectories.motion import Piece
+from dynident.motion.move_paths import list_home_candidates, note_home, plan_path
 from dynident.progress import Progress, ignore_progress, scale_progress
 
 # Of the position range, and at most so far (rad, m).

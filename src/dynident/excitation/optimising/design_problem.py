@@ -13,10 +13,10 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.effects import get_effect
 from dynident.excitation.criteria.criterion_values import Criterion
-from dynident.excitation.observation.design_model import DesignModel, ObservationGradient
-from dynident.excitation.observation.row_models import RowModelName, build_row_model
+from dynident.excitation.design_model import DesignModel, ObservationGradient
+from dynident.excitation.row_models import RowModelName, build_row_model
+from dynident.motion.joint_trajectories import Family
 from dynident.motion.limits.bounds import Bounds
-from dynident.motion.trajectories.motion import Family
 
 
 class Budget:

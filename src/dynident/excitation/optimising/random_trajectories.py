@@ -10,13 +10,13 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.excitation.criteria.criterion_values import CriterionValues
 from dynident.excitation.criteria.design_criterion import DesignCriterion
-from dynident.excitation.observation.design_model import DesignModel
-from dynident.excitation.observation.row_models import RowModelName, build_row_model
+from dynident.excitation.design_model import DesignModel
 from dynident.excitation.optimising.design_problem import count_period_samples
+from dynident.excitation.row_models import RowModelName, build_row_model
+from dynident.motion.joint_trajectories import Family
 from dynident.motion.limits.bounds import Bounds
 from dynident.motion.limits.margins import AmplitudeScaler
 from dynident.motion.limits.postures import draw_holdable_postures
-from dynident.motion.trajectories.motion import Family
 from dynident.progress import Progress, ignore_progress
 
 

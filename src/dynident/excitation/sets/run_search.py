@@ -22,7 +22,7 @@ from dynident.excitation.experiments.point_to_point import select_first_fitting
 from dynident.excitation.optimising.augmented_lagrangian import optimise_trajectories
 from dynident.excitation.optimising.design_problem import Budget, DesignProblem
 from dynident.excitation.optimising.random_trajectories import CandidateEvaluator, draw_candidates
-from dynident.excitation.points.point_sequence import (
+from dynident.excitation.point_sequence import (
     FreePoints,
     MovePlanner,
     PointSequence,
@@ -33,10 +33,10 @@ from dynident.excitation.points.point_sequence import (
     stack_rows,
 )
 from dynident.excitation.sets.named_sets import BetweenTwoPoints, FreeMotion, PlannedRun
+from dynident.motion.joint_trajectories import Piece
 from dynident.motion.limits.bounds import ImpossibleLimitsError, lock_bounds
 from dynident.motion.limits.margins import AmplitudeScaler
 from dynident.motion.limits.postures import draw_holdable_postures
-from dynident.motion.trajectories.motion import Piece
 from dynident.progress import Progress, scale_progress
 
 _KNOWN_BEFORE = 0.02

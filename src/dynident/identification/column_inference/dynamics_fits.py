@@ -1,8 +1,12 @@
-"""Fit a robot's dynamics to the columns of a sample, and check them as the import of the whole file will."""
+"""Fit a robot's dynamics to the columns of a sample, and check them as the import of the whole file will.
+
+The results become guesses and questions of the proposal.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -10,14 +14,17 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_statistics import Sample, fill_gaps
-from dynident.identification.column_inference.proposal import Guess
+from dynident.identification.column_inference.proposal import Guess, Question
+from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
+from dynident.identification.recording_faults.fault_checks import GRAVITY, SCALE
 from dynident.identification.recording_faults.fault_search import measure_unexplained_share
 from dynident.identification.recording_faults.filtered_motion import filter_motion
 from dynident.identification.study.poses import measure_unexplained_at_rest
-from dynident.recordings import Check, JointLimits, RecordedJoints, Recording, recording_from_arrays
+from dynident.recordings import JointLimits, RecordedJoints, Recording, recording_from_arrays
+from dynident.recordings.columns import NOT_RECORDED
 from dynident.recordings.importing import condition_arrays
-from dynident.recordings.metadata import RecordingError
+from dynident.recordings.metadata import COMMANDED, Check, RecordingError
 from dynident.recordings.time_columns import RunLabels
 from dynident.robot import Robot
 
@@ -147,3 +154,94 @@ class PoseFits(DynamicsFits):
         if good.sum() < FEWEST_POSES:
             return None
         return measure_unexplained_at_rest(self.robot, q[good], tau[good])
+
+
+_UNEXPLAINED_LIMIT = 0.5
+"""Unexplained share of an average joint's torque above which the columns are taken for wrong."""
+
+_ASKED_WARNINGS = (GRAVITY, SCALE)
+"""Checks that are asked about although they only warn: what they find makes a model useless."""
+
+_FIELDS = {GRAVITY: "gravity", SCALE: "units/tau", COMMANDED: "effort_kind"}
+"""Fields of the metadata, or of the robot, that checks are about; all other checks are about the columns."""
+
+
+def check_against_dynamics(
+    robot: Robot,
+    fits: DynamicsFits,
+    q: FloatArray,
+    tau: FloatArray,
+    names: tuple[Sequence[str], Sequence[str]],
+    *,
+    in_si: bool,
+    silent: Sequence[int] = (),
+) -> tuple[list[Guess], list[Question]]:
+    """Check columns against a robot's dynamics as the import of the whole file will.
+
+    What that would refuse is asked now.
+
+    Parameters
+    ----------
+    robot : Robot
+        As it was given.
+    fits : DynamicsFits
+        Of the sample.
+    q, tau : (m, n)
+        Positions in rad or m; torques, in N m or N where that is known, which `in_si` says.
+    names : pair of names
+        Of the columns of positions, and of torques.
+    in_si : bool
+        Whether the torques are in N m or N.
+    silent : sequence of int
+        Joints whose torque was not recorded, which is said elsewhere.
+
+    Returns
+    -------
+    tuple of guesses and questions
+    """
+    recording = fits.to_recording(q, tau)
+    examined = None if recording is None else check_recording_faults(robot, recording, *names)
+    # Where the unit is not known yet, the size of the torques says nothing: that is asked together with the unit.
+    wrong = [] if examined is None else [check for check in examined.checks if _is_finding(check, in_si=in_si)]
+    questions = [
+        Question(_FIELDS.get(check.name, "columns"), check.detail, check=check.name)
+        for check in wrong
+        if _is_question(check)
+    ]
+    guesses = [
+        Guess("check", check.name.replace("_", " "), 0.5, check.detail) for check in wrong if not _is_question(check)
+    ]
+    is_commanded = any(check.name == COMMANDED for check in wrong)
+    # A torque that never changes while its joint moves was not recorded, or another column holds it.
+    still = np.setdiff1d(np.flatnonzero((np.ptp(tau, axis=0) == 0) & (np.ptp(q, axis=0) > 0)), silent)
+    if len(still) and not is_commanded:
+        never = ", ".join(names[1][int(joint)] for joint in still)
+        questions.append(
+            Question(
+                "columns/tau",
+                f"{never} never change while the joints move: where is the measured torque? If it was not recorded, "
+                f'say "columns": {{"tau{int(still[0]) + 1}": "{NOT_RECORDED}"}}, or lock the joint.',
+            )
+        )
+    if examined is None or examined.unexplained is None:
+        nothing = "the sample has too little motion to check it with the robot's dynamics"
+        return [*guesses, *([] if is_commanded else [Guess("check", "none", 0.5, nothing)])], questions
+    unexplained = examined.unexplained
+    worst = robot.joint_names[int(np.argmax(unexplained.joints))]
+    reason = (
+        f"share of the torque that the robot's dynamics do not explain, as the mean over the joints; for {worst} "
+        f"{unexplained.worst_share:.0%}"
+    )
+    if unexplained.average_share < _UNEXPLAINED_LIMIT and not wrong:
+        return [*guesses, Guess("check", f"{unexplained.average_share:.0%} left", 0.9, reason)], questions
+    # The most probable cause comes first, before all other guesses.
+    cause = f"; most probably: {wrong[0].detail}" if wrong else ""
+    return [Guess("check", f"{unexplained.average_share:.0%} left", 0.4, f"{reason}{cause}"), *guesses], questions
+
+
+def _is_finding(check: Check, *, in_si: bool) -> bool:
+    return check.status != "ok" and (in_si or check.name != SCALE)
+
+
+def _is_question(check: Check) -> bool:
+    return check.status == "error" or check.name in _ASKED_WARNINGS

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.identification.column_inference import dynamics_fits
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.clock import (
     TOGETHER,
@@ -36,7 +37,6 @@ from dynident.identification.column_inference.column_statistics import (
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits, condition_sample
 from dynident.identification.column_inference.effort_kind import NO_MEASUREMENT, ask_for_gains, classify_effort
 from dynident.identification.column_inference.proposal import Proposal, Question
-from dynident.identification.column_inference.robot_check import check_against_dynamics
 from dynident.identification.column_inference.unnamed_columns import (
     UnnamedColumns,
     assign_torques,
@@ -488,7 +488,7 @@ class _ColumnInference(WorkingProposal):
         """Check the columns against the robot's dynamics; where much is unexplained, that comes first."""
         positions = [self.columns[f"q{joint + 1}"] for joint in range(self.robot.n)]
         torques = [self.sample.names[column] for column in effort.columns]
-        guesses, questions = check_against_dynamics(
+        guesses, questions = dynamics_fits.check_against_dynamics(
             self.described_robot, self.fits, q, tau, (positions, torques), in_si=in_si, silent=self.silent
         )
         # Only where much is unexplained: else the guess about the dynamics stands with the others.

@@ -27,9 +27,9 @@ from dynident.identification.estimators.feasible_problem import (
     build_standard_prior,
 )
 from dynident.identification.fit import Fit
-from dynident.identification.parameters.standard_parameters import StandardParameters, find_bodies
 from dynident.identification.problem import Problem
 from dynident.identification.problem_options import DescriptionTrust
+from dynident.identification.standard_parameters import StandardParameters, find_bodies
 from dynident.regressors.model import Model
 
 _ROUNDS = 20

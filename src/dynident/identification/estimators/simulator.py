@@ -17,7 +17,7 @@ from dynident.array_types import FloatArray
 from dynident.effects import Column, get_effect, get_role
 from dynident.effects.prediction import ROTOR_INERTIA
 from dynident.errors import DynidentError
-from dynident.identification.parameters.standard_parameters import compute_smallest_inertia_eigenvalue
+from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock, filtered_blocks
 from dynident.recordings.stored_rows import replace_by_command

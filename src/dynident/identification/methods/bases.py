@@ -149,8 +149,9 @@ class Prior(RegistryEntry):
     of_bodies: ClassVar[bool] = False
 
 
-# Each registry finds its kinds in the files of one package, and imports these only when the first kind is asked for.
+# Each registry finds its kinds in one module, or in the modules of one package, and imports these only when the first
+# kind is asked for.
 ESTIMATORS: Registry[Estimator] = Registry(f"{_HOME}.estimators", Estimator, "estimator")
-STRATEGIES: Registry[Strategy] = Registry(f"{_HOME}.strategies", Strategy, "strategy")
-MODELS: Registry[EquationType] = Registry(f"{_HOME}.models", EquationType, "model")
-PRIORS: Registry[Prior] = Registry(f"{_HOME}.priors", Prior, "prior")
+STRATEGIES: Registry[Strategy] = Registry(f"{_HOME}.solution_order", Strategy, "strategy")
+MODELS: Registry[EquationType] = Registry(f"{_HOME}.equation_types", EquationType, "model")
+PRIORS: Registry[Prior] = Registry(f"{_HOME}.description_priors", Prior, "prior")

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from dynident.errors import DynidentError
 from dynident.identification.choices import IdentificationChoices
+from dynident.identification.description_prior import add_prior_warning
 from dynident.identification.estimators.feasible import move_where_free
 from dynident.identification.fit import Fit
-from dynident.identification.prior.description_prior import add_prior_warning
 from dynident.identification.problem import Problem
 
 

@@ -31,8 +31,8 @@ from dynident.estimation.parameter_correlation import (
     find_collinearity,
 )
 from dynident.identification.choices import EssentialChoices
-from dynident.identification.parameters.standard_parameters import compute_smallest_inertia_eigenvalue
-from dynident.identification.shapes.shape_constants import linearise_shapes
+from dynident.identification.shape_constants import linearise_shapes
+from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
 from dynident.identification.study.result import Estimate, Identification
 from dynident.schema.fields import check_ranges
 

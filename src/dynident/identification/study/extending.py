@@ -12,7 +12,7 @@ from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.identification.equations.checks import check_recordings, check_runs, check_temperature
 from dynident.identification.equations.reduce_data import reduce_torque, split_friction_tests
-from dynident.identification.shapes.shape_search import check_shapes_given, complete_shapes
+from dynident.identification.shape_search import check_shapes_given, complete_shapes
 from dynident.identification.study.fit_model import identify_model
 from dynident.identification.study.held_out_gain import (
     SURE_T,

@@ -22,6 +22,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, estimate_reversal_weights, weighted
 from dynident.estimation.least_squares import compute_fitted_errors
 from dynident.identification.choices import IdentificationChoices
+from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.checks import (
     check_joint_torques,
     check_recordings,
@@ -31,8 +32,7 @@ from dynident.identification.equations.checks import (
 )
 from dynident.identification.equations.model_equations import find_constants
 from dynident.identification.equations.reduce_data import split_friction_tests
-from dynident.identification.prior.description_prior import build_prior
-from dynident.identification.shapes.shape_search import check_shapes_given, complete_shapes, lacks_shape
+from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
 from dynident.identification.study.fit_model import identify_model
 from dynident.identification.study.poses import are_poses, identify_poses
 from dynident.identification.study.result import Identification

@@ -19,7 +19,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS, STRATEGIES
-from dynident.identification.shapes.shape_refinement import list_shape_variables
+from dynident.identification.shape_refinement import list_shape_variables
 from dynident.identification.study.fit_model import SubmodelRelation, finalise_identification
 from dynident.identification.study.result import NONE_IN_MEMORY, Identification, LadderStep
 from dynident.regressors.base_parameters import find_base_parameters_among

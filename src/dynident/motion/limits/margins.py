@@ -13,9 +13,9 @@ from dynident.array_types import FloatArray
 from dynident.motion.collision.constraint_slack import LoopConstraints, word_singularity
 from dynident.motion.collision.contacts import Approach
 from dynident.motion.collision.free_space import FreeSpace, word_contact
+from dynident.motion.joint_trajectories import Family, Motion
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, TorqueModel
 from dynident.motion.limits.postures import CENTRAL_SHARE
-from dynident.motion.trajectories.motion import Family, Motion
 
 # Twelve halvings give the amplitude to a four-thousandth.
 _BISECTIONS = 12

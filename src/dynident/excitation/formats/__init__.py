@@ -1,1 +1,0 @@
-"""A design as files and documents."""

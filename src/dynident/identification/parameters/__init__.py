@@ -1,1 +1,0 @@
-"""Parameters of a model: the bodies that they belong to, standard parameters, and judgements of estimates."""

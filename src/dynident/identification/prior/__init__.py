@@ -1,1 +1,0 @@
-"""Prior knowledge of a model's parameters, from the robot's description."""

@@ -1,1 +1,0 @@
-"""Shape constants inside an effect's columns: search, refinement, and their uncertainty."""

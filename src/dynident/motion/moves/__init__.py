@@ -1,1 +1,0 @@
-"""Moves from rest to rest, paths around obstacles, and home postures."""

@@ -1,1 +1,0 @@
-"""Motions over time: what a motion is, and families of periodic ones."""

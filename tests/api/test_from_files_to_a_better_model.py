@@ -1,0 +1,252 @@
+"""Eight lines from files to a better model, and each of them the same as the library's own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.small_arm_files import write_run
+
+import dynident as dy
+from dynident import diagnosis, identification
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+
+EIGHT_LINES = """
+import dynident as dy
+robot = dy.load_robot("arm.urdf")
+runs = dy.read_recordings("run1.csv", "run2.csv", robot=robot)
+model = dy.identify(robot, runs[:1], validation=runs[1:])
+found = dy.diagnose(model, runs[:1]); better = model.extend(found)
+better.plot(); better.parameters.to_frame(); better.save("arm.npz")
+print(found.summary, model.held_out.relative_total > 4 * better.held_out.relative_total)
+"""
+
+
+def test_the_eight_lines_find_the_missing_effect_and_halve_the_error_twice(desk: Path) -> None:
+    pytest.importorskip("pandas")
+    ended = subprocess.run(
+        [sys.executable, "-c", EIGHT_LINES], cwd=desk, env={**os.environ}, capture_output=True, text=True, timeout=300
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert "Stribeck friction on shoulder" in ended.stdout
+    assert ended.stdout.strip().endswith("True")
+    assert (desk / "arm.npz").is_file()
+
+
+def test_a_model_is_that_of_the_library(model: dy.Model, robot: dy.Robot, runs: dy.Recordings) -> None:
+    same = identification.identify(robot, runs[:1].recordings, runs[1:].recordings)
+    np.testing.assert_array_equal(model.identification.values, same.values)
+    assert [one.name for one in model.parameters] == [one.name for one in same.parameters]
+    assert model.held_out is not None
+    assert same.held_out is not None
+    assert model.held_out.relative_total == same.held_out.relative_total
+
+
+def test_a_diagnosis_looks_at_what_the_model_was_identified_from(found: dy.DiagnosedModel, model: dy.Model) -> None:
+    same = diagnosis.diagnose(model.identification, model.recordings.recordings)
+    assert found.summary == same.summary
+    assert found.recommended == same.recommended
+    assert (found.unknown, found.not_visible) == (same.unknown, same.not_visible)
+    assert found.recordings.names == ("run1",)
+
+
+def test_extending_by_a_diagnosis_is_extending_by_what_it_recommends(
+    better: dy.Model, model: dy.Model, found: dy.DiagnosedModel, runs: dy.Recordings
+) -> None:
+    same = identification.extend(model.identification, found.recommended, runs[:1].recordings, runs[1:].recordings)
+    np.testing.assert_array_equal(better.identification.values, same.values)
+    assert better.effects == same.choices.effects
+    assert len(better.ladder) == 2
+    assert better.ladder[0].identification is model.identification
+
+
+@pytest.mark.parametrize("kind", ["library diagnosis", "ranked effect", "choice", "text"])
+def test_a_model_takes_whatever_says_which_effect(
+    kind: str, better: dy.Model, model: dy.Model, found: dy.DiagnosedModel
+) -> None:
+    choice = found.recommended[0]
+    shape = ",".join(f"{name}={value!r}" for name, value in choice.shape)
+    what = {
+        "library diagnosis": found.diagnosis,
+        "ranked effect": found.candidates[0],
+        "choice": choice,
+        "text": f"stribeck@shoulder:{shape}",
+    }[kind]
+    np.testing.assert_allclose(model.extend(what).identification.values, better.identification.values, rtol=1e-9)
+
+
+def test_effects_that_were_added_can_be_removed_again(better: dy.Model, model: dy.Model) -> None:
+    without = better.remove("stribeck@shoulder")
+    assert without.effects == model.effects
+    np.testing.assert_allclose(without.identification.values, model.identification.values, rtol=1e-6, atol=1e-6)
+    assert [rung.identification.model.n_parameters for rung in without.ladder] == [19, 20, 19]
+
+
+def test_effects_can_be_written_when_identifying(robot: dy.Robot, runs: dy.Recordings) -> None:
+    made = dy.identify(robot, runs[0], effects=["default", "offset@elbow"], estimator="ols")
+    assert made.effects[-1] == EffectChoice("offset", ("elbow",))
+    assert made.identification.choices.estimator == "ols"
+    assert made.held_out is None
+
+
+def test_what_is_chosen_beside_the_choices_wins(robot: dy.Robot, runs: dy.Recordings) -> None:
+    choices = dy.IdentificationChoices(estimator="ols", covariance="by_joint")
+    made = dy.identify(robot, runs[0], choices=choices, estimator="irls").identification
+    assert (made.choices.estimator, made.choices.covariance) == ("irls", "by_joint")
+
+
+def test_a_saved_model_comes_back_the_same(better: dy.Model, runs: dy.Recordings, tmp_path: Path) -> None:
+    better.save(tmp_path / "arm.npz")
+    again = dy.load_model(tmp_path / "arm.npz")
+    np.testing.assert_array_equal(again.identification.values, better.identification.values)
+    assert [one.name for one in again.parameters] == [one.name for one in better.parameters]
+    assert len(again.ladder) == 2
+    assert not again.recordings
+    assert again.with_data(runs[:1], runs[1:]).recordings.names == ("run1",)
+
+
+def test_a_model_out_of_a_file_is_extended_once_it_has_its_data(
+    model: dy.Model, better: dy.Model, found: dy.DiagnosedModel, runs: dy.Recordings, tmp_path: Path
+) -> None:
+    model.save(tmp_path / "arm.npz")
+    again = dy.load_model(tmp_path / "arm.npz")
+    with pytest.raises(dy.DynidentError, match=r"run1.*model\.with_data"):
+        again.extend(found)
+    with pytest.raises(dy.DynidentError, match=r"run1.*model\.with_data"):
+        dy.diagnose(again)
+    grown = again.with_data(runs[:1], runs[1:]).extend(found)
+    np.testing.assert_allclose(grown.identification.values, better.identification.values, rtol=1e-7, atol=1e-9)
+
+
+def test_the_data_that_a_model_is_given_are_those_that_it_was_identified_from(
+    model: dy.Model, runs: dy.Recordings
+) -> None:
+    with pytest.raises(dy.DynidentError, match=r"identified from run1; these recordings are run2"):
+        model.with_data(runs[1:])
+    with pytest.raises(dy.DynidentError, match=r"validated on run2; these recordings are run1"):
+        model.with_data(runs[:1], runs[:1])
+
+
+def test_a_changed_joint_is_found_between_two_days(desk: Path, model: dy.Model, runs: dy.Recordings) -> None:
+    today = dy.read_recordings(desk / "today.csv", robot=model.robot)
+    found = dy.changes(model, before=runs, after=today)
+    # Whatever changed, what the friction of each joint did is told.
+    assert [one.joint for one in found.diagnosis.friction] == list(model.robot.joint_names)
+    assert "friction of" in repr(found)
+    assert "friction of" in found._repr_html_()
+    first = found[0]
+    assert (first.choice.effect, first.choice.joints) == ("coulomb", ("elbow",))
+    assert first.main.interval[0] < 1.5 < first.main.interval[1]
+    same = diagnosis.diagnose(model.identification, today.recordings, baseline=runs.recordings)
+    assert found.items == same.changes
+    assert "elbow" in repr(found)
+
+
+def test_a_recording_on_both_sides_is_refused(model: dy.Model, runs: dy.Recordings) -> None:
+    with pytest.raises(dy.DynidentError, match="run2 is among the earlier and the later recordings"):
+        dy.changes(model, before=runs, after=runs[1:])
+
+
+def test_a_comparison_is_that_of_the_library(better: dy.Model, runs: dy.Recordings) -> None:
+    compared = dy.compare(better, runs)
+    direct = diagnosis.compare(better.identification, runs["run2"].recording)
+    assert compared["run2"].comparison.errors.relative_total == direct.errors.relative_total
+    assert [item.name for item in compared[:1]] == ["run1"]
+
+
+def test_a_comparison_tells_a_motion_that_only_repeats_what_was_learnt(
+    desk: Path, better: dy.Model, runs: dy.Recordings, tmp_path: Path
+) -> None:
+    (tmp_path / "again.csv").write_bytes((desk / "run1.csv").read_bytes())
+    again = dy.read_recordings(tmp_path / "again.csv", robot=better.robot)
+    assert any("repeats the motion of run1" in note for note in dy.compare(better, again)[0].judgement.notes)
+    for other in dy.compare(better, runs):
+        assert not any("repeats the motion of" in note for note in other.judgement.notes)
+
+
+def test_validations_say_which_of_them_was_not_possible(better: dy.Model) -> None:
+    tried = dy.validate(better)
+    assert [one.verdict for one in tried] == ["pass", "pass", "pass"]
+    assert tried.verdict == "pass"
+    alone = dy.validate(dy.Model(better.identification))
+    assert [one.verdict for one in alone] == ["not_evaluated", "not_evaluated", "pass"]
+    assert dy.validate(better, limit=1e-6).verdict == "fail"
+
+
+def test_a_report_is_one_page_with_the_diagnosis_in_it(
+    better: dy.Model, found: dy.DiagnosedModel, tmp_path: Path
+) -> None:
+    page = dy.report(better, diagnosis=found, validations=dy.validate(better), title="My arm")
+    page.save(tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert text.count("My arm") >= 1
+    assert "Stribeck friction" in text
+    assert "cross: on data that no parameter saw" in text
+    page.save(tmp_path / "report.pdf")
+    assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+    with pytest.raises(DynidentError, match=r"report\.txt; the file name must end in \.html or \.pdf"):
+        page.save(tmp_path / "report.txt")
+
+
+def test_a_design_is_the_one_asked_for_and_goes_to_a_file(robot: dy.Robot, tmp_path: Path) -> None:
+    made = dy.design(
+        robot, dy.DesignRequest(seed=3), kind="random", duration=5.0, sampling_rate=50.0, effects="default,offset"
+    )
+    assert made.design.request.trajectory.duration == 5.0
+    assert made.design.request.effects_or_default[-1].effect == "offset"
+    for ending in ("csv", "parquet", "yaml"):
+        made.save(tmp_path / f"motion.{ending}")
+    head = (tmp_path / "motion.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert head.startswith("t,q_shoulder")
+    assert "joint_names" in (tmp_path / "motion.yaml").read_text(encoding="utf-8")
+
+
+def test_a_design_of_a_diagnosis_that_proposes_none_is_refused(robot: dy.Robot, found: dy.DiagnosedModel) -> None:
+    assert found.next_experiment is None
+    with pytest.raises(dy.DynidentError, match="proposes no experiment"):
+        dy.design(robot, found)
+
+
+def test_a_robot_is_followed_over_days_and_one_more_day_is_added_to_those_before(
+    desk: Path, model: dy.Model, runs: dy.Recordings
+) -> None:
+    today = dy.read_recordings(desk / "today.csv", robot=model.robot)
+    both = dy.series(model, {"monday": runs["run1"], "tuesday": runs["run2"]})
+    assert list(both) == []
+    three = both.and_then([today])
+    assert three.series.days == ("monday", "tuesday", "today")
+    coulomb = next(one for one in three if one.change.choice.effect == "coulomb")
+    assert (coulomb.change.choice.joints, coulomb.since) == (("elbow",), 2)
+    low, high = coulomb.change.main.interval
+    assert low <= 1.5 <= high
+    once = dy.series(model, [runs[0], runs[1], today])
+    for one, other in zip(once.series.courses, three.series.courses, strict=True):
+        np.testing.assert_allclose(one.values, other.values)
+    frame = three.to_frame()
+    assert set(frame["day"]) == {"monday", "tuesday", "today"}
+    assert "<svg" in three.plot().svg
+    assert "today" in repr(three)
+
+
+def test_days_without_recordings_are_refused(model: dy.Model, runs: dy.Recordings) -> None:
+    with pytest.raises(dy.DynidentError, match="at least two days"):
+        dy.series(model, [runs])
+    with pytest.raises(dy.DynidentError, match="at least one recording") as refused:
+        dy.series(model, {"monday": runs, "tuesday": runs[:0]})
+    assert "tuesday" in refused.value.pointer
+
+
+def test_what_is_no_change_of_the_catalogue_is_not_told_as_one_that_may_be_nothing(
+    desk: Path, robot: dy.Robot, runs: dy.Recordings
+) -> None:
+    write_run(desk / "worn.csv", 4, stribeck=12.0)
+    worn = dy.read_recordings(desk / "worn.csv", robot=robot)
+    model = dy.identify(robot, runs[:1], validation=runs[1:], effects="default,stribeck@shoulder:vs=0.2")
+    for change in dy.changes(model, before=runs, after=worn):
+        low, high = change.main.interval
+        assert low * high > 0

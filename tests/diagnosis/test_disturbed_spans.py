@@ -1,0 +1,176 @@
+"""Spans that something outside the model disturbed are found, explained and left out before any physics is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from support.hidden_effects import WITH_OFFSET
+from support.oracles import FloatArray, arm, fourier_motion, pinocchio_torque, record
+
+from dynident.diagnosis import Diagnosis, diagnose
+from dynident.estimation import FactorAccumulator, find_outlying_spans
+from dynident.identification import Identification, IdentificationChoices, extend, identify
+from dynident.recordings import Recording
+from dynident.robot import Robot, to_pinocchio
+from dynident.verdict import verdict
+
+RATE, DURATION = 200.0, 24.0
+
+
+def case(seed: int, disturb) -> tuple[Recording, Identification, tuple[float, float]]:
+    """A run of an arm in which something acts from a random time on for a random while, and the model from it."""
+    rng = np.random.default_rng(seed)
+    robot = arm(("ur10", "franka_panda", "crooked")[seed % 3])
+    motion = fourier_motion(robot, DURATION, RATE, seed)
+    effort = np.array([joint.limits.effort for joint in robot.joints])
+    friction = 0.03 * effort * (np.sign(motion.dq) + motion.dq)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + friction + 0.002 * effort * motion.ddq
+    length = rng.uniform(1.0, 4.0)
+    start = rng.uniform(2.0, DURATION - length - 2.0)
+    inside = (motion.t >= start) & (motion.t <= start + length)
+    tau = disturb(robot, motion, tau, inside, rng) + 0.002 * effort * rng.normal(size=tau.shape)
+    recording = record(robot, motion, tau, "run")
+    return recording, identify(robot, [recording], [], IdentificationChoices(WITH_OFFSET)), (start, start + length)
+
+
+def pushed(robot: Robot, motion, tau: FloatArray, inside, rng) -> FloatArray:
+    """A constant force at a point of one of the outer links."""
+    model = to_pinocchio(robot)
+    data, link = model.createData(), int(rng.integers(3, robot.n + 1))
+    force, point = rng.normal(size=3), rng.uniform(-0.08, 0.08, 3)
+    force *= rng.uniform(20.0, 50.0) / np.linalg.norm(force)
+    for k in np.flatnonzero(inside):
+        pin.computeJointJacobians(model, data, motion.q[k])
+        jacobian = pin.getJointJacobian(model, data, link, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        arm_of_force = data.oMi[link].rotation @ point
+        tau[k] -= jacobian.T @ np.concatenate([force, np.cross(arm_of_force, force)])
+    return tau
+
+
+def untouched(robot: Robot, motion, tau: FloatArray, inside, rng) -> FloatArray:
+    return tau
+
+
+def held_by_a_brake(robot: Robot, motion, tau: FloatArray, inside, rng) -> FloatArray:
+    tau[inside, 1] = 0.0
+    return tau
+
+
+def late(robot: Robot, motion, tau: FloatArray, inside, rng) -> FloatArray:
+    moved = np.column_stack([np.interp(motion.t - 0.1, motion.t, column) for column in tau.T])
+    return np.where(inside[:, None], moved, tau)
+
+
+def weighted_down(robot: Robot, motion, tau: FloatArray, inside, rng) -> FloatArray:
+    heavier = robot.inertias.copy()
+    heavier[-1, 9] += 2.0
+    heavy = Robot(robot.name, robot.joints, robot.gravity, robot.drives, robot.description, heavier)
+    more = pinocchio_torque(heavy, motion.q, motion.dq, motion.ddq)
+    more -= pinocchio_torque(robot, motion.q, motion.dq, motion.ddq)
+    return tau + np.where(inside[:, None], more, 0.0)
+
+
+def shaken(robot: Robot, motion, tau: FloatArray, inside, rng) -> FloatArray:
+    effort = np.array([joint.limits.effort for joint in robot.joints])
+    return tau + 0.1 * effort * rng.normal(size=tau.shape) * inside[:, None]
+
+
+def said(found: Diagnosis) -> str:
+    """The first sentence."""
+    return found.summary.partition(". ")[0].partition(": leave")[0]
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("seed", [*range(6), *(pytest.param(k, marks=pytest.mark.thorough) for k in range(6, 18))])
+def test_a_push_is_named_with_its_seconds_and_nothing_else_is(seed):
+    recording, model, (start, end) = case(seed, pushed)
+    found = diagnose(model, [recording])
+    (choice,) = found.recommended
+    assert choice.effect == "external_contact"
+    assert choice.shape_values["t0"] == pytest.approx(start, abs=0.4)
+    assert choice.shape_values["t1"] == pytest.approx(end, abs=0.4)
+    assert said(found).startswith(f"From {choice.shape_values['t0']:.1f} to {choice.shape_values['t1']:.1f} s of run ")
+    assert "an external force" in said(found)
+    grown = extend(model, found.recommended, [recording])
+    assert grown.fit.relative_total < 0.5 * model.fit.relative_total
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("seed", range(30, 36))
+def test_nothing_is_said_of_an_arm_that_nothing_touched(seed):
+    recording, model, _ = case(seed, untouched)
+    assert not any("something else acted" in warning for warning in model.warnings)
+    found = diagnose(model, [recording])
+    assert (found.recommended, found.unknown) == ((), ())
+    assert not found.summary.startswith("From")
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize(
+    ("disturb", "cause"),
+    [
+        (held_by_a_brake, "hardly changes: the drives were off, or the brakes were engaged"),
+        (late, "ms late: a clock jumped"),
+        (shaken, "no force on one link explains it"),
+    ],
+)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_is_no_push_is_described_and_left_out(disturb, cause, seed):
+    recording, model, (start, end) = case(seed, disturb)
+    found = diagnose(model, [recording])
+    assert found.recommended == ()
+    assert [pattern.variable for pattern in found.unknown] == ["time"]
+    sentence = said(found)
+    assert cause in sentence
+    first, last = (float(word) for word in sentence.removeprefix("From ").split(" s of ")[0].split(" to "))
+    assert (first, last) == (pytest.approx(start, abs=0.5), pytest.approx(end, abs=0.5))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_a_load_that_is_carried_for_a_while_is_given_with_its_mass(seed):
+    recording, model, _ = case(seed, weighted_down)
+    sentence = said(diagnose(model, [recording]))
+    assert "it carried about" in sentence
+    assert float(sentence.rpartition("about ")[2].removesuffix(" kg")) == pytest.approx(2.0, rel=0.4)
+
+
+def test_an_identification_and_its_verdict_say_that_seconds_stand_out():
+    _, model, (start, end) = case(0, pushed)
+    (warning,) = [one for one in model.warnings if "something else acted" in one]
+    first, last = (float(word) for word in warning.removeprefix("From ").split(" s of ")[0].split(" to "))
+    # Of the stretches that factors are kept for.
+    assert start - 2.5 < first < start + 0.1
+    assert end - 0.1 < last < end + 2.5
+    steps = verdict(model).next_steps
+    assert any(f"{first:.1f} to {last:.1f} s" in step for step in steps)
+
+
+def reduction(rows: int, bad: slice, seed: int = 0, breaks: tuple[int, ...] = ()):
+    """Equations of noise one, and ten in some rows, in stretches of a second; time starts anew at every break."""
+    rng = np.random.default_rng(seed)
+    w = rng.normal(size=(rows, 5))
+    y = w @ np.arange(1.0, 6.0) + rng.normal(size=rows)
+    y[bad] += 10.0 + 10.0 * w[bad, 0]
+    folded = FactorAccumulator([np.arange(5)], 5, 0.999)
+    for part in np.split(np.arange(rows), breaks):
+        folded.push(0.02 * (part - part[0]), [np.column_stack([w, y])[part]])
+        folded.end_block()
+    return folded.finish()
+
+
+def test_spans_that_stand_out_are_found_with_parameters_that_they_did_not_shift():
+    found = find_outlying_spans(reduction(2000, slice(500, 650)))
+    (span,) = found.spans
+    assert (span.start, span.end) == (pytest.approx(10.0, abs=1.0), pytest.approx(13.0, abs=1.0))
+    assert span.ratio > 50
+    np.testing.assert_allclose(found.values, np.arange(1.0, 6.0), atol=0.1)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_has_no_spans_that_stand_out(seed):
+    assert find_outlying_spans(reduction(1000, slice(0, 0), seed)).spans == ()
+
+
+def test_a_whole_run_that_differs_from_others_is_no_span():
+    assert find_outlying_spans(reduction(2000, slice(500, 1000), breaks=(500, 1000, 1500))).spans == ()

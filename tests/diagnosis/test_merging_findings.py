@@ -1,0 +1,57 @@
+"""Two findings over one joint's position become one where a single curve says as much; not where they are two."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.hidden_effects import BAND, NAMES, ROBOT, on_joint, recorded
+from support.oracles import fourier_motion
+
+from dynident.diagnosis.candidates.pool import build_pool_of_choices
+from dynident.diagnosis.search.forward_selection import merge_findings
+from dynident.diagnosis.search.refine import RecordedSource
+from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
+from dynident.effects import EffectChoice, get_effect
+from dynident.identification import IdentificationChoices, identify
+
+JOINT = (NAMES[1],)
+
+
+def balancer(q, v, load):
+    x = q + 0.9
+    return 40.0 * np.sin(x) * (1.0 - 0.6 / np.sqrt(1.0 + 0.25**2 + 0.5 * np.cos(x)))
+
+
+def offset_and_ripple(q, v, load):
+    return 3.0 + 1.5 * np.sin(12.0 * q + 0.3)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "k", "names"),
+    [
+        (balancer, 2.0, ["gravity_compensator"]),
+        (offset_and_ripple, 12.0, ["offset", "torque_ripple"]),
+    ],
+)
+def test_of_an_offset_and_a_wave_one_spring_remains_where_it_says_both(hidden, k, names):
+    motion = fourier_motion(ROBOT, 40.0, 200.0, 311, base_frequency=0.1, harmonics=4, amplitude=1.2, fastest=1.5)
+    recording = recorded(motion, on_joint(1, hidden), 3, "curves")
+    model = identify(ROBOT, [recording], [], IdentificationChoices(preprocessing=BAND))
+    grid = [tuple(sorted(shape.items())) for shape in get_effect("gravity_compensator").grid(ROBOT, 1)]
+    two = [EffectChoice("offset", JOINT), EffectChoice("torque_ripple", JOINT, (("k", k),))]
+    pool = build_pool_of_choices(
+        model.model, [*two, *(EffectChoice("gravity_compensator", JOINT, shape) for shape in grid)]
+    )
+    rows = RecordedSource(model.model, (recording,), model.preprocessing, model.estimate.next_reference())
+    data = rows.gather_products(pool)
+    base = tuple(range(pool.n_base))
+    state = State(base, estimate_residual_noise(data, base), np.full(6, 0.05), ())
+    for choice in two:
+        (judged,) = score_all(data, pool, state.base, [pool.find_candidate(choice)], state.noise)
+        found = Finding(judged, (), 1e-4)
+        state = replace(state, base=state.base + found.columns, picks=(*state.picks, found))
+    after = merge_findings(rows, data, pool, state)
+    assert [pick.judged.candidate.effect for pick in after.picks] == names
+    assert set(after.base) == {*base, *(k for pick in after.picks for k in pick.columns)}

@@ -1,0 +1,90 @@
+"""Findings that are taken back: what is left is more than they explained, or the same kind of function."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.hidden_effects import NAMES, ROBOT, compared, experiment
+
+from dynident.diagnosis.ambiguities import find_misnamed, is_only_helpful_at_first
+from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.result import UnknownPattern, Variable
+from dynident.diagnosis.search.state import Finding
+from dynident.effects import EffectChoice
+
+JOINT = 2
+
+
+def picked(effect: str, removed: float, joints: tuple[int, ...] = (JOINT,)) -> Finding:
+    """A finding on one joint that removed so much squared error of each of `joints`."""
+    n, one = ROBOT.n, np.zeros((10, ROBOT.n))
+    before = one.copy()
+    before[:, list(joints)] = removed / 10
+    candidate = Candidate(effect, (NAMES[JOINT],), (), (0,))
+    judged = ScoredCandidate(
+        candidate, joints, before, one, 0.5, 0.5, 9.0, np.ones(10), 1.0, np.ones(1), 1.0, np.ones(n), np.ones(10)
+    )
+    return Finding(judged, (), 1e-9)
+
+
+def taken_back(effect: str, share: float, variable: Variable, *, at: int = JOINT, joints=(JOINT,)) -> bool:
+    """Whether a finding is taken back that removed as much as is left in all, of which a share has a pattern."""
+    final = compared()
+    left = float((final.counted_residual[:, at] ** 2).sum())
+    pattern = UnknownPattern(NAMES[at], variable, share)
+    finding = picked(effect, left, joints)
+    return find_misnamed([finding], [EffectChoice(effect, (NAMES[JOINT],))], [pattern], [final]) == [0]
+
+
+@pytest.mark.parametrize("variable", ["position", "other_joints"])
+def test_a_spring_is_taken_back_where_another_function_of_the_position_is_left(variable):
+    assert taken_back("joint_spring", 0.2, variable)
+    assert not taken_back("joint_spring", 0.1, variable)
+
+
+def test_a_spring_is_kept_where_what_is_left_depends_on_something_else():
+    assert not taken_back("joint_spring", 0.9, "velocity")
+
+
+def test_friction_is_taken_back_only_where_it_left_more_than_it_explained():
+    assert not taken_back("presliding", 1.0, "acceleration")
+    final = compared()
+    left = float((final.counted_residual[:, JOINT] ** 2).sum())
+    pattern = UnknownPattern(NAMES[JOINT], "acceleration", 0.9)
+    small = picked("presliding", 0.5 * left)
+    assert find_misnamed([small], [EffectChoice("presliding", (NAMES[JOINT],))], [pattern], [final]) == [0]
+
+
+def test_a_cable_is_judged_on_both_of_its_joints():
+    assert taken_back("cable_force", 0.3, "position", at=JOINT + 1, joints=(JOINT, JOINT + 1))
+    assert not taken_back("cable_force", 0.3, "position", at=JOINT + 2, joints=(JOINT, JOINT + 1))
+
+
+def test_a_group_of_friction_is_not_taken_back_for_one_of_its_joints():
+    final = compared()
+    finding = picked("presliding", 1e-9)
+    group = (NAMES[JOINT], NAMES[JOINT + 1])
+    finding = replace(finding, judged=replace(finding.judged, joints=(JOINT, JOINT + 1)))
+    pattern = UnknownPattern(NAMES[JOINT], "acceleration", 0.9)
+    assert find_misnamed([finding], [EffectChoice("presliding", group)], [pattern], [final]) == []
+
+
+@pytest.mark.parametrize(
+    ("effect", "share", "others", "only_at_first"),
+    [
+        ("drive_gain_saturation", 0.9, 1.0, False),
+        ("drive_gain_saturation", 0.97, 1.0, True),
+        ("drive_gain_saturation", 0.9, 1.1, True),
+        ("stribeck", 1.2, 1.0, False),
+    ],
+)
+def test_what_a_predicted_torque_explains_is_kept_where_the_model_identified_with_it_explains_it_too(
+    effect: str, share: float, others: float, only_at_first: bool
+) -> None:
+    before = experiment().identification
+    scale = np.where(np.arange(ROBOT.n) == JOINT, share, others)
+    after = replace(before, fit=replace(before.fit, squares=before.fit.squares * scale))
+    assert is_only_helpful_at_first(before, after, EffectChoice(effect, (NAMES[JOINT],))) is only_at_first

@@ -1,0 +1,213 @@
+"""What is wrong with a whole robot is one cause with one cure, before single columns are looked at."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+
+from dynident.identification import identify
+from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.infer_columns import propose
+from dynident.identification.recording_faults import (
+    ColumnFault,
+    build_dynamics_checks,
+    check_recording_faults,
+    find_recording_faults,
+)
+from dynident.identification.recording_faults.description_fit import find_description_units
+from dynident.identification.recording_faults.fault_search import find_parallel_axes
+from dynident.identification.recording_faults.filtered_motion import filter_motion
+from dynident.identification.recording_faults.gravity_in_torque import find_mounting
+from dynident.identification.recording_faults.torque_scale import refine_factor_by_masses
+from dynident.recordings import Check, Recording, Revision
+from dynident.robot import Robot, robot_from_urdf
+from dynident.verdict import verdict
+
+ROBOT = arm("ur10")
+EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
+Q, TAU = ([f"{name}{k + 1}" for k in range(6)] for name in ("q", "tau"))
+SLOPE = np.array([-np.sqrt(0.5), 0.0, -np.sqrt(0.5)])
+
+
+@cache
+def measured(seed: int = 3, gravity: tuple[float, ...] = (0.0, 0.0, -9.81)) -> tuple[Motion, np.ndarray]:
+    motion = fourier_motion(ROBOT, 20.0, 200.0, seed)
+    friction = 0.04 * EFFORT * np.sign(motion.dq) + 0.03 * EFFORT * motion.dq
+    machine = replace(ROBOT, gravity=np.array(gravity))
+    tau = pinocchio_torque(machine, motion.q, motion.dq, motion.ddq) + friction
+    return motion, tau + 0.005 * EFFORT * np.random.default_rng(seed).normal(size=tau.shape)
+
+
+def findings(recording: Recording, robot: Robot = ROBOT) -> list[Check]:
+    return [one for one in build_dynamics_checks(robot)(recording, Q, TAU) or () if one.status != "ok"]
+
+
+def test_torques_that_are_all_turned_round_are_one_cause_with_one_cure() -> None:
+    motion, tau = measured()
+    (found,) = findings(record(ROBOT, motion, -tau))
+    assert (found.name, found.status) == ("torque_sign", "error")
+    assert "all torques" in found.detail
+    assert found.apply == Revision(signs=dict.fromkeys(TAU, -1.0))
+
+
+@pytest.mark.parametrize("direction", [[-1, 0, 0], [0, -1, 0], [0, 0, 1], SLOPE, [0.3, 0, -np.sqrt(0.91)]], ids=str)
+def test_gravity_that_pulls_elsewhere_is_told_with_its_direction(direction: list[float]) -> None:
+    gravity = 9.81 * np.asarray(direction)
+    recording = record(ROBOT, *measured(gravity=tuple(gravity)))
+    (found,) = findings(recording)
+    assert found.name == "gravity_direction"
+    motion = filter_motion(recording)
+    assert motion is not None
+    mounting = find_mounting(ROBOT, motion)
+    assert mounting.gravity == pytest.approx(gravity, abs=0.3)
+    # The mean over the joints hides what is left of the first joint's torque.
+    assert mounting.unexplained < 0.3 * mounting.unexplained_as_stated or direction == [0, 0, 1]
+    assert findings(recording, replace(ROBOT, gravity=gravity)) == []
+
+
+def test_a_torque_without_friction_and_inertia_is_a_command() -> None:
+    motion, _ = measured()
+    still = np.zeros_like(motion.q)
+    load = pinocchio_torque(ROBOT, motion.q, still, still)
+    noise = 0.002 * np.abs(load).max() * np.random.default_rng(1).normal(size=load.shape)
+    (found,) = findings(record(ROBOT, motion, load + noise))
+    assert (found.name, found.status) == ("commanded_torque", "error")
+    friction = 0.03 * np.abs(load).max(axis=0) * np.sign(motion.dq)
+    assert not [one for one in findings(record(ROBOT, motion, load + friction + noise)) if one.name == found.name]
+
+
+def test_outer_drives_in_another_unit_are_told_together_and_by_a_ratio() -> None:
+    motion, tau = measured()
+    (found,) = findings(record(ROBOT, motion, tau * np.where(np.arange(6) > 2, 207.0, 1.0)))
+    assert (found.name, found.status) == ("torque_scale", "error")
+    assert "wrist_1_joint, wrist_2_joint and wrist_3_joint" in found.detail
+    # A ratio is as good as the description's masses: it is said, and not applied unasked.
+    assert found.apply is None
+    rows = filter_motion(record(ROBOT, motion, tau * np.where(np.arange(6) > 2, 207.0, 1.0)))
+    assert rows is not None
+    assert refine_factor_by_masses(ROBOT, rows, (3, 4, 5), 0.001) == pytest.approx(1.0 / 207.0, rel=0.1)
+
+
+def test_an_angle_that_is_counted_from_the_joint_before_is_named() -> None:
+    motion, tau = measured()
+    assert np.flatnonzero(find_parallel_axes(ROBOT)).tolist() == [2, 3]
+    counted = motion.q + np.outer(motion.q[:, 1], np.arange(6) == 2)
+    recording = record(ROBOT, replace(motion, q=counted), tau)
+    found, left = find_recording_faults(ROBOT, recording) or ((), 1.0)
+    assert [one.mistake for one in found] == [ColumnFault("joint coupled", (2, 1), 1.0)]
+    assert left < 0.1
+    (check,) = findings(recording)
+    assert check.name == "joint_coupling"
+    assert "the description needs q3 - q2" in check.detail
+
+
+@pytest.mark.parametrize(
+    ("masses", "inertias", "words"),
+    [(1e3, 1e9, "g mm²"), (1.0, 1e6, "kg mm²"), (1e3, 1e3, "masses seem to be in g")],
+)
+def test_a_description_in_grams_or_millimetres_is_what_is_wrong(masses: float, inertias: float, words: str) -> None:
+    assert ROBOT.inertias is not None
+    factors = np.array([inertias] * 6 + [masses] * 4)
+    described = replace(ROBOT, inertias=ROBOT.inertias * factors)
+    units = find_description_units(described)
+    assert units is not None
+    assert words in str(units)
+    assert units.to_si(described).inertias == pytest.approx(ROBOT.inertias)
+    (found,) = findings(record(ROBOT, *measured()), described)
+    assert (found.name, found.status) == ("description_units", "warning")
+    assert all(find_description_units(arm(name)) is None for name in ("ur10", "franka_panda", "scara", "crooked"))
+
+
+def test_of_cures_that_leave_alike_none_is_ordered() -> None:
+    """A planar arm moves in a mirror as it does: its positions and its torques turned round are one."""
+    planar = robot_from_urdf("planar", PLANAR)
+    motion = fourier_motion(planar, 20.0, 200.0, 1)
+    tau = pinocchio_torque(planar, motion.q, motion.dq, motion.ddq) + 0.3 * np.sign(motion.dq) + 0.1 * motion.dq
+    noise = 0.01 * np.random.default_rng(1).normal(size=tau.shape)
+    found = check_recording_faults(planar, record(planar, motion, noise - tau), Q[:2], TAU[:2]).checks
+    (wrong,) = [one for one in found if one.status != "ok"]
+    assert "all torques" in wrong.detail
+    assert "all positions" in wrong.detail
+    assert wrong.apply is None
+
+
+def test_an_elastic_arm_and_a_free_motor_are_no_mistake_in_the_columns() -> None:
+    planar = robot_from_urdf("planar", PLANAR)
+    motion = fourier_motion(planar, 20.0, 200.0, 2, base_frequency=0.15)
+    rattle = 0.5 * motion.ddq.std(axis=0) / (2 * np.pi * 7.0) ** 2 * np.sin(2 * np.pi * 7.0 * motion.t)[:, None]
+    tau = pinocchio_torque(planar, motion.q, motion.dq, motion.ddq) + 0.3 * np.sign(motion.dq)
+    noise = 0.01 * np.random.default_rng(1).normal(size=tau.shape)
+    # The first motor is off: what is left of its torque is noise.
+    free = tau * (np.arange(2) != 0)
+    for torque in (tau, free):
+        given = record(planar, replace(motion, q=motion.q + rattle), torque + noise)
+        assert [one for one in check_recording_faults(planar, given, Q[:2], TAU[:2]).checks if one.status != "ok"] == []
+
+
+def test_a_look_at_a_file_says_first_what_is_left_of_its_torque_and_why() -> None:
+    motion, tau = measured(gravity=(0.0, -9.81, 0.0))
+    found = propose(Sample(("t", *Q, *TAU), np.column_stack([motion.t, motion.q, tau]), {}), ROBOT)
+    first = found.guesses[0]
+    assert first.field == "check"
+    assert "shoulder_pan_joint" in first.reason
+    assert "Gravity seems to act along (0,-9.81,0)" in first.reason
+    assert [one.field for one in found.questions] == ["gravity"]
+
+
+def test_a_look_at_a_file_asks_for_a_torque_that_never_changes() -> None:
+    motion, tau = measured()
+    silent = tau * (np.arange(6) != 0)
+    found = propose(Sample(("t", *Q, *TAU), np.column_stack([motion.t, motion.q, silent]), {}), ROBOT)
+    assert any("tau1 never change" in one.detail for one in found.questions)
+
+
+def test_a_check_of_size_vetoes_a_model_that_fits_well_until_it_is_accepted() -> None:
+    fitted, other = (record(ROBOT, motion, 1e-3 * tau, name) for name, (motion, tau) in RUNS.items())
+    model = identify(ROBOT, [fitted], [other])
+    assert model.held_out is not None
+    assert model.held_out.relative_total < 0.1
+    checks = {"fitted": build_dynamics_checks(ROBOT)(fitted, Q, TAU) or ()}
+    judged = verdict(model, [fitted], [other], checks)
+    assert not any(one.fit for one in judged.uses)
+    assert all("masses of the description" in one.reason for one in judged.uses)
+    accepted = {"fitted": [replace(one, detail=f"{one.detail} (Accepted.)") for one in checks["fitted"]]}
+    assert any(one.fit for one in verdict(model, [fitted], [other], accepted).uses)
+
+
+def test_a_fit_that_holds_where_nothing_held_out_is_explained_asks_for_more_data() -> None:
+    motion = fourier_motion(ROBOT, 6.0, 200.0, 1, amplitude=0.05)
+    tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq) + 0.04 * EFFORT * np.sign(motion.dq)
+    fitted = record(ROBOT, motion, tau + 0.01 * EFFORT * np.random.default_rng(1).normal(size=tau.shape), "fitted")
+    judged = verdict(identify(ROBOT, [fitted], [record(ROBOT, *RUNS["other"], "other")]))
+    assert judged.stop is not None
+    assert "Record a designed motion" in judged.stop.cause
+    assert "units" not in " ".join(judged.next_steps)
+
+
+def test_errors_that_are_in_the_rows_at_rest_alone_are_not_laid_to_the_columns() -> None:
+    fitted, other = (record(ROBOT, motion, tau, name) for name, (motion, tau) in RUNS.items())
+    model = identify(ROBOT, [fitted], [other])
+    assert model.held_out is not None
+    times = (0.9 / model.held_out.relative_total) ** 2
+    judged = verdict(replace(model, held_out=replace(model.held_out, squares=model.held_out.squares * times)))
+    assert judged.stop is not None
+    assert "rows at standstill" in judged.stop.cause
+
+
+RUNS = {"fitted": measured(3), "other": measured(4)}
+PLANAR = (
+    '<robot name="planar"><link name="base"/>'
+    + "".join(
+        f'<link name="l{k}"><inertial><origin xyz="0 0 -0.15"/><mass value="0.6"/><inertia ixx="0.005" ixy="0" ixz="0" '
+        'iyy="0.005" iyz="0" izz="0.0005"/></inertial></link>'
+        f'<joint name="j{k}" type="revolute"><parent link="{"l0" if k else "base"}"/><child link="l{k}"/>'
+        f'<origin xyz="0 0 {-0.3 if k else 0.0}"/><axis xyz="0 1 0"/>'
+        '<limit lower="-6" upper="6" velocity="8" effort="9"/></joint>'
+        for k in range(2)
+    )
+    + "</robot>"
+)

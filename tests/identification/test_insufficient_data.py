@@ -1,0 +1,80 @@
+"""Data that cannot determine a model: a clear error each, whatever the estimator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
+
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.identification import IdentificationChoices, identify
+from dynident.recordings import Preprocessing
+
+EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))
+CHOICES = IdentificationChoices(EFFECTS, preprocessing=Preprocessing(15.0, 15.0, 5))
+ROBOT = arm("ur10")
+ESTIMATORS = ("ols", "wls", "irls", "feasible")
+
+
+def run(duration: float = 10.0, silent: tuple[int, ...] = (), still: tuple[int, ...] = (), **more):
+    motion = fourier_motion(ROBOT, duration, 200.0, seed=2)
+    q, dq, ddq = (item.copy() for item in (motion.q, motion.dq, motion.ddq))
+    for item in (q, dq, ddq):
+        item[:, list(still)] = 0.0
+    tau = pinocchio_torque(ROBOT, q, dq, ddq) + np.sign(dq) + dq
+    tau = tau + 0.1 * np.random.default_rng(0).normal(size=tau.shape)
+    tau[:, list(silent)] = 0.0
+    return record(ROBOT, replace(motion, q=q, dq=dq, ddq=ddq), tau, **more)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_a_joint_whose_torque_is_zero_throughout_is_named(estimator):
+    with pytest.raises(DynidentError, match=r"torque of elbow_joint is zero everywhere.*weight") as raised:
+        identify(ROBOT, [run(silent=(2,))], choices=replace(CHOICES, estimator=estimator))
+    assert raised.value.pointer == "/measurement_ids"
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_no_torque_at_all_is_said(estimator):
+    with pytest.raises(DynidentError, match="torque is zero everywhere"):
+        identify(ROBOT, [run(silent=tuple(range(6)))], choices=replace(CHOICES, estimator=estimator))
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("strategy", ["global", "sequential"])
+def test_too_few_samples_are_said(estimator, strategy):
+    if strategy == "sequential" and estimator in ("irls", "feasible"):
+        return  # refused for another reason
+    short = run(10.0, windows=((1.0, 1.05),))
+    with pytest.raises(DynidentError) as raised:
+        identify(ROBOT, [short], choices=replace(CHOICES, estimator=estimator, strategy=strategy))
+    assert raised.value.title in ("Too few samples", "Not identifiable")
+    assert "record" in raised.value.detail
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_a_joint_that_is_locked_is_named_by_its_parameters(estimator):
+    with pytest.raises(DynidentError, match="Fc3") as raised:
+        identify(ROBOT, [run(still=(2,))], choices=replace(CHOICES, estimator=estimator))
+    assert "lock" in raised.value.detail
+
+
+def test_a_prior_does_not_make_up_for_silent_torque():
+    with pytest.raises(DynidentError, match="zero everywhere"):
+        identify(ROBOT, [run(silent=(2,))], choices=replace(CHOICES, prior="description", estimator="feasible"))
+
+
+@pytest.mark.parametrize("estimator", ["wls", "feasible"])
+def test_a_prior_of_links_that_cannot_exist_is_infeasible(estimator):
+    wrong = ROBOT.inertias.copy()
+    wrong[2, 3] *= 10.0
+    robot = replace(ROBOT, inertias=wrong)
+    choices = replace(CHOICES, prior="description", estimator=estimator)
+    with pytest.raises(DynidentError, match="elbow_joint") as raised:
+        identify(robot, [run()], choices=choices)
+    assert (raised.value.pointer, raised.value.title) == ("/prior", "Infeasible prior")
+    found = identify(robot, [run()], choices=replace(choices, free_links=("elbow_joint",)))
+    assert found.inertia_matrix_positive_definite
