@@ -14,7 +14,7 @@ from small_arm import write_run
 
 import dynident as dy
 from dynident import diagnosis, identification
-from dynident.api import model_diagnosis
+from dynident.advice import advise
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 
@@ -216,9 +216,9 @@ def test_a_design_of_a_diagnosis_that_proposes_none_is_refused(robot: dy.Robot, 
 
 def test_the_next_experiment_is_computed_when_it_is_asked_for(model: dy.Model, monkeypatch: pytest.MonkeyPatch) -> None:
     examined: list[diagnosis.Examination] = []
-    compute = model_diagnosis.advise
     monkeypatch.setattr(
-        model_diagnosis, "advise", lambda examination: (examined.append(examination), compute(examination))[1]
+        "dynident.api.model_diagnosis.advise",
+        lambda examination: (examined.append(examination), advise(examination))[1],
     )
     found = dy.diagnose(model, candidates=["stribeck", "viscous_nonlinear"])
     repr(found), found._repr_html_()
