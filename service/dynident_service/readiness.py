@@ -45,15 +45,20 @@ class ReadinessCheck:
     async def get_state(self) -> str:
         """Return `ok`, `starting`, or what is wrong, within the longest time."""
         moment = time.monotonic()
+        if self._task is not None and self._task.done() and self._task.result() == "ok":
+            self._has_answered = True
         if self._task is None or (self._task.done() and moment - self._began >= FRESH):
             # A part that hangs is asked once: more checks would take more threads, which requests need.
             self._began, self._task = moment, asyncio.create_task(self._answer())
+        # Nobody waits for a part that is still starting: it does not keep the service from being ready.
+        is_starting = not self._has_answered and moment < self._starts_until
+        longest = 0.0 if is_starting else self._longest
         # `wait` leaves the task running at the timeout, unlike `wait_for`, which would cancel it.
-        await asyncio.wait({self._task}, timeout=max(0.0, self._began + self._longest - time.monotonic()))
+        await asyncio.wait({self._task}, timeout=max(0.0, self._began + longest - time.monotonic()))
         state = self._task.result() if self._task.done() else f"failed: no answer within {self._longest:g} s"
         if state == "ok":
             self._has_answered = True
-        elif not self._has_answered and moment < self._starts_until:
+        elif is_starting:
             return "starting"
         return state
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from support.small_arm_files import write_run
 
 import dynident as dy
 from dynident import diagnosis, identification
+from dynident.advice import advise
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 
@@ -210,6 +212,29 @@ def test_a_design_of_a_diagnosis_that_proposes_none_is_refused(robot: dy.Robot, 
     assert found.next_experiment is None
     with pytest.raises(dy.DynidentError, match="proposes no experiment"):
         dy.design(robot, found)
+
+
+def test_the_next_experiment_is_computed_when_it_is_asked_for(model: dy.Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    examined: list[diagnosis.Examination] = []
+    monkeypatch.setattr(
+        "dynident.api.model_diagnosis.advise",
+        lambda examination: (examined.append(examination), advise(examination))[1],
+    )
+    found = dy.diagnose(model, candidates=["stribeck", "viscous_nonlinear"])
+    repr(found), found._repr_html_()
+    assert not examined
+    assert found.next_experiment is found.next_experiment
+    assert examined == [found.examination]
+
+
+def test_a_diagnosis_says_how_many_questions_are_open(found: dy.DiagnosedModel) -> None:
+    examination = replace(found.examination, doubts=())
+    assert "open" not in repr(replace(found, examination=examination))
+    doubt = diagnosis.Doubt(EffectChoice("stribeck"))
+    for doubts, sentence in (((doubt,), "1 question is open"), ((doubt, doubt), "2 questions are open")):
+        shown = replace(found, examination=replace(examination, doubts=doubts))
+        assert sentence in repr(shown)
+        assert sentence in shown._repr_html_()
 
 
 def test_a_robot_is_followed_over_days_and_one_more_day_is_added_to_those_before(

@@ -56,6 +56,22 @@ def test_a_file_that_is_not_there_is_told_without_loading_the_science(arguments:
     assert told in done.stderr
 
 
+def test_identifying_and_diagnosing_load_no_package_that_they_do_not_need() -> None:
+    program = (
+        "import sys\n"
+        "from dynident.identification.column_inference import inspect_file\n"
+        "from dynident.identification import identify\n"
+        "from dynident.verdict import verdict\n"
+        "from dynident.diagnosis import diagnose\n"
+        "from dynident_service.cli import result_tables\n"
+        "from dynident_service.adapters.diagnoses import describe_diagnosis\n"
+        "heavy = ('scipy.signal', 'scipy.stats', 'matplotlib', 'fastapi', 'dynident.excitation.design')\n"
+        "print([name for name in heavy if name in sys.modules])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 def test_every_verb_explains_itself() -> None:
     overview = dynident("--help")
     for verb in VERBS:

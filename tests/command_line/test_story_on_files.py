@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,10 @@ import pyarrow.csv as pacsv
 import pytest
 from support.running_commands import ROBOT, dynident, write_run
 
+from dynident.advice import AdvisedDiagnosis, NextExperiment
+from dynident.diagnosis import Examination
 from dynident.effects import CATALOGUE
+from dynident.excitation import DesignRequest
 from dynident.identification import from_bytes
 from dynident.reports.number_format import format_number
 from dynident.robot import urdf_from_robot
@@ -341,6 +344,32 @@ def test_the_next_experiment_of_a_diagnosis_is_designed_as_it_is_proposed(desk: 
     refused = dynident("design", desk / "arm.json", "--diagnosis", told, "--out", tmp_path / "none.csv")
     assert refused.code == 2
     assert "proposes no experiment" in refused.err
+
+
+def test_the_next_experiment_is_looked_for_only_when_it_is_asked_for(
+    desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, out = tmp_path / "m.npz", tmp_path / "d.json"
+    assert dynident("identify", desk / "arm.json", desk / "run1.csv", "--out", model).code == 0
+    proposal = NextExperiment("It would tell.", DesignRequest(kind="random"), instructions=("Be slow.",))
+    questions: list[int] = []
+
+    def propose(examination: Examination) -> AdvisedDiagnosis:
+        questions.append(len(examination.doubts))
+        found = {item.name: getattr(examination.diagnosis, item.name) for item in fields(examination.diagnosis)}
+        return AdvisedDiagnosis(**found, next_experiment=proposal)
+
+    monkeypatch.setattr("dynident.advice.advise", propose)
+    asked = ("diagnose", model, desk / "run1.csv", "--candidates", "stribeck,viscous_nonlinear", "--out", out)
+    without = dynident(*asked)
+    assert not questions
+    assert json.loads(out.read_text())["next_experiment"] is None
+    told = dynident(*asked, "--next-experiment")
+    assert "Next experiment: It would tell." in told.out
+    assert "Be slow." in told.out
+    assert json.loads(out.read_text())["next_experiment"]["design"]["kind"] == "random"
+    assert len(questions) == 1
+    assert ("--next-experiment looks for a motion" in without.out) == bool(questions[0])
 
 
 def test_the_same_seed_gives_the_same_measurement(tmp_path: Path) -> None:

@@ -6,12 +6,11 @@ import json
 from collections.abc import Mapping, Sequence
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment
-from dynident.diagnosis import Evidence
+from dynident.diagnosis import Diagnosis, Evidence
 from dynident.diagnosis.monitoring import Series, SeriesChange
 from dynident.diagnosis.result import Change, ChangedValue
 from dynident.robot import Robot
 from dynident_service.adapters.conversion import from_view, to_view
-from dynident_service.adapters.designs import show_request, to_design_request
 from dynident_service.problems import ProblemError, make_unusable
 from dynident_service.wire_types import diagnoses as wire
 from dynident_service.wire_types.common import to_plain_json
@@ -19,14 +18,14 @@ from dynident_service.wire_types.designs import DesignRequest
 
 
 def describe_diagnosis(
-    diagnosis: AdvisedDiagnosis, robot_id: str, measurement_ids: Sequence[str] = ()
+    diagnosis: Diagnosis, robot_id: str, measurement_ids: Sequence[str] = ()
 ) -> wire.DiagnosisResult:
     """Build the view of a diagnosis.
 
     Parameters
     ----------
-    diagnosis : AdvisedDiagnosis
-        The diagnosis with its next experiment.
+    diagnosis : Diagnosis
+        The diagnosis, with its next experiment where that was asked for.
     robot_id : str
         The robot that a proposed design is for.
     measurement_ids : sequence of str
@@ -37,7 +36,7 @@ def describe_diagnosis(
     DiagnosisResult
         The view.
     """
-    advice = diagnosis.next_experiment
+    advice = diagnosis.next_experiment if isinstance(diagnosis, AdvisedDiagnosis) else None
     return to_view(
         wire.DiagnosisResult,
         diagnosis,
@@ -55,6 +54,8 @@ def show_next_experiment(
     advice: NextExperiment, robot_id: str, measurement_ids: Sequence[str] = ()
 ) -> wire.NextExperiment:
     """Build the view of a proposed experiment, whose design can be posted and complements the data at hand."""
+    from dynident_service.adapters.designs import show_request
+
     # Only what differs from the defaults is stated: the proposal stays readable, and can be posted as it is.
     body = show_request(advice.design, robot_id).model_dump(mode="json", exclude_defaults=True)
     if measurement_ids:
@@ -80,6 +81,8 @@ def restore_diagnosis(stored: Mapping[str, object]) -> AdvisedDiagnosis:
 
 def restore_next_experiment(wire_experiment: wire.NextExperiment) -> NextExperiment:
     """Restore a proposed experiment from its view."""
+    from dynident_service.adapters.designs import to_design_request
+
     return from_view(
         NextExperiment, wire_experiment, design=to_design_request(DesignRequest.model_validate(wire_experiment.design))
     )

@@ -47,7 +47,11 @@ def load_proposed_design(path: Path) -> DesignRequest:
     """Return the design request that a stored diagnosis proposes as next experiment."""
     proposed = load_diagnosis(path).next_experiment
     if proposed is None:
-        raise DynidentError(f"the diagnosis in {path.name} proposes no experiment", pointer="--diagnosis")
+        raise DynidentError(
+            f"the diagnosis in {path.name} proposes no experiment: it was made without --next-experiment, or no motion "
+            "decides anything",
+            pointer="--diagnosis",
+        )
     return proposed.design
 
 

@@ -43,7 +43,6 @@ from dynident_service.cli.inputs import LoadedRecording
 from dynident_service.cli.terminal import build_table, print_tables
 
 if TYPE_CHECKING:
-    from dynident.advice import AdvisedDiagnosis
     from dynident.diagnosis import Comparison, Diagnosis, Judgement
     from dynident.diagnosis.monitoring import ParameterTrack, Series, SeriesChange
     from dynident.diagnosis.result import Change
@@ -170,8 +169,22 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
         console.print(f"  {note}")
 
 
-def show_diagnosis(console: Console, diagnosis: AdvisedDiagnosis, robot: Robot) -> None:
-    """Print the summary, the ranked candidates, the recommendation, and what the data cannot show."""
+def show_diagnosis(console: Console, diagnosis: Diagnosis, robot: Robot, n_open: int) -> None:
+    """Print a diagnosis.
+
+    Parameters
+    ----------
+    console : Console
+        Where to print.
+    diagnosis : Diagnosis
+        Summary, ranked candidates, recommendation, what the data cannot show, and the next experiment if it has one.
+    robot : Robot
+        Its robot.
+    n_open : int
+        Number of open questions for which no experiment was looked for.
+    """
+    from dynident.advice import AdvisedDiagnosis
+
     console.print(diagnosis.summary, style="bold")
     console.print(build_table("Candidates", CANDIDATES, format_candidates(diagnosis.candidates, robot), right_from=3))
     for item in diagnosis.candidates:
@@ -187,7 +200,10 @@ def show_diagnosis(console: Console, diagnosis: AdvisedDiagnosis, robot: Robot) 
         )
     if diagnosis.not_visible:
         console.print(f"  This data could not show: {format_hidden_effects(diagnosis, robot)}")
-    if diagnosis.next_experiment is not None:
+    if n_open:
+        are_open = "1 question is open" if n_open == 1 else f"{n_open} questions are open"
+        console.print(f"  {are_open}: --next-experiment looks for a motion that decides.")
+    if isinstance(diagnosis, AdvisedDiagnosis) and diagnosis.next_experiment is not None:
         console.print(f"  Next experiment: {diagnosis.next_experiment.reason}")
         for step in diagnosis.next_experiment.instructions:
             console.print(f"    - {step}")

@@ -1,7 +1,14 @@
 """The experiment that would decide what the data could not."""
 
-from dynident.advice.next_experiment import advise
-from dynident.advice.result import AdvisedDiagnosis, NextExperiment, Separation
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident.lazy_loader import make_lazy_getattr
+
+if TYPE_CHECKING:
+    from dynident.advice.next_experiment import advise
+    from dynident.advice.result import AdvisedDiagnosis, NextExperiment, Separation
 
 __all__ = [
     "AdvisedDiagnosis",
@@ -9,3 +16,7 @@ __all__ = [
     "Separation",
     "advise",
 ]
+
+if not TYPE_CHECKING:
+    # The types of results are read without the planning of motions.
+    __getattr__ = make_lazy_getattr(__name__)

@@ -13,7 +13,9 @@ from dynident.api.model import Model
 from dynident.api.model_identification import as_model
 from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import (
+    Diagnosis,
     Evidence,
+    Examination,
     Invisible,
     RankedEffect,
     UnknownPattern,
@@ -48,13 +50,18 @@ class DiagnosedModel(Framed):
         The model that was diagnosed.
     recordings : Recordings
         Those that the diagnosis was made from.
-    diagnosis : AdvisedDiagnosis
-        The diagnosis as the library gives it.
+    examination : Examination
+        The diagnosis as the library gives it, with what it leaves open and the data behind it.
     """
 
     model: Model
     recordings: Recordings
-    diagnosis: AdvisedDiagnosis
+    examination: Examination
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """The diagnosis as the library gives it."""
+        return self.examination.diagnosis
 
     @property
     def verdict(self) -> str:
@@ -86,10 +93,15 @@ class DiagnosedModel(Framed):
         """Effects that these recordings could not have shown, each with the reason."""
         return self.diagnosis.not_visible
 
+    @cached_property
+    def advised_diagnosis(self) -> AdvisedDiagnosis:
+        """The diagnosis with the next experiment, which is computed when it is first asked for."""
+        return advise(self.examination)
+
     @property
     def next_experiment(self) -> NextExperiment | None:
-        """The motion that would tell more, for `design`; None where nothing is left to decide."""
-        return self.diagnosis.next_experiment
+        """The motion that would tell more, for `design`; None where no motion decides anything."""
+        return self.advised_diagnosis.next_experiment
 
     @cached_property
     def evidence(self) -> tuple[Evidence, ...]:
@@ -148,7 +160,8 @@ class DiagnosedModel(Framed):
             (candidate for candidate in self.candidates if candidate.significant), self.model.robot
         )
         head = f"DiagnosedModel({self.verdict}): {self.summary}"
-        return format_text_table(head, CANDIDATE_COLUMNS, rows, len(rows), right_from=3) if rows else head
+        text = format_text_table(head, CANDIDATE_COLUMNS, rows, len(rows), right_from=3) if rows else head
+        return "\n".join((text, *self._list_open_questions()))
 
     def _repr_html_(self) -> str:
         robot, diagnosis = self.model.robot, self.diagnosis
@@ -164,8 +177,15 @@ class DiagnosedModel(Framed):
             render_list(candidate.evidence for candidate in diagnosis.candidates if candidate.significant),
             render_table(CANDIDATE_COLUMNS, format_candidates(diagnosis.candidates, robot), right_from=3),
             render_paragraph(f"These data cannot show: {invisible}.") if invisible else "",
-            _render_next_experiment(diagnosis.next_experiment),
+            *(render_paragraph(sentence) for sentence in self._list_open_questions()),
         )
+
+    def _list_open_questions(self) -> list[str]:
+        count = len(self.examination.doubts)
+        if not count:
+            return []
+        are_open = "1 question is open" if count == 1 else f"{count} questions are open"
+        return [f"{are_open}: .next_experiment looks for a motion that decides."]
 
 
 def diagnose(
@@ -219,14 +239,14 @@ def diagnose(
         desk_model.check_data("diagnose the model")
     checked_recordings = desk_model.recordings if recordings is None else as_recordings(recordings)
     check_not_empty(checked_recordings, "recordings")
-    diagnosis = examine(
+    examination = examine(
         desk_model.identification,
         checked_recordings.recordings,
         candidates=candidates,
         most_effects=most_effects,
         progress=progress,
     )
-    return DiagnosedModel(desk_model, checked_recordings, advise(diagnosis))
+    return DiagnosedModel(desk_model, checked_recordings, examination)
 
 
 def check_not_empty(recordings: Recordings, name: str) -> None:
@@ -252,9 +272,3 @@ _FRAME_COLUMNS = (
     "rank", "effect", "joints", "constants", "error_before", "error_after", "error_drop", "t_value", "p_value",
     "significant", "recommended", "separability", "equivalent", "evidence", "choice",
 )  # fmt: skip
-
-
-def _render_next_experiment(experiment: NextExperiment | None) -> str:
-    if experiment is None:
-        return ""
-    return render_paragraph(f"Next experiment: {experiment.reason}") + render_list(experiment.instructions)

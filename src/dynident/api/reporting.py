@@ -126,7 +126,7 @@ def report(
     page = html_report(
         model.identification,
         runs,
-        diagnosis=None if diagnosis is None else diagnosis.diagnosis,
+        diagnosis=None if diagnosis is None else diagnosis.advised_diagnosis,
         design=None if design is None else design.design,
         validations=[
             ReportedValidation(validation.title, validation.judged, kind=validation.kind)

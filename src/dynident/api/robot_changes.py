@@ -6,14 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, overload
 
-from dynident.advice import AdvisedDiagnosis, advise
 from dynident.api.data_frames import Columns, Framed, build_columns
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import check_not_empty
 from dynident.api.model_identification import as_model
 from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
-from dynident.diagnosis import Change, examine
+from dynident.diagnosis import Change, Diagnosis, diagnose
 from dynident.errors import DynidentError
 from dynident.identification import Identification
 from dynident.progress import Progress, ignore_progress, scale_progress
@@ -247,14 +246,14 @@ class Changes(Sequence[Change], Framed):
         The first set, which the other is compared with.
     after : Recordings
         The second set.
-    diagnosis : AdvisedDiagnosis
+    diagnosis : Diagnosis
         It also says what the model lacks before and after.
     """
 
     model: Model
     before: Recordings
     after: Recordings
-    diagnosis: AdvisedDiagnosis
+    diagnosis: Diagnosis
 
     @property
     def summary(self) -> str:
@@ -384,11 +383,11 @@ def changes(
     desk_model, earlier, later = as_model(model), as_recordings(before), as_recordings(after)
     check_not_empty(earlier, "before")
     check_not_empty(later, "after")
-    diagnosis = examine(
+    diagnosis = diagnose(
         desk_model.identification,
         later.recordings,
         baseline=earlier.recordings,
         candidates=candidates,
         progress=progress,
     )
-    return Changes(desk_model, earlier, later, advise(diagnosis))
+    return Changes(desk_model, earlier, later, diagnosis)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import lapack
 
-from dynident.array_types import FloatArray
+from dynident.array_types import BoolArray, FloatArray
 
 # Singular values below this share of the largest count as directions that no row excites.
 _SEEN = 1e-9
@@ -71,8 +72,15 @@ def compute_r_factor(rows: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.qr(rows, mode="r"))
     # By SciPy: numpy keeps Python's lock all the while, and other threads would wait.
     k = rows.shape[1]
+    factor = lapack.dgeqrf(rows, lwork=_BLOCK * k)[0][:k]
     # LAPACK leaves the reflectors below the diagonal. They would give Q, which nobody needs.
-    return np.triu(lapack.dgeqrf(rows, lwork=_BLOCK * k)[0][:k])
+    return np.where(_mask_below_diagonal(factor.shape), 0.0, factor)
+
+
+@lru_cache(maxsize=32)
+def _mask_below_diagonal(shape: tuple[int, int]) -> BoolArray:
+    """Return True below the diagonal. Thousands of small factors have few shapes: a mask for each takes a third."""
+    return np.tri(*shape, k=-1, dtype=bool)
 
 
 def join_factors(factors: FloatArray) -> FloatArray:

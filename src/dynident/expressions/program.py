@@ -45,16 +45,8 @@ class Compiled:
     """
 
     def __init__(self, function: ca.Function, widths: Sequence[int], lanes: int) -> None:
-        text = translate_to_llvm(function, widths, lanes, _find_vector_functions(lanes))
-        with _BUILD:
-            machine = _create_machine()
-            # The same text is other code by another compiler, or for another processor.
-            head = f"; {_read_versions()} {machine.triple} {' '.join(_detect_processor())}\n"
-            code = load_or_compile(head + text, lambda: machine.emit_object(llvm.parse_assembly(text)))
-            # The engine owns the machine and the code: it has to live as long as the address is used.
-            self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-            self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-            self._engine.finalize_object()
+        # CasADi has removed common subexpressions; LLVM's own optimisation takes longer than it saves.
+        self._engine = build_engine(translate_to_llvm(function, widths, lanes, _find_vector_functions(lanes)))
         place, number = ctypes.c_void_p, ctypes.c_int64
         kinds = [number, place, number, place, *(kind for _ in widths for kind in (place, number))]
         self._room = int(function.numel_out(0)) * lanes
@@ -80,6 +72,33 @@ class Compiled:
         for item in inputs:
             arguments += (item.ctypes.data, item.strides[0] // NUMBER if item.ndim == 2 else 0)
         self._call(m, out.ctypes.data, out.strides[0] // NUMBER, *arguments)
+
+
+def build_engine(text: str, optimisation: int = 0) -> llvm.ExecutionEngine:
+    """Compile LLVM assembly.
+
+    Parameters
+    ----------
+    text : str
+        The assembly.
+    optimisation : int
+        LLVM's level of optimisation, 0 to 3.
+
+    Returns
+    -------
+    llvmlite.binding.ExecutionEngine
+        It owns the code, and so has to live as long as the address of a function in it is used.
+    """
+    with _BUILD:
+        machine = _create_machine(optimisation)
+        # The same text is other code by another compiler, or for another processor.
+        head = f"; {_read_versions()} {machine.triple} {' '.join(_detect_processor())}\n"
+        level = f"; -O{optimisation}\n" if optimisation else ""
+        code = load_or_compile(head + level + text, lambda: machine.emit_object(llvm.parse_assembly(text)))
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        engine.finalize_object()
+    return engine
 
 
 @cache
@@ -118,11 +137,10 @@ def _find_vector_functions(lanes: int) -> dict[str, str]:
     return vector_functions
 
 
-def _create_machine() -> llvm.TargetMachine:
-    """Return the compiler of this computer, without optimisation."""
+def _create_machine(optimisation: int) -> llvm.TargetMachine:
+    """Return the compiler of this computer."""
     name, features = _detect_processor()
-    # CasADi has removed common subexpressions; LLVM's own optimisation takes longer than it saves.
-    return _create_target().create_target_machine(cpu=name, features=features, opt=0, jit=True)
+    return _create_target().create_target_machine(cpu=name, features=features, opt=optimisation, jit=True)
 
 
 @cache

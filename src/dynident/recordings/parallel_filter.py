@@ -6,7 +6,7 @@ from math import ceil, pi, prod
 from typing import NamedTuple
 
 import numpy as np
-from scipy import signal
+from scipy import special
 
 from dynident.array_types import BoolArray, FloatArray
 
@@ -57,9 +57,19 @@ def low_pass(rate: float, cutoff: float | None) -> FloatArray:
     width = 2.0 * half_width / (0.5 * rate)
     # Kaiser's formula for the length that gives this attenuation outside this transition band.
     half = max(1, ceil((ATTENUATION - 7.95) / (2.285 * pi * width) / 2.0))
-    taps: FloatArray = signal.firwin(2 * half + 1, cutoff, window=("kaiser", signal.kaiser_beta(ATTENUATION)), fs=rate)
+    taps = _design_windowed_sinc(half, cutoff / (0.5 * rate))
     # Exactly symmetric: rounding must not give the filter a phase.
     return 0.5 * (taps + taps[::-1])
+
+
+def _design_windowed_sinc(half: int, edge: float) -> FloatArray:
+    """Return a low-pass of 2 half + 1 taps with its edge at a share of the Nyquist frequency (scipy.signal.firwin)."""
+    # Kaiser's formula for the window that gives this attenuation.
+    beta = 0.5842 * (ATTENUATION - 21.0) ** 0.4 + 0.07886 * (ATTENUATION - 21.0)
+    k = np.arange(-half, half + 1, dtype=np.float64)
+    window = special.i0(beta * np.sqrt(1.0 - (k / half) ** 2)) / special.i0(beta)
+    taps = edge * np.sinc(edge * k) * window
+    return np.asarray(taps / taps.sum(), dtype=np.float64)
 
 
 class ParallelFilter:

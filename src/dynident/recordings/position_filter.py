@@ -8,9 +8,10 @@ from math import ceil, log
 from typing import NamedTuple
 
 import numpy as np
-from scipy import signal
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.expressions.section_filter import filter_sections
+from dynident.recordings.butterworth import compute_steady_state, design_butterworth
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.recordings.recording import Recording, SampleBlock, Segment, StoredRows
 
@@ -33,11 +34,10 @@ class ZeroPhase:
     """
 
     def __init__(self, rate: float, cutoff: float, order: int) -> None:
-        self._sos = signal.butter(order, cutoff, fs=rate, output="sos")
+        self._sos, poles = design_butterworth(rate, cutoff, order)
         # The state that a constant input of one leaves behind: times the first sample it starts the filter without a
         # step.
-        self._zi = signal.sosfilt_zi(self._sos)[:, :, None]
-        poles = signal.butter(order, cutoff, fs=rate, output="zpk")[1]
+        self._zi = compute_steady_state(self._sos)[:, :, None]
         # A transient decays by this much (as an exponent) with each sample: by the slowest pole.
         self._decay = -log(min(float(np.abs(poles).max()), 1.0 - 1e-15))
         # The same extension at the ends as scipy.signal.sosfiltfilt takes by default.
@@ -88,17 +88,17 @@ class ZeroPhase:
                 block_ends = np.concatenate([start, block])
                 state = self._zi * block_ends[0]
                 if pad:
-                    state = signal.sosfilt(self._sos, start, axis=0, zi=state)[1]
+                    state = filter_sections(self._sos, start, state)[1]
             # The extension of the end needs the last samples, which several short blocks may hold together.
             tail = block if len(block) > pad else np.concatenate([tail, block])[-(pad + 1) :]
-            forward, state = signal.sosfilt(self._sos, block, axis=0, zi=state)
+            forward, state = filter_sections(self._sos, block, state)
             waiting.append(forward)
             n_waiting += len(forward)
             if last:
                 # The same extension behind the last sample. What the filter makes of it is cut off again below.
                 end = 2 * tail[-1] - tail[-2 : -(pad + 2) : -1]
                 if pad:
-                    waiting.append(signal.sosfilt(self._sos, end, axis=0, zi=state)[0])
+                    waiting.append(filter_sections(self._sos, end, state)[0])
                 yield self._filter_backward(waiting)[:n_waiting]
                 return
             # The backward pass starts anew for each block, `ahead` samples further on, by which its unknown start has
@@ -112,8 +112,7 @@ class ZeroPhase:
     def _filter_backward(self, parts: list[FloatArray]) -> FloatArray:
         """Filter the joined parts backward in time, from a steady state at their last sample."""
         forward = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        reverse: FloatArray = signal.sosfilt(self._sos, forward[::-1], axis=0, zi=self._zi * forward[-1])[0]
-        return reverse[::-1]
+        return filter_sections(self._sos, forward[::-1], self._zi * forward[-1])[0][::-1]
 
 
 READ_LENGTH = 8192

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, signal, special
+from scipy import fft, special
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
@@ -85,7 +85,8 @@ def estimate_spectra(recording: Recording) -> Spectra:
     starts = [first + offset for first, run in runs for offset in range(0, run - length + 1, max(1, length // 2))]
     if len(starts) > MAX_WINDOWS:
         starts = [starts[index] for index in np.linspace(0, len(starts) - 1, MAX_WINDOWS).astype(int)]
-    taper = signal.get_window("hann", length)
+    # Hann's window, periodic.
+    taper = 0.5 + 0.5 * np.cos(np.linspace(-np.pi, np.pi, length + 1)[:-1])
     scale = 2.0 / (recording.sampling_rate * float((taper**2).sum()))
     taper = taper[:, None]
     velocity = torque = np.zeros((length // 2 + 1, recording.n))

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import ceil
 
 import numpy as np
-from scipy import signal
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import ReferenceParameters
@@ -109,6 +108,9 @@ def smooth_samples(samples: Iterable[Samples], pole: float, rate: float) -> Iter
     Samples
         The filtered rows; those before the filter has settled are marked as not used.
     """
+    # Importing it takes half a second, so that only those who need it do.
+    from scipy import signal
+
     b, a = signal.bilinear([pole**2], [1.0, 2.0 * pole, pole**2], rate)
     settling = ceil(_SETTLED / pole * rate)
     state = np.zeros((2, 0))

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy import signal
 
 from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import ReferenceParameters, get_effect
@@ -172,6 +171,9 @@ def _differentiate_twice(t: FloatArray, ddq: FloatArray) -> tuple[FloatArray, Fl
     regular = np.column_stack([np.interp(even, t, column) for column in ddq.T])
     # Differentiating twice would amplify the corners of friction without limit. The band also stays below half the
     # sampling rate.
+    # Importing it takes half a second, so that only those who need it do.
+    from scipy import signal
+
     sections = signal.butter(_ORDER, min(_ELASTIC_BAND, 0.2 / period), fs=1 / period, output="sos")
     smooth = signal.sosfiltfilt(sections, regular, axis=0, padlen=min(len(t) - 1, 6 * _ORDER))
     third = np.gradient(smooth, period, axis=0)

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.blas_threads import single_threaded
@@ -290,6 +289,9 @@ def _compute_torque_errors(
     A joint does not count while it is `still` (m, n): static friction then holds any torque, another one in either
     robot.
     """
+    # Importing it takes half a second, so that only those who need it do.
+    from scipy.signal import fftconvolve
+
     taps = low_pass(recording.sampling_rate, identification.preprocessing.torque_cutoff)
     if len(measured) < 2 * len(taps):
         return None

@@ -132,7 +132,8 @@ class DesignFiles:
     diagnosis: Annotated[
         SomeFile,
         file_option(
-            "--diagnosis", help="Design the next experiment that a diagnosis proposes (`dynident diagnose --out`)."
+            "--diagnosis",
+            help="Design the next experiment of a diagnosis (`dynident diagnose --next-experiment --out`).",
         ),
     ] = None
     earlier: Annotated[

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,9 @@ from dynident.encoding import encode_text
 from dynident_service.cli.files import READABLE_FILE
 from dynident_service.cli.options import Json, Measurements, ModelArgument, OutputOptions, Reading, file_option
 from dynident_service.cli.request_options import RequestOptions, TypedValues
+
+if TYPE_CHECKING:
+    from dynident.diagnosis import Diagnosis
 
 
 def series(
@@ -83,8 +86,7 @@ def changes(
 
     The motions may differ. --out writes the diagnosis with the changes as JSON.
     """
-    from dynident.advice import advise
-    from dynident.diagnosis import examine
+    from dynident.diagnosis import diagnose
     from dynident_service.adapters.diagnoses import describe_diagnosis
     from dynident_service.cli import inputs, output, result_tables
 
@@ -93,7 +95,7 @@ def changes(
     with inputs.read_recordings("compare the days", [*before, *after], robot, reading, share=0.3) as data:
         # All files are read together, so that equal names are told apart.
         earlier, later = data.recordings[: len(before)], data.recordings[len(before) :]
-        diagnosis = advise(examine(identification, later, baseline=earlier, progress=data.progress))
+        diagnosis = diagnose(identification, later, baseline=earlier, progress=data.progress)
     output.write_result(
         result,
         "diagnosis",
@@ -108,12 +110,19 @@ def diagnose(
     reading: Reading,
     request_options: Annotated[TypedValues, RequestOptions(DiagnosisChoices)],
     result: OutputOptions,
+    next_experiment: Annotated[
+        bool,
+        typer.Option(
+            "--next-experiment",
+            help="Look also for the motion that decides what the measurements leave open, for `dynident design "
+            "--diagnosis`.",
+        ),
+    ] = False,
 ) -> None:
     """Name the physical effects that a model lacks.
 
     Give the measurements that the model was identified from. --out writes the diagnosis as JSON.
     """
-    from dynident.advice import advise
     from dynident.diagnosis import examine
     from dynident_service.adapters.diagnoses import describe_diagnosis
     from dynident_service.cli import inputs, output, result_tables
@@ -129,10 +138,16 @@ def diagnose(
             most_effects=choices.max_effects,
             progress=data.progress,
         )
-        diagnosis = advise(examined)
+        if next_experiment:
+            from dynident.advice import advise
+
+            diagnosis: Diagnosis = advise(examined)
+        else:
+            diagnosis = examined.diagnosis
+    n_open = 0 if next_experiment else len(examined.doubts)
     output.write_result(
         result,
         "diagnosis",
         lambda: describe_diagnosis(diagnosis, robot.name),
-        lambda console: result_tables.show_diagnosis(console, diagnosis, robot),
+        lambda console: result_tables.show_diagnosis(console, diagnosis, robot, n_open),
     )

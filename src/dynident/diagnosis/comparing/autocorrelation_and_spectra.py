@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.comparing.repeatability import split_uniform_intervals
@@ -177,6 +177,9 @@ class ResidualSpectrum:
 
     def list_highest_peaks(self, most: int = 5) -> tuple[int, ...]:
         """Return the indices of the highest peaks, highest first."""
+        # Importing it takes half a second, so that only those who need it do.
+        from scipy import signal
+
         indices, _ = signal.find_peaks(self.amplitude)
         return tuple(int(k) for k in sorted(indices, key=lambda k: -self.amplitude[k])[:most])
 
@@ -205,6 +208,9 @@ def time_spectrum(t: FloatArray, segment: FloatArray, residual: FloatArray) -> R
     DynidentError
         Where no interval without gaps is long enough.
     """
+    # Importing it takes half a second, so that only those who need it do.
+    from scipy import signal
+
     runs = [(first, last) for first, last in split_uniform_intervals(t, segment) if last - first >= _SHORTEST]
     if not runs:
         raise DynidentError(

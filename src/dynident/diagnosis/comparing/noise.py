@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import stats
+from scipy import special
 from scipy.interpolate import make_interp_spline
 
 from dynident.array_types import FloatArray
@@ -261,8 +261,9 @@ def estimate_sensor_noise(recordings: Sequence[Recording], preprocessing: Prepro
                 squares += second[:n_smallest].sum(axis=0)
                 count += n_smallest
     # What is left of a normal distribution's variance without its tails.
-    edge = float(stats.norm.ppf(0.5 + 0.5 * _QUIET))
-    share = 1.0 - 2.0 * edge * float(stats.norm.pdf(edge)) / _QUIET
+    edge = float(special.ndtri(0.5 + 0.5 * _QUIET))
+    density = float(np.exp(-0.5 * edge**2) / np.sqrt(2.0 * np.pi))
+    share = 1.0 - 2.0 * edge * density / _QUIET
     variance = squares / (6.0 * share * max(count, 1))
     # White noise behind a filter has its variance times the sum of the squared taps.
     taps = low_pass(recordings[0].sampling_rate, preprocessing.torque_cutoff)
@@ -306,7 +307,7 @@ def _test_lack_of_fit(pairs: Sequence[tuple[FloatArray, FloatArray]], once: floa
     safe = np.where(noise > 0, noise, 1.0)
     f = np.where(noise > 0, common / safe, np.where(common > 0, np.inf, 1.0))
     freedom = once * np.array([count_independent_squares([d[:, j] for d in differences]) for j in range(len(f))])
-    return LackOfFit(f, np.asarray(stats.f.sf(f, freedom, freedom)))
+    return LackOfFit(f, np.asarray(special.fdtrc(freedom, freedom, f)))
 
 
 def _compute_mean_square(parts: Sequence[FloatArray]) -> FloatArray:

@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 import pyarrow.parquet as pq
-from scipy.stats import binned_statistic_2d
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.comparing.autocorrelation_and_spectra import (
@@ -233,6 +232,9 @@ class StoredComparison:
         bins : int
             Number of bins of each signal.
         """
+        # Importing it takes half a second, so that only those who need it do.
+        from scipy.stats import binned_statistic_2d
+
         self._find_joint(joint)
         names = [x] if y is None else [x, y]
         columns = [self._find_column(name, pointer) for name, pointer in zip(names, ("x", "y"), strict=False)]

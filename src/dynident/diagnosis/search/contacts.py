@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
@@ -153,4 +153,4 @@ def _test_contact(
         measured=data.torque_squared(),
         after_weighted=(after / noise**2).sum(axis=1),
     )
-    return judged, float(stats.f.sf(f, k, freedom))
+    return judged, float(special.fdtrc(k, freedom, max(f, 0.0)))

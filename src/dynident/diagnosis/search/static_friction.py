@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts, gather_products
@@ -103,7 +103,7 @@ class Halts:
     def are_along_the_motion(self) -> bool:
         """Whether nearly all are held towards the motion beside them, and more than a brake's would be by chance."""
         number = int(self.along.sum())
-        return number >= _ALONG * len(self.along) and bool(stats.binom.sf(number - 1, len(self.along), 0.5) <= ALPHA)
+        return number >= _ALONG * len(self.along) and bool(special.bdtrc(number - 1, len(self.along), 0.5) <= ALPHA)
 
     @property
     def look_like_friction(self) -> bool:
@@ -117,7 +117,7 @@ class Halts:
 
     def compute_p(self, noise: float) -> float:
         """Return how likely as many halts are where static friction is not above Coulomb friction."""
-        return float(stats.binom.sf(self.count_large(noise) - 1, len(self.beyond), _USUAL)) if len(self.beyond) else 1.0
+        return float(special.bdtrc(self.count_large(noise) - 1, len(self.beyond), _USUAL)) if len(self.beyond) else 1.0
 
 
 def find_halts(comparisons: Sequence[Comparison], joint: int) -> Halts:
@@ -216,7 +216,8 @@ def _combine_p_values(at_rest: float, moving: float) -> float:
     Halts are no part of any fit, so the two are independent (Fisher's sum of logarithms): six halts that all hold more
     than the friction are few, but not where the moving rows ask for the same friction.
     """
-    both = stats.combine_pvalues([at_rest, moving], method="fisher").pvalue
+    with np.errstate(divide="ignore"):
+        both = special.chdtrc(4, -2.0 * np.log([at_rest, moving]).sum())
     return 2.0 * float(min(at_rest, both))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -194,9 +194,8 @@ class HeldOutFit:
     """
 
     def __init__(self, robot: Robot, more: tuple[EffectChoice, ...] = ()) -> None:
-        signals = Signals(robot)
         self._robot = robot
-        self._observation = Observation.from_columns(robot, build_columns((*DEFAULT_EFFECTS, *more), signals), signals)
+        self._observation = _build_observation(robot, more)
         self._layout = [self._observation.joint_entries(joint) for joint in range(robot.n)]
         self._known: list[_MotionRows] = []
 
@@ -380,6 +379,13 @@ class HeldOutFit:
             ]
             frictions.append((own, next(k for k in own if get_role(columns[k]) == "dry")))
         return frictions
+
+
+@lru_cache(maxsize=4)
+def _build_observation(robot: Robot, more: tuple[EffectChoice, ...]) -> Observation:
+    """Build the columns of a robot's links, rotors and friction, which are the same for each of its recordings."""
+    signals = Signals(robot)
+    return Observation.from_columns(robot, build_columns((*DEFAULT_EFFECTS, *more), signals), signals)
 
 
 def compute_log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
