@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +111,47 @@ def test_the_arm_moves_with_its_clearances_to_what_stands_around_it(page: Any, h
     lengths = sorted(math.dist(*ends) for ends in lines)
     near = sorted(one["distance"][k] for one in along["links"] if one is worst or one["distance"][k] < 0.3)
     assert lengths == pytest.approx(near, abs=0.01)
+    assert heard.complaints == []
+
+
+@pytest.mark.parametrize(
+    ("surroundings", "height", "words"),
+    [
+        ({}, "0", "an assumed floor through the base"),
+        ({"floor": -0.3}, "-0.3", "the stated floor at z ="),
+        ({"assume_floor": False}, "", "No floor was checked"),
+    ],
+    ids=["assumed", "stated", "none"],
+)
+def test_the_floor_that_was_checked_is_drawn_and_named(
+    page: Any, heard: Any, surroundings: dict[str, Any], height: str, words: str
+) -> None:
+    client = Client(page.request.get("/").url)
+    robot = client.robots.create("panda", modified_dh=library_table("franka_panda"))
+    asked: dict[str, Any] = {
+        "kind": "random",
+        "trajectory": {"duration": 3.0, "harmonics": 3, "sampling_rate": 50.0},
+        "random_trajectories": 3,
+        "effects": [{"effect": "viscous"}],
+        "surroundings": surroundings,
+    }
+    design = client.designs.create(robot, **asked).wait()
+    page.goto(f"/?view=design&robot={robot.id}&design={design.id}")
+    expect(page.locator("#floor")).to_contain_text(words)
+    expect(page.locator("canvas.arm")).to_have_attribute("data-floor", height)
+    if os.environ.get("H40_SHOT"):
+        page.screenshot(path=os.environ["H40_SHOT"] + (height or "none") + ".png", full_page=True)
+    # The plane is filled: more of the picture has its colour than the lines of a grid have.
+    share = page.evaluate(
+        """() => {
+          const canvas = document.querySelector("canvas.arm");
+          const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+          let filled = 0;
+          for (let k = 3; k < data.length; k += 4) filled += data[k] > 40 && data[k] < 100;
+          return (4 * filled) / data.length;
+        }"""
+    )
+    assert (share > 0.1) == bool(height), share
     assert heard.complaints == []
 
 

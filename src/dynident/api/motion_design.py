@@ -9,6 +9,7 @@ from pathlib import Path
 from dynident.api.data_frames import Columns, Framed
 from dynident.api.effect_arguments import check_effects, resolve_effects
 from dynident.api.figure import Figure, check_folder_exists, join_figures
+from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.recordings import SomeRecordings, as_recordings
 from dynident.effects import EffectChoice
@@ -146,6 +147,7 @@ def design(
     duration: float | None = None,
     sampling_rate: float | None = None,
     earlier: SomeRecordings = (),
+    model: Model | None = None,
     progress: Progress = ignore_progress,
 ) -> DesignedMotion:
     """Design a motion that excites the parameters, within the robot's limits and without collision.
@@ -167,6 +169,10 @@ def design(
         Rate of the samples in Hz.
     earlier : recordings
         Recordings that the motion is to complement.
+    model : Model, optional
+        An identified model of the robot, by which torque is predicted for its limits: friction and rotors count, and a
+        margin for what is uncertain. By default, the model of the diagnosis if `request` is one; otherwise the
+        inertias of the description alone.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -192,7 +198,12 @@ def design(
         design_request = replace(
             design_request, trajectory=replace(design_request.trajectory, sampling_rate=sampling_rate)
         )
-    designed = design_experiment(robot, design_request, progress, as_recordings(earlier).recordings)
+    if model is None and isinstance(request, DiagnosedModel):
+        model = request.model
+    identified = None if model is None else model.identification.estimate
+    designed = design_experiment(
+        robot, design_request, progress, as_recordings(earlier).recordings, identified=identified
+    )
     return DesignedMotion(robot, designed)
 
 

@@ -11,12 +11,13 @@ from dynident.excitation.experiments.periodic import design_periodic
 from dynident.excitation.experiments.point_to_point import design_point_to_point
 from dynident.excitation.experiments.single_joint import design_joint_by_joint
 from dynident.excitation.observation.design_model import build_design_model, lock_model, note_locked_joints
+from dynident.excitation.observation.expected_torque import ExpectedTorque, IdentifiedModel
 from dynident.excitation.optimising.design_problem import Budget
 from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
 from dynident.excitation.request_checks import check_request
 from dynident.excitation.result import Design
 from dynident.excitation.sets.sequential_design import design_sequential
-from dynident.motion.collision.obstacles import note_reach
+from dynident.motion.collision.obstacles import ASSUMED_HEIGHT, note_reach
 from dynident.motion.limits.bounds import build_bounds, lock_bounds, select_moving_joints
 from dynident.motion.moves.paths import check_home, list_home_candidates
 from dynident.motion.trajectories.motion import sample_pieces
@@ -32,6 +33,7 @@ def design_experiment(
     progress: Progress = ignore_progress,
     earlier: Sequence[Recording] = (),
     checkpoints: Checkpoints | None = None,
+    identified: IdentifiedModel | None = None,
 ) -> Design:
     """Design an experiment.
 
@@ -49,6 +51,9 @@ def design_experiment(
     checkpoints : Checkpoints, optional
         Keeps the state of the search of a periodic trajectory. A search that was stopped continues from there, its time
         counted.
+    identified : IdentifiedModel, optional
+        The estimate of an identified model of the robot, by which the torque is predicted for its limits: friction and
+        rotors count, and a margin from its uncertainty. Without it the torque is that of the description's inertias.
 
     Returns
     -------
@@ -64,11 +69,21 @@ def design_experiment(
     budget = Budget(request.starts_or_default, request.time_budget)
     progress = make_monotonic(progress)
     check_request(request)
-    limits = build_bounds(robot, request.limits, torque_margin=request.torque_margin, surroundings=request.surroundings)
+    expected = None if identified is None else ExpectedTorque(robot, identified)
+    limits = build_bounds(
+        robot,
+        request.limits,
+        torque_margin=request.torque_margin,
+        surroundings=request.surroundings,
+        torque_note=None if expected is None or not expected.is_complete else expected.note,
+    )
     if request.home is not None:
         check_home(request.home, limits)
     model = build_design_model(
-        robot, add_rivals(request.effects_or_default, request.criterion), other_runs=bool(earlier)
+        robot,
+        add_rivals(request.effects_or_default, request.criterion),
+        other_runs=bool(earlier),
+        expected=expected,
     )
     # Designed for limits slightly inside the true ones, the verification does not fail by rounding.
     bounds, notes = limits.tighten(), list[str]()
@@ -109,6 +124,7 @@ def design_experiment(
         notes=(*experiment.notes, *notes, *model.notes, *limits.notes, *reach),
         expected=experiment.valued.expected,
         runs=experiment.runs,
+        floor=ASSUMED_HEIGHT if floor_assumed else request.surroundings.floor,
     )
 
 

@@ -54,8 +54,9 @@ joint makes: above half, staying where one is would be about as good. First mode
 a Gen3 at 0.15; a TX40 with a coupled wrist at 0.43, and what is not positive definite diverges."""
 
 LARGEST_FORCE_ANYWHERE, LARGEST_FORCE = 65.0, 140.0
-"""N that a face, and a hand or a chest, may bear while they are clamped (ISO/TS 15066:2016, table A.2): a collision
-that shows later than that is seen too late for a person."""
+"""Examples of forces in N that a face, and a hand or a chest, may bear while they are clamped. Secondary sources give
+these values as those of ISO/TS 15066:2016, table A.2 (for hands arXiv:2311.13814, table 1), and some sources give
+others; the standard itself was not read. The limits that count are those of the user's risk assessment."""
 
 STOP = 0.5
 """Held-out error above which something else is wrong than a missing effect: the model is not to be used."""

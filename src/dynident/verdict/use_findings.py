@@ -119,6 +119,7 @@ def combine_findings(name: UseName, findings: Sequence[UseFinding], when_good: s
     return Use(name, state, " ".join(sentences), steps[0] if steps else when_good)
 
 
+_FORCE_THAT_COUNTS = "The limit that counts is that of your risk assessment."
 _LONGER = f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that carry the tool."
 
 
@@ -156,13 +157,15 @@ def judge_collision_detection(evidence: HeldOutEvidence, force: DetectableForce 
     )
     if force.force > LARGEST_FORCE:
         against = (
-            f"{figures} This is above the {LARGEST_FORCE:g} N that a hand can bear: it protects the machine at best."
+            f"{figures} This is above {LARGEST_FORCE:g} N, an example of what a clamped hand can bear: it protects the "
+            f"machine at best. {_FORCE_THAT_COUNTS}"
         )
         return [*findings, UseFinding("no", against, DIAGNOSE)]
     if force.force > LARGEST_FORCE_ANYWHERE:
-        findings.append(
-            UseFinding("limited", f"This is more than the {LARGEST_FORCE_ANYWHERE:g} N that a face can bear.", DIAGNOSE)
+        against = (
+            f"This is above {LARGEST_FORCE_ANYWHERE:g} N, an example of what a face can bear. {_FORCE_THAT_COUNTS}"
         )
+        findings.append(UseFinding("limited", against, DIAGNOSE))
     if not evidence.list_passed("payload"):
         findings.append(
             UseFinding(
