@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.csv as pacsv
@@ -190,10 +192,36 @@ def test_diagnose_names_the_effect_and_writes_what_it_prints(diagnosed: dict, de
 def test_diagnose_tells_people_how_to_add_what_is_missing(desk: Path, diagnosed: dict) -> None:
     answer = dynident("diagnose", desk / "model.npz", desk / "run1.csv", "--candidates", "stribeck,offset")
     assert diagnosed["summary"].split(".")[0] in " ".join(answer.out.split())
-    line = next(line for line in answer.out.splitlines() if "--effects" in line)
-    added = line.split("'")[1]
-    extended = dynident("extend", desk / "model.npz", desk / "run1.csv", "--effects", added, "--json")
+    assert run_printed(answer.out)["effects"][-1]["effect"] == "stribeck"
+
+
+def run_printed(out: str) -> Any:
+    """What the command that a diagnosis prints gives, run as it is printed."""
+    (line,) = (line for line in out.splitlines() if "To add what is missing: " in line)
+    program, *words = shlex.split(line.split("missing: ")[1])
+    assert program == "dynident"
+    extended = dynident(*words, "--json")
     assert extended.code == 0, extended.err
+    return extended.document
+
+
+def test_the_printed_command_reads_recordings_as_the_diagnosis_did(desk: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "my cell [1]"
+    folder.mkdir()
+    lines = (desk / "run1.csv").read_text().replace('"', "").splitlines()
+    run, model = folder / "run 1.csv", folder / "my model.npz"
+    run.write_text("\n".join([lines[0].replace("tau1", "torque of joint 1"), *lines[1:]]) + "\n")
+    read = ("--columns", "tau1=torque of joint 1", "--windows", "run 1=0.5:12,run 1=13:19.5", "--skip", "idle_drives")
+    made = dynident("identify", "scara", run, *read, "--out", model)
+    assert made.code == 0, made.err
+    asked = ("diagnose", model, run, *read, "--no-cure", "--candidates", "stribeck,offset")
+    answer = dynident(*asked)
+    assert answer.code == 0, answer.err
+    assert run_printed(answer.out)["effects"][-1]["effect"] == "stribeck"
+    # Where the diagnosis is in a file, that says more than a list of effects can.
+    stored = dynident(*asked, "--out", folder / "a diagnosis.json")
+    assert "--diagnosis" in stored.out
+    assert run_printed(stored.out)["effects"][-1]["effect"] == "stribeck"
 
 
 def test_extend_adds_what_the_diagnosis_recommends_and_the_error_falls(desk: Path, diagnosed: dict) -> None:

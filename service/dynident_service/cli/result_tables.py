@@ -10,7 +10,6 @@ import numpy as np
 from rich.console import Console
 
 from dynident.effects import EffectChoice, get_effect
-from dynident.effects.text_format import format_effect
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.study.correlated_and_essential_parameters import EssentialPath, parameter_dependence
@@ -170,16 +169,15 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
         console.print(f"  {note}")
 
 
-def show_diagnosis(console: Console, diagnosis: AdvisedDiagnosis, robot: Robot) -> None:
-    """Print the summary, the ranked candidates, the recommendation, and what the data cannot show."""
+def show_diagnosis(console: Console, diagnosis: AdvisedDiagnosis, robot: Robot, extend_command: str) -> None:
+    """Print the summary, the ranked candidates, the command that adds effects, and what the data cannot show."""
     console.print(diagnosis.summary, style="bold")
     console.print(build_table("Candidates", CANDIDATES, format_candidates(diagnosis.candidates, robot), right_from=3))
     for item in diagnosis.candidates:
         if item.significant:
             console.print(f"  {item.rank}. {item.evidence}")
     if diagnosis.recommended:
-        effect_list = ",".join(format_effect(choice) for choice in diagnosis.recommended)
-        console.print(f"To add what is missing: dynident extend … --effects '{effect_list}'", soft_wrap=True)
+        console.print(f"To add what is missing: {extend_command}", soft_wrap=True, markup=False, highlight=False)
     for pattern in diagnosis.unknown:
         console.print(
             f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} "

@@ -147,7 +147,7 @@ def design(
     duration: float | None = None,
     sampling_rate: float | None = None,
     earlier: SomeRecordings = (),
-    model: Model | None = None,
+    identified: Model | None = None,
     progress: Progress = ignore_progress,
 ) -> DesignedMotion:
     """Design a motion that excites the parameters, within the robot's limits and without collision.
@@ -169,7 +169,7 @@ def design(
         Rate of the samples in Hz.
     earlier : recordings
         Recordings that the motion is to complement.
-    model : Model, optional
+    identified : Model, optional
         An identified model of the robot, by which torque is predicted for its limits: friction and rotors count, and a
         margin for what is uncertain. By default, the model of the diagnosis if `request` is one; otherwise the
         inertias of the description alone.
@@ -198,11 +198,14 @@ def design(
         design_request = replace(
             design_request, trajectory=replace(design_request.trajectory, sampling_rate=sampling_rate)
         )
-    if model is None and isinstance(request, DiagnosedModel):
-        model = request.model
-    identified = None if model is None else model.identification.estimate
+    if identified is None and isinstance(request, DiagnosedModel):
+        identified = request.model
     designed = design_experiment(
-        robot, design_request, progress, as_recordings(earlier).recordings, identified=identified
+        robot,
+        design_request,
+        progress,
+        as_recordings(earlier).recordings,
+        identified=None if identified is None else identified.identification.estimate,
     )
     return DesignedMotion(robot, designed)
 

@@ -136,10 +136,10 @@ class DesignFiles:
     earlier: Annotated[
         SomeFiles, file_option("--earlier", help="Measurement that the experiment complements; may be repeated.")
     ] = None
-    model: Annotated[
+    identified: Annotated[
         SomeFile,
         file_option(
-            "--model",
+            "--identified",
             help="Identified model of the robot (`dynident identify --out`), by which torque is predicted for its "
             "limits: friction and rotors count, and a margin for what is uncertain.",
         ),
@@ -185,7 +185,7 @@ def design(
             files.surroundings, choose_mesh_folders(machine, robot, files.meshes), floor=files.floor
         ),
     )
-    identified = None if files.model is None else inputs.load_model(files.model).estimate
+    identified = None if files.identified is None else inputs.load_model(files.identified).estimate
     with inputs.read_recordings("design", files.earlier or [], machine, reading, share=0.1) as data:
         experiment = design_experiment(machine, request, data.progress, data.recordings, identified=identified)
     table_files.write_trajectory(experiment, out)

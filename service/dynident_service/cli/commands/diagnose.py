@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +14,9 @@ from dynident.encoding import encode_text
 from dynident_service.cli.files import READABLE_FILE
 from dynident_service.cli.options import Json, Measurements, ModelArgument, OutputOptions, Reading, file_option
 from dynident_service.cli.request_options import RequestOptions, TypedValues
+
+if TYPE_CHECKING:
+    from dynident.effects import EffectChoice
 
 
 def series(
@@ -130,9 +135,27 @@ def diagnose(
             progress=data.progress,
         )
         diagnosis = advise(examined)
+    extend_command = _write_extend_command(diagnosis.recommended, model, measurements, reading, result.out)
     output.write_result(
         result,
         "diagnosis",
         lambda: describe_diagnosis(diagnosis, robot.name),
-        lambda console: result_tables.show_diagnosis(console, diagnosis, robot),
+        lambda console: result_tables.show_diagnosis(console, diagnosis, robot, extend_command),
     )
+
+
+def _write_extend_command(
+    recommended: Sequence[EffectChoice], model: Path, measurements: Sequence[Path], reading: Reading, out: Path | None
+) -> str:
+    """Write the command that adds the recommended effects, with measurements read as they were here."""
+    from dynident.effects.text_format import format_effect
+    from dynident_service.cli.request_options import list_option_words
+
+    # Effects of some runs alone can only be given by the file of the diagnosis.
+    if out is not None or any(choice.runs for choice in recommended):
+        added = ["--diagnosis", "FILE" if out is None else str(out)]
+    else:
+        added = ["--effects", ",".join(map(format_effect, recommended))]
+    files = [str(path) for path in (model, *measurements)]
+    command = shlex.join(["dynident", "extend", *files, *list_option_words(reading), *added])
+    return command if "FILE" not in added else f"{command} (FILE: diagnose again with --out FILE)"

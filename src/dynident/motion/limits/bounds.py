@@ -90,7 +90,7 @@ _FROM_DESCRIPTION = (
     "Torque is predicted from the inertias in the robot's description, without rotor inertia and friction."
 )
 _LEAVE_ROOM = (
-    "Leave room in the torque limits for both, or give an identified model, which knows them (--model, "
+    "Leave room in the torque limits for both, or give an identified model, which knows them (--identified, "
     "identification_id)."
 )
 # Share by which limits are tightened for the design.
