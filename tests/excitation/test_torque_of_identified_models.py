@@ -49,8 +49,7 @@ def test_the_expected_torque_is_the_outer_end_of_the_interval_of_a_prediction():
     predicted = predict(estimate, motion.q, motion.dq, motion.ddq)
     outer = predicted.torque + np.sign(predicted.torque) * predicted.half_width
     found = ExpectedTorque(ROBOT, estimate).torque(motion.q, motion.dq, motion.ddq)
-    # Student's t of the prediction is a little wider than the normal distribution.
-    np.testing.assert_allclose(found, outer, atol=0.02 * predicted.half_width.max())
+    np.testing.assert_allclose(found, outer, rtol=1e-6, atol=1e-6 * np.abs(outer).max())
     assert (np.abs(found) > np.abs(predicted.torque)).all()
 
 

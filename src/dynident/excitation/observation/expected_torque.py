@@ -12,7 +12,7 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.effects import Column, EffectChoice, ReferenceParameters, Signals, build_columns, get_role
 from dynident.errors import DynidentError
-from dynident.estimation.uncertainty import NORMAL_95, Statistics
+from dynident.estimation.uncertainty import Statistics
 from dynident.expressions import Program
 from dynident.regressors.model import Model
 from dynident.robot.json_fields import join_names
@@ -131,13 +131,14 @@ class ExpectedTorque:
     def _build_half_width(self, row: ca.SX, covariance: FloatArray, joint: int) -> ca.SX:
         """Return half of the interval of one joint's torque, as an expression."""
         columns = row.sparsity().get_triplet()[1]
-        variance = ca.SX(float(self.identified.noise[joint]) ** 2)
+        of_parameters, of_noise = self.identified.statistics.prediction_quantiles()
+        square = ca.SX((of_noise * float(self.identified.noise[joint])) ** 2)
         if columns:
             # A square root of the covariance by eigenvalues: it may be singular, and rounding may make it indefinite.
             eigenvalues, vectors = np.linalg.eigh(covariance[np.ix_(columns, columns)])
-            root = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
-            variance += ca.sumsqr(ca.mtimes(ca.densify(row[:, columns]), ca.DM(root)))
-        return NORMAL_95 * ca.sqrt(variance)
+            root = of_parameters * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
+            square += ca.sumsqr(ca.mtimes(ca.densify(row[:, columns]), ca.DM(root)))
+        return ca.sqrt(square)
 
     @cached_property
     def _program(self) -> Program:
