@@ -76,7 +76,7 @@ def test_a_model_of_friction_alone_is_completed_by_the_links_of_the_description(
     sliding = np.abs(motion.dq) > 0.05
     assert np.abs(found - true)[sliding].max() < 0.05 * np.abs(true).max()
     bare = replace(ROBOT, inertias=None)
-    assert not ExpectedTorque(bare, identify(bare, [friction], [], choices).estimate).is_complete
+    assert ExpectedTorque(bare, identify(bare, [friction], [], choices).estimate).complete_note is None
 
 
 def test_the_gradient_of_the_expected_torque_agrees_with_finite_differences():

@@ -75,7 +75,7 @@ def design_experiment(
         request.limits,
         torque_margin=request.torque_margin,
         surroundings=request.surroundings,
-        torque_note=None if expected is None or not expected.is_complete else expected.note,
+        torque_note=None if expected is None else expected.complete_note,
     )
     if request.home is not None:
         check_home(request.home, limits)

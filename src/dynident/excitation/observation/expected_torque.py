@@ -80,9 +80,9 @@ class ExpectedTorque:
         return any(get_role(column) == "link" for column in self.identified.model.columns)
 
     @property
-    def is_complete(self) -> bool:
-        """Whether the weight of the links is known, from the model or from the description."""
-        return self.has_links or self.robot.inertias is not None
+    def complete_note(self) -> str | None:
+        """The note, or None where nobody knows the weight of the links, and torque cannot be checked."""
+        return self.note if self.has_links or self.robot.inertias is not None else None
 
     @cached_property
     def _usable(self) -> tuple[int, ...]:
