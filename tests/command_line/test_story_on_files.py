@@ -158,6 +158,29 @@ def test_compare_says_when_the_motion_only_repeats_what_was_learnt(desk: Path) -
     assert "repeated periods" in other
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("extend", "MODEL", "RUN", "--effects", "offset"),
+        ("report", "MODEL", "RUN", "-o", "report.html"),
+        ("compare", "MODEL", "OTHER", "--learnt", "RUN"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_recordings_that_are_said_to_be_those_of_the_model_are_held_against_it(
+    desk: Path, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    copy = tmp_path / "renamed.csv"
+    copy.write_bytes((desk / "run1.csv").read_bytes())
+    given = {"MODEL": desk / "model.npz", "OTHER": desk / "run2.csv", "report.html": tmp_path / "report.html"}
+    refused = dynident(*({**given, "RUN": desk / "run2.csv"}.get(word, word) for word in words))
+    assert refused.code == 2
+    assert "not the recordings that the model was identified from (run1)" in " ".join(refused.err.split())
+    # The content counts, not the name of the file.
+    taken = dynident(*({**given, "RUN": copy}.get(word, word) for word in words))
+    assert taken.code == 0, taken.err
+
+
 def test_diagnose_names_the_effect_and_writes_what_it_prints(diagnosed: dict, desk: Path) -> None:
     assert diagnosed.keys() >= {
         "verdict",

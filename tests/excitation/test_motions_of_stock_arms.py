@@ -39,9 +39,8 @@ class Oracle:
     def __init__(self, file: Path) -> None:
         assert STOCK is not None
         self.model = pin.buildModelFromUrdf(str(file))
-        self.geometry = pin.buildGeomFromUrdf(
-            self.model, str(file), pin.GeometryType.COLLISION, [str(STOCK.parents[1])]
-        )
+        folder = str(STOCK.parents[1])
+        self.geometry = pin.buildGeomFromUrdf(self.model, str(file), pin.GeometryType.COLLISION, package_dirs=folder)
         n = len(self.geometry.geometryObjects)
         place = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.5]))
         floor = self.geometry.addGeometryObject(pin.GeometryObject("floor", 0, place, coal.Box(20.0, 20.0, 1.0)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from pathlib import Path
 from typing import Any
 
@@ -139,8 +138,6 @@ def test_the_floor_that_was_checked_is_drawn_and_named(
     page.goto(f"/?view=design&robot={robot.id}&design={design.id}")
     expect(page.locator("#floor")).to_contain_text(words)
     expect(page.locator("canvas.arm")).to_have_attribute("data-floor", height)
-    if os.environ.get("H40_SHOT"):
-        page.screenshot(path=os.environ["H40_SHOT"] + (height or "none") + ".png", full_page=True)
     # The plane is filled: more of the picture has its colour than the lines of a grid have.
     share = page.evaluate(
         """() => {

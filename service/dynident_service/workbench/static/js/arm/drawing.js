@@ -131,9 +131,10 @@ function ground(pen, seen, { reach }, floor, colour) {
   const height = floor ?? 0;
   if (floor !== null) {
     pen.globalAlpha = FLOOR_OPACITY;
-    const [a, b, c, d] = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([x, y]) => seen([x * reach, y * reach, height]));
-    triangle(pen, a, b, c, colour("--soft"));
-    triangle(pen, a, c, d, colour("--soft"));
+    pen.fillStyle = colour("--soft");
+    pen.beginPath();
+    for (const [x, y] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) pen.lineTo(...seen([x * reach, y * reach, height]).slice(0, 2));
+    pen.fill();
     pen.globalAlpha = 1;
   }
   const shade = colour(floor === null ? "--grid" : "--line");
