@@ -44,7 +44,7 @@ SMALL = {
     "recordings_side_by_side": "--recordings 2 --samples 50000",
     "regressor_throughput": "",
     "reidentification": "",
-    "rows_or_products": "",
+    "rows_or_products": "--candidates 10",
     "smallest_gain": "--cases 1 --processes 1",
     "standing_rows": "--arms ur10 --rates 250 --only halts",
 }
