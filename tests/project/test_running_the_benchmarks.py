@@ -27,7 +27,7 @@ SMALL = {
     "equal_terms": "--cases 1 --processes 1",
     "extending": "",
     "feasible_estimator": "",
-    "gross_mistakes": "--cases 1 --each 2",
+    "gross_mistakes": "--cases 1 --each 2 --recordings 1",
     "held_at_rest": "--cases 1 --processes 1",
     "hidden_effects": "--cases 1",
     "identification_speed": "",
