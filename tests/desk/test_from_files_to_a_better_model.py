@@ -254,6 +254,6 @@ def test_what_is_no_change_of_the_catalogue_is_not_told_as_one_that_may_be_nothi
 
 def test_the_torque_of_a_design_is_that_of_an_identified_model(robot: dy.Robot, model: dy.Model) -> None:
     quick = {"kind": "random", "duration": 3.0, "sampling_rate": 50.0}
-    plain, known = dy.design(robot, **quick), dy.design(robot, **quick, identified=model)
+    plain, known = dy.design(robot, **quick), dy.design(model, **quick)
     assert any("without rotor inertia and friction" in note for note in plain.design.notes)
     assert any("by the identified model" in note for note in known.design.notes)

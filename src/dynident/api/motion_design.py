@@ -139,7 +139,7 @@ class DesignedMotion(Framed):
 
 
 def design(
-    robot: Robot,
+    robot: Robot | Model,
     request: DesignRequest | DiagnosedModel | None = None,
     *,
     kind: Kind | None = None,
@@ -147,15 +147,16 @@ def design(
     duration: float | None = None,
     sampling_rate: float | None = None,
     earlier: SomeRecordings = (),
-    identified: Model | None = None,
     progress: Progress = ignore_progress,
 ) -> DesignedMotion:
     """Design a motion that excites the parameters, within the robot's limits and without collision.
 
     Parameters
     ----------
-    robot : Robot
-        The robot that shall make the motion; its limits bound it.
+    robot : Robot or Model
+        The robot that shall make the motion; its limits bound it. With an identified model of the robot, torque is
+        predicted by this model: friction and rotors count, and a margin for what is uncertain. By default, torque is
+        predicted by the model of the diagnosis if `request` is one, otherwise by the inertias of the description alone.
     request : DesignRequest or diagnosis, optional
         All options: criterion, limits, surroundings, time, seed and, in its `trajectory`, the family of motions. Of a
         diagnosis, the next experiment that it proposes. The other arguments take precedence over it.
@@ -169,10 +170,6 @@ def design(
         Rate of the samples in Hz.
     earlier : recordings
         Recordings that the motion is to complement.
-    identified : Model, optional
-        An identified model of the robot, by which torque is predicted for its limits: friction and rotors count, and a
-        margin for what is uncertain. By default, the model of the diagnosis if `request` is one; otherwise the
-        inertias of the description alone.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -186,28 +183,28 @@ def design(
     DynidentError
         Where there is no such motion; it names the limit in the way.
     """
+    machine = robot.robot if isinstance(robot, Model) else robot
     # The arguments of their own replace fields of the request one by one, so that the rest of it stays.
     design_request = _resolve_request(request)
     if kind is not None:
         design_request = replace(design_request, kind=kind)
     if effects is not None:
-        design_request = replace(design_request, effects=check_effects(resolve_effects(effects), robot))
+        design_request = replace(design_request, effects=check_effects(resolve_effects(effects), machine))
     if duration is not None:
         design_request = replace(design_request, trajectory=replace(design_request.trajectory, duration=duration))
     if sampling_rate is not None:
         design_request = replace(
             design_request, trajectory=replace(design_request.trajectory, sampling_rate=sampling_rate)
         )
-    if identified is None and isinstance(request, DiagnosedModel):
-        identified = request.model
+    model = robot if isinstance(robot, Model) else request.model if isinstance(request, DiagnosedModel) else None
     designed = design_experiment(
-        robot,
+        machine,
         design_request,
         progress,
         as_recordings(earlier).recordings,
-        identified=None if identified is None else identified.identification.estimate,
+        identified=None if model is None else model.identification.estimate,
     )
-    return DesignedMotion(robot, designed)
+    return DesignedMotion(machine, designed)
 
 
 def _resolve_request(request: DesignRequest | DiagnosedModel | None) -> DesignRequest:
