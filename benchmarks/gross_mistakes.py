@@ -65,6 +65,8 @@ from dynident.robot import Robot
 FAULTY, FAULTS = ("ur5", "ur10", "franka_panda"), 6
 DRAWN, SPREAD = 8, 0.5
 """Recordings of each arm with drawn friction, and the spread of its logarithm."""
+ALL = 1000
+"""More recordings than an arm or a case has."""
 BRIEF, FEW = 8.0, 3
 """s of a short motion, and mistakes planted in each."""
 LATE = 0.02
@@ -98,10 +100,11 @@ def main() -> None:
         "Untouched recordings",
         [("recording", "mistakes named", "left"), *((n, str(c), f"{left:.1%}") for n, c, left in untouched)],
     )
-    faulty, drawn = (min(number, options.recordings) for number in (FAULTS, DRAWN))
+    most = options.recordings or ALL
+    faulty, drawn = min(FAULTS, most), min(DRAWN, most)
     show("Other faults", _other_faults(seed, faulty))
     show("Drawn friction", _drawn_frictions(seed, drawn))
-    show("Short motions", _short_motions(seed, options.cases))
+    show("Short motions", _short_motions(seed, options.cases, most))
     show("Few moves", _few_moves(seed, faulty))
     show("Delays and gains", amounts)
     rows = [("mistake", "planted", "harmful", "noticed", "cured", "refused")]
@@ -198,13 +201,13 @@ def _drawn_frictions(seed: int, recordings: int) -> list[tuple[str, ...]]:
     return rows
 
 
-def _short_motions(seed: int, cases: int) -> list[tuple[str, ...]]:
+def _short_motions(seed: int, cases: int, recordings: int) -> list[tuple[str, ...]]:
     rows = [("case", "runs", "said of right ones", "harmful", "noticed", "cured")]
     rng = np.random.default_rng([seed, 8])
     for case in draw_cases(Wanted(seed, cases, manners=Manners(motions=("point-to-point",)))):
         robot = as_described(arm_by_name(case.arm), case.noise)
         runs = []
-        for run in recorded(case, None).runs:
+        for run in recorded(case, None).runs[:recordings]:
             n = int(np.searchsorted(run.t - run.t[0], BRIEF))
             runs.append(recording_from_arrays(run.t[:n], run.q[:n], run.tau[:n], joint_names=robot.joint_names))
         rows.append((case.name, *_short(robot, runs, rng)))
@@ -292,7 +295,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seed", default="1", help='a number, or "new"')
     parser.add_argument("--cases", type=int, default=8, help="simulated recordings")
     parser.add_argument("--each", type=int, default=12, help="mistakes planted in each recording")
-    parser.add_argument("--recordings", type=int, default=DRAWN, help="of each arm in the other tables, at most")
+    parser.add_argument("--recordings", type=int, default=0, help="of each arm and case in the other tables; 0: all")
     return parser.parse_args()
 
 

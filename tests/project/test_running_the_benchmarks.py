@@ -27,7 +27,7 @@ SMALL = {
     "equal_terms": "--cases 1 --processes 1",
     "extending": "",
     "feasible_estimator": "",
-    "gross_mistakes": "--cases 1 --each 2 --recordings 1",
+    "gross_mistakes": "--cases 1 --each 1 --recordings 1",
     "held_at_rest": "--cases 1 --processes 1",
     "hidden_effects": "--cases 1",
     "identification_speed": "",
@@ -46,7 +46,7 @@ SMALL = {
     "reidentification": "",
     "rows_or_products": "--candidates 10",
     "smallest_gain": "--cases 1 --processes 1",
-    "standing_rows": "--arms ur10 --rates 250 --only halts",
+    "standing_rows": "--arms ur10 --rates 60",
 }
 """Arguments with which a script takes seconds."""
 WITH_RECORDINGS = {
