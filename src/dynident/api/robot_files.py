@@ -180,6 +180,16 @@ def load_robot(
     ------
     DynidentError
         Where there is neither such a file nor such an arm, or the file describes no robot; says where in the file.
+
+    Examples
+    --------
+    >>> import dynident as dy
+    >>> robot = dy.load_robot("scara")
+    >>> robot.joint_names
+    ('shoulder', 'elbow', 'quill', 'tool_roll')
+    >>> hanging = dy.load_robot("scara", gravity=(0.0, 0.0, 9.81))
+    >>> float(hanging.gravity[2])
+    9.81
     """
     stated: dict[str, Any] = {
         "limits": dict(limits or {}),

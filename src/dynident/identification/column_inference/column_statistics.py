@@ -209,15 +209,13 @@ def correlate_slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, Flo
     return np.asarray(correlation), np.asarray(factor)
 
 
-def compute_roughness(t: FloatArray, values: FloatArray) -> FloatArray:
+def compute_roughness(values: FloatArray) -> FloatArray:
     """Return the roughness of every column (c,): near 0 for positions, large for torques.
 
     It is the rms of the second difference over the standard deviation.
 
     Parameters
     ----------
-    t : (m,)
-        Times in s.
     values : (m, c)
         Values of the columns.
     """
