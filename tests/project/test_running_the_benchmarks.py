@@ -53,7 +53,6 @@ WITH_RECORDINGS = {
     "effort_kinds": "--cases 2",
     "foreign_files": "",
     "imports": "--draws 2",
-    "methods_on_an_arm": "",
     "planted_mistakes": "--pairs 1 --only tx40 --arms 1 --draws 5",
     "readme_figures": "",
 }
@@ -62,6 +61,7 @@ ELSEWHERE = {
     "chaos": "tests/service/test_chaos.py",
     "greedy_key": "tests/service/test_greedy_key.py",
     "hostile_cases": "needs schemathesis, in an environment of its own",
+    "methods_on_an_arm": "writes the table of docs/methods.md",
     "run": "this file",
     "workbench_speed": "needs Chromium; the browser tests do the same",
 }
