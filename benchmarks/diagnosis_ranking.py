@@ -47,7 +47,7 @@ def main() -> None:
     building = time.process_time() - start
     start = time.process_time()
     data = products_from_reduction(
-        reduce_recordings(pool.observation, [recording], PREPROCESSING, model.estimate.standard_inertia())
+        reduce_recordings(pool.observation, [recording], PREPROCESSING, model.estimate.next_reference())
     )
     reducing = time.process_time() - start
     base = np.arange(pool.n_base, dtype=np.intp)
@@ -112,7 +112,7 @@ def rows_of(pool: Pool, recording: Recording, model: Identification) -> tuple[Fl
     """W (m, n, c) and Y (m, n) after the parallel filter, and the number of the stretch that each row is in."""
     observation = pool.observation
     w, y, t = [], [], []
-    for part in stream_filtered_samples(observation, recording, PREPROCESSING, model.estimate.standard_inertia()):
+    for part in stream_filtered_samples(observation, recording, PREPROCESSING, model.estimate.next_reference()):
         dense = np.zeros((len(part.t), observation.robot.n, observation.n_columns))
         dense[:, observation.entry_rows, observation.entry_columns] = part.values
         w.append(dense)

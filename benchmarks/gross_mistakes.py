@@ -65,6 +65,8 @@ from dynident.robot import Robot
 FAULTY, FAULTS = ("ur5", "ur10", "franka_panda"), 6
 DRAWN, SPREAD = 8, 0.5
 """Recordings of each arm with drawn friction, and the spread of its logarithm."""
+ALL = 1000
+"""More recordings than an arm or a case has."""
 BRIEF, FEW = 8.0, 3
 """s of a short motion, and mistakes planted in each."""
 LATE = 0.02
@@ -98,10 +100,12 @@ def main() -> None:
         "Untouched recordings",
         [("recording", "mistakes named", "left"), *((n, str(c), f"{left:.1%}") for n, c, left in untouched)],
     )
-    show("Other faults", _other_faults(seed))
-    show("Drawn friction", _drawn_frictions(seed))
-    show("Short motions", _short_motions(seed, options.cases))
-    show("Few moves", _few_moves(seed))
+    most = options.recordings or ALL
+    faulty, drawn = min(FAULTS, most), min(DRAWN, most)
+    show("Other faults", _other_faults(seed, faulty))
+    show("Drawn friction", _drawn_frictions(seed, drawn))
+    show("Short motions", _short_motions(seed, options.cases, most))
+    show("Few moves", _few_moves(seed, faulty))
     show("Delays and gains", amounts)
     rows = [("mistake", "planted", "harmful", "noticed", "cured", "refused")]
     for kind in dict.fromkeys(one[0] for one in planted):
@@ -157,13 +161,13 @@ def _gains(robot: Robot, motion: Motion) -> str:
     return f"{right} of {robot.n}" + (f", untouched {len(usual)}" if usual else "")
 
 
-def _other_faults(seed: int) -> list[tuple[str, str, str, str, str]]:
+def _other_faults(seed: int, recordings: int) -> list[tuple[str, str, str, str, str]]:
     rows = [("fault", "recordings", "something named", "refused", "at most")]
     for name, spoiled in (("gravity", _leaning), ("zero by 90 degrees", _off), ("gain times ten", _scaled)):
         named = refused = count = 0
         most = 0.0
         for arm in FAULTY:
-            for draw in range(FAULTS):
+            for draw in range(recordings):
                 robot, motion = spoiled(arm, np.random.default_rng([seed, draw]))
                 told = find_motion_faults(robot, motion)
                 found = [one for one in told[0] if one.mistake.kind != "torque scaled"] if told else []
@@ -173,11 +177,11 @@ def _other_faults(seed: int) -> list[tuple[str, str, str, str, str]]:
     return rows
 
 
-def _drawn_frictions(seed: int) -> list[tuple[str, ...]]:
+def _drawn_frictions(seed: int, recordings: int) -> list[tuple[str, ...]]:
     rows = [("arm", "recordings", "said of right ones", "gains x 10", "noticed", "another joint named")]
     for arm in FAULTY:
         robot, alarms, planted, noticed, wrong = arm_by_name(arm), 0, 0, 0, 0
-        for draw in range(DRAWN):
+        for draw in range(recordings):
             rng = np.random.default_rng([seed, 7, draw])
             usual = usual_drives(robot)
             sizes = np.exp(rng.normal(0.0, SPREAD, robot.n) + rng.normal(0.0, SPREAD))
@@ -193,29 +197,29 @@ def _drawn_frictions(seed: int) -> list[tuple[str, ...]]:
                     one.joint for one in find_torque_scales(robot, large, find_excess_of_motion(robot, large)) or ()
                 }
                 planted, noticed, wrong = planted + 1, noticed + bool(found), wrong + bool(found - {joint})
-        rows.append((arm, *map(str, (DRAWN, alarms, planted, noticed, wrong))))
+        rows.append((arm, *map(str, (recordings, alarms, planted, noticed, wrong))))
     return rows
 
 
-def _short_motions(seed: int, cases: int) -> list[tuple[str, ...]]:
+def _short_motions(seed: int, cases: int, recordings: int) -> list[tuple[str, ...]]:
     rows = [("case", "runs", "said of right ones", "harmful", "noticed", "cured")]
     rng = np.random.default_rng([seed, 8])
     for case in draw_cases(Wanted(seed, cases, manners=Manners(motions=("point-to-point",)))):
         robot = as_described(arm_by_name(case.arm), case.noise)
         runs = []
-        for run in recorded(case, None).runs:
+        for run in recorded(case, None).runs[:recordings]:
             n = int(np.searchsorted(run.t - run.t[0], BRIEF))
             runs.append(recording_from_arrays(run.t[:n], run.q[:n], run.tau[:n], joint_names=robot.joint_names))
         rows.append((case.name, *_short(robot, runs, rng)))
     return rows
 
 
-def _few_moves(seed: int) -> list[tuple[str, ...]]:
+def _few_moves(seed: int, recordings: int) -> list[tuple[str, ...]]:
     rows = [("arm", "runs", "said of right ones", "harmful", "noticed", "cured")]
     rng = np.random.default_rng([seed, 9])
     for name in FAULTY:
         robot = arm_by_name(name)
-        runs = [_run(robot, _half_stay(robot, rng), rng) for _ in range(FAULTS)]
+        runs = [_run(robot, _half_stay(robot, rng), rng) for _ in range(recordings)]
         rows.append((name, *_short(robot, runs, rng)))
     return rows
 
@@ -291,6 +295,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seed", default="1", help='a number, or "new"')
     parser.add_argument("--cases", type=int, default=8, help="simulated recordings")
     parser.add_argument("--each", type=int, default=12, help="mistakes planted in each recording")
+    parser.add_argument("--recordings", type=int, default=0, help="of each arm and case in the other tables; 0: all")
     return parser.parse_args()
 
 

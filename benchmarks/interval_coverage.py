@@ -27,7 +27,7 @@ import pinocchio
 from common import FloatArray
 from scipy.signal import lfilter
 
-from dynident.effects import Column, EffectChoice, MemorySignal, ReferenceParameters
+from dynident.effects import STOP, Column, EffectChoice, MemorySignal, ReferenceParameters
 from dynident.effects.hysteresis_states import step_state
 from dynident.estimation import CovarianceName, statistics
 from dynident.identification import Identification, IdentificationChoices, identify, identify_model
@@ -82,7 +82,7 @@ class Hidden:
 
 def _stop(q: FloatArray, _dq: FloatArray) -> FloatArray:
     """Presliding by the stop operator, from a state of zero."""
-    signal, z, out = MemorySignal("stop", 0, 0.02), 0.0, np.zeros(len(q))
+    signal, z, out = MemorySignal(STOP, 0, 0.02), 0.0, np.zeros(len(q))
     for k in range(1, len(q)):
         z = step_state(signal, z, q[k] - q[k - 1])
         out[k] = 8.0 * z

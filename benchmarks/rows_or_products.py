@@ -9,6 +9,7 @@ some ten rounds of a diagnosis.
 
 from __future__ import annotations
 
+import argparse
 import time
 
 import numpy as np
@@ -23,44 +24,47 @@ ROWS = (8, 16, 32, 64, 128, 256)
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--candidates", type=int, default=CANDIDATES, help="of two columns each")
+    candidates = parser.parse_args().candidates
     rows = [("rows a stretch", "from rows", "from products", "products / rows", "difference")]
     for count in ROWS:
-        kept, folded = stacks_of(count)
+        kept, folded = stacks_of(count, candidates)
         start = time.perf_counter()
-        ours = scores(kept)
+        ours = scores(kept, candidates)
         reading = time.perf_counter() - start
         start = time.perf_counter()
         products = [ProductStack(made(stack)) for stack in folded]
         making = time.perf_counter() - start
         start = time.perf_counter()
-        theirs = scores(products)
+        theirs = scores(products, candidates)
         other = time.perf_counter() - start
         mine, rival = ROUNDS * reading, making + ROUNDS * other
         difference = float(np.abs(ours / theirs - 1.0).max())
         rows.append((f"{count}", f"{mine:.2f} s", f"{rival:.2f} s", f"{rival / mine:.2f}", f"{difference:.0e}"))
-    show(f"{JOINTS} joints, {STRETCHES} stretches, {ROUNDS} rounds of {CANDIDATES} candidates of two columns", rows)
+    show(f"{JOINTS} joints, {STRETCHES} stretches, {ROUNDS} rounds of {candidates} candidates of two columns", rows)
 
 
-def stacks_of(count: int) -> tuple[list[RowStack], list[RowStack]]:
+def stacks_of(count: int, candidates: int) -> tuple[list[RowStack], list[RowStack]]:
     """The same rows of every joint twice: what has been read once is in the cache."""
     random = np.random.default_rng(count)
     stretch = np.repeat(np.arange(STRETCHES), count)
-    values = [random.normal(size=(len(stretch), BASE + 2 * CANDIDATES + 1)) for _ in range(JOINTS)]
+    values = [random.normal(size=(len(stretch), BASE + 2 * candidates + 1)) for _ in range(JOINTS)]
     return tuple([RowStack(each.copy(), stretch, STRETCHES) for each in values] for _ in range(2))
 
 
 def made(stack: RowStack) -> FloatArray:
     """(s, p + 1, p + 1): products of every stretch."""
-    return np.array([part.T @ part for part in np.split(stack.columns.T, STRETCHES)])
+    return np.array([part @ part.T for part in np.split(stack.columns, STRETCHES, axis=1)])
 
 
-def scores(stacks: list[RowStack] | list[ProductStack]) -> FloatArray:
+def scores(stacks: list[RowStack] | list[ProductStack], candidates: int) -> FloatArray:
     """(candidates,): squared error that is left with each."""
-    width = BASE + 2 * CANDIDATES
+    width = BASE + 2 * candidates
     position = tuple(np.arange(width) for _ in range(JOINTS))
     counts, run = np.ones((STRETCHES, JOINTS)), np.zeros(STRETCHES, dtype=np.intp)
     data = Products(tuple((stack,) for stack in stacks), position, counts, run)
-    tried = [Candidate("offset", (), (), (BASE + 2 * k, BASE + 2 * k + 1)) for k in range(CANDIDATES)]
+    tried = [Candidate("offset", (), (), (BASE + 2 * k, BASE + 2 * k + 1)) for k in range(candidates)]
     _, found = score_candidates(data, np.arange(BASE), tried, np.ones(JOINTS), "interleaved")
     return np.array([score.after.sum() for score in found])
 

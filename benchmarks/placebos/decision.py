@@ -23,6 +23,7 @@ from dynident.diagnosis.search.contacts import find_contacts
 from dynident.diagnosis.search.forward_selection import search_findings
 from dynident.diagnosis.search.refine import improve_reference
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
+from dynident.effects import ReferenceParameters
 from dynident.identification import Identification
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
@@ -46,7 +47,7 @@ class ChangedRows:
 
     identification: Identification
     recordings: tuple[Recording, ...]
-    reference: FloatArray
+    reference: ReferenceParameters
     change: Change
 
     @property
@@ -54,7 +55,7 @@ class ChangedRows:
         """The model in which something is missing."""
         return self.identification.model
 
-    def products(self, pool: Pool) -> PhasedProducts:
+    def gather_products(self, pool: Pool) -> PhasedProducts:
         """Inner products of all columns of a pool, its candidates' changed."""
         return self.folded(pool, _rows(self.identification, pool, self.reference))
 
@@ -70,7 +71,7 @@ class ChangedRows:
             samples_of=self.change(pool.observation, plain),
         )
 
-    def with_findings(self, findings: Sequence[Finding]) -> ChangedRows:
+    def add_findings(self, findings: Sequence[Finding]) -> ChangedRows:
         """The same, with the torque predicted by the model with these findings in it."""
         found = [finding.judged.candidate.choice for finding in findings]
         preprocessing = self.identification.preprocessing
@@ -125,7 +126,7 @@ class Question:
         return State(base, estimate_residual_noise(data, base) if picks else noise, self.floor, picks)
 
 
-def _rows(identification: Identification, pool: Pool, reference: FloatArray) -> SamplesOf:
+def _rows(identification: Identification, pool: Pool, reference: ReferenceParameters) -> SamplesOf:
     preprocessing = identification.preprocessing
 
     def samples_of(recording: Recording) -> Iterable[FilteredSamples]:

@@ -65,6 +65,9 @@ class DesignOptions(TypedDict, total=False):
     """Effects to identify"""
     home: Sequence[float] | None
     """Posture where the motion begins and ends, in rad or m"""
+    identification_id: str | None
+    """Model of the robot by which torque is predicted for its limits: friction and rotors count, and a margin for what
+    is uncertain. By default, the inertias of the description alone"""
     limits: Mapping[str, Limits]
     """By joint: tighter limits for this experiment"""
     model: Literal["dynamic", "filtered", "energy", "power"] | None

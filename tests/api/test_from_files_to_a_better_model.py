@@ -275,3 +275,10 @@ def test_what_is_no_change_of_the_catalogue_is_not_told_as_one_that_may_be_nothi
     for change in dy.changes(model, before=runs, after=worn):
         low, high = change.main.interval
         assert low * high > 0
+
+
+def test_the_torque_of_a_design_is_that_of_an_identified_model(robot: dy.Robot, model: dy.Model) -> None:
+    quick = {"kind": "random", "duration": 3.0, "sampling_rate": 50.0}
+    plain, known = dy.design(robot, **quick), dy.design(model, **quick)
+    assert any("without rotor inertia and friction" in note for note in plain.design.notes)
+    assert any("by the identified model" in note for note in known.design.notes)

@@ -167,3 +167,20 @@ def test_gains_gravity_and_flags_that_are_switched_off_are_among_what_the_report
     )
     choices = dy.IdentificationChoices(weigh_turns=False)
     assert_made_again(dy.identify(driven, runs, choices=choices), {"currents": "currents.csv"}, desk, tmp_path)
+
+
+@pytest.mark.slow
+def test_locked_joints_and_windows_of_names_with_spaces_are_among_what_the_report_says(
+    desk: Path, robot: dy.Robot, tmp_path: Path
+) -> None:
+    lines = (desk / "run1.csv").read_text().replace('"', "").splitlines()
+    (tmp_path / "first run.csv").write_text("\n".join(lines) + "\n")
+    last = robot.joint_names[-1]
+    locked = dy.load_robot(desk / "arm.urdf", locked_joints={last: 0.25})
+    runs = dy.read_recordings(tmp_path / "first run.csv", robot=locked, windows=[(0.5, 6.0), (7.0, 9.5)])
+    model = dy.identify(locked, runs, effects=["default"])
+    (line,) = (unescape(one) for one in re.findall(r"<li><code>(dynident .+?)</code></li>", dy.report(model).html))
+    words = shlex.split(line)
+    assert f"{last}=0.25" in words
+    assert "first run=0.5:6,first run=7:9.5" in words
+    assert_made_again(model, {"first run": "first run.csv"}, desk, tmp_path)

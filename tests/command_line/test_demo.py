@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +62,7 @@ def test_the_hidden_effect_is_named_and_the_error_of_its_joints_falls_to_the_noi
 @pytest.mark.slow
 @pytest.mark.thorough
 def test_its_files_tell_the_same_story_by_hand(tmp_path: Path) -> None:
-    folder = tmp_path / "demo"
+    folder = tmp_path / "a demo"
     answer = dynident("demo", "--quick", "--out", folder)
     assert answer.code == 0, answer.out
     assert "It was named." in answer.out
@@ -78,7 +79,7 @@ def test_its_files_tell_the_same_story_by_hand(tmp_path: Path) -> None:
     assert model.step.parent is not None
     assert hidden["effect"] in {choice.effect for choice in model.step.added}
     assert "The experiment" in (folder / "report.html").read_text(encoding="utf-8")
-    commands = [line.split()[1:] for line in answer.out.splitlines() if line.startswith("  dynident ")]
+    commands = [shlex.split(line)[1:] for line in answer.out.splitlines() if line.startswith("  dynident ")]
     commands = [[str(tmp_path / word) if word.startswith("my_") else word for word in command] for command in commands]
     for command in commands:
         again = dynident(*command)

@@ -94,3 +94,22 @@ def test_meshes_are_found_in_the_folders_above_the_file_and_a_floor_can_be_left_
     assert "warning: NOTHING BUT A FLOOR THROUGH THE BASE IS CHECKED" in " ".join(answer.err.split())
     answer = dynident("design", folder / "arm.urdf", *QUICK, "--no-floor", "-o", tmp_path / "t.csv")
     assert "warning: NOTHING AROUND THE ROBOT IS CHECKED" in " ".join(answer.err.split())
+
+
+def test_an_identified_model_predicts_the_torque_for_the_limits(tmp_path: Path) -> None:
+    run, model = tmp_path / "run.csv", tmp_path / "model.npz"
+    assert dynident("simulate", "scara", "--rate", 100, "--out", run).code == 0
+    assert dynident("identify", "scara", run, "--out", model).code == 0
+    asked = ("design", "scara", "--kind", "random", *QUICK, "-o", tmp_path / "t.csv", "--json")
+    told = {known: dynident(*asked, *options) for known, options in ((False, ()), (True, ("--identified", model)))}
+    assert all(answer.code == 0 for answer in told.values()), told
+    torque = {
+        known: [m["value"] for m in answer.document["margins"] if m["limit"] == "torque"]
+        for known, answer in told.items()
+    }
+    assert torque[True] != torque[False]
+    assert any("without rotor inertia and friction" in note for note in told[False].document["notes"])
+    assert any("by the identified model" in note for note in told[True].document["notes"])
+    refused = dynident("design", "ur10", *QUICK, "--identified", model, "-o", tmp_path / "t.csv")
+    assert refused.code == 2
+    assert "the model is of a robot with the joints" in refused.err

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.csv as pacsv
@@ -159,6 +161,29 @@ def test_compare_says_when_the_motion_only_repeats_what_was_learnt(desk: Path) -
     assert "repeated periods" in other
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("extend", "MODEL", "RUN", "--effects", "offset"),
+        ("report", "MODEL", "RUN", "-o", "report.html"),
+        ("compare", "MODEL", "OTHER", "--learnt", "RUN"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_recordings_that_are_said_to_be_those_of_the_model_are_held_against_it(
+    desk: Path, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    copy = tmp_path / "renamed.csv"
+    copy.write_bytes((desk / "run1.csv").read_bytes())
+    given = {"MODEL": desk / "model.npz", "OTHER": desk / "run2.csv", "report.html": tmp_path / "report.html"}
+    refused = dynident(*({**given, "RUN": desk / "run2.csv"}.get(word, word) for word in words))
+    assert refused.code == 2
+    assert "not the recordings that the model was identified from (run1)" in " ".join(refused.err.split())
+    # The content counts, not the name of the file.
+    taken = dynident(*({**given, "RUN": copy}.get(word, word) for word in words))
+    assert taken.code == 0, taken.err
+
+
 def test_diagnose_names_the_effect_and_writes_what_it_prints(diagnosed: dict, desk: Path) -> None:
     assert diagnosed.keys() >= {
         "verdict",
@@ -193,10 +218,36 @@ def test_diagnose_names_the_effect_and_writes_what_it_prints(diagnosed: dict, de
 def test_diagnose_tells_people_how_to_add_what_is_missing(desk: Path, diagnosed: dict) -> None:
     answer = dynident("diagnose", desk / "model.npz", desk / "run1.csv", "--candidates", "stribeck,offset")
     assert diagnosed["summary"].split(".")[0] in " ".join(answer.out.split())
-    line = next(line for line in answer.out.splitlines() if "--effects" in line)
-    added = line.split("'")[1]
-    extended = dynident("extend", desk / "model.npz", desk / "run1.csv", "--effects", added, "--json")
+    assert run_printed(answer.out)["effects"][-1]["effect"] == "stribeck"
+
+
+def run_printed(out: str) -> Any:
+    """What the command that a diagnosis prints gives, run as it is printed."""
+    (line,) = (line for line in out.splitlines() if "To add what is missing: " in line)
+    program, *words = shlex.split(line.split("missing: ")[1])
+    assert program == "dynident"
+    extended = dynident(*words, "--json")
     assert extended.code == 0, extended.err
+    return extended.document
+
+
+def test_the_printed_command_reads_recordings_as_the_diagnosis_did(desk: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "my cell [1]"
+    folder.mkdir()
+    lines = (desk / "run1.csv").read_text().replace('"', "").splitlines()
+    run, model = folder / "run 1.csv", folder / "my model.npz"
+    run.write_text("\n".join([lines[0].replace("tau1", "torque of joint 1"), *lines[1:]]) + "\n")
+    read = ("--columns", "tau1=torque of joint 1", "--windows", "run 1=0.5:12,run 1=13:19.5", "--skip", "idle_drives")
+    made = dynident("identify", "scara", run, *read, "--out", model)
+    assert made.code == 0, made.err
+    asked = ("diagnose", model, run, *read, "--no-cure", "--candidates", "stribeck,offset")
+    answer = dynident(*asked)
+    assert answer.code == 0, answer.err
+    assert run_printed(answer.out)["effects"][-1]["effect"] == "stribeck"
+    # Where the diagnosis is in a file, that says more than a list of effects can.
+    stored = dynident(*asked, "--out", folder / "a diagnosis.json")
+    assert "--diagnosis" in stored.out
+    assert run_printed(stored.out)["effects"][-1]["effect"] == "stribeck"
 
 
 def test_extend_adds_what_the_diagnosis_recommends_and_the_error_falls(desk: Path, diagnosed: dict) -> None:
@@ -346,7 +397,7 @@ def test_the_next_experiment_of_a_diagnosis_is_designed_as_it_is_proposed(desk: 
     assert "proposes no experiment" in refused.err
 
 
-def test_the_next_experiment_is_looked_for_only_when_it_is_asked_for(
+def test_the_next_experiment_is_looked_for_in_files_and_where_it_is_asked_for(
     desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model, out = tmp_path / "m.npz", tmp_path / "d.json"
@@ -360,15 +411,19 @@ def test_the_next_experiment_is_looked_for_only_when_it_is_asked_for(
         return AdvisedDiagnosis(**found, next_experiment=proposal)
 
     monkeypatch.setattr("dynident.advice.advise", propose)
-    asked = ("diagnose", model, desk / "run1.csv", "--candidates", "stribeck,viscous_nonlinear", "--out", out)
+    asked = ("diagnose", model, desk / "run1.csv", "--candidates", "stribeck,viscous_nonlinear")
     without = dynident(*asked)
     assert not questions
+    assert dynident(*asked, "--out", out, "--no-next-experiment").code == 0
+    assert not questions
     assert json.loads(out.read_text())["next_experiment"] is None
-    told = dynident(*asked, "--next-experiment")
+    assert dynident(*asked, "--out", out).code == 0
+    assert json.loads(out.read_text())["next_experiment"]["design"]["kind"] == "random"
+    told = dynident(*asked, "--next-experiment", "--out", out)
     assert "Next experiment: It would tell." in told.out
     assert "Be slow." in told.out
     assert json.loads(out.read_text())["next_experiment"]["design"]["kind"] == "random"
-    assert len(questions) == 1
+    assert len(questions) == 2
     assert ("--next-experiment looks for a motion" in without.out) == bool(questions[0])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import pyarrow as pa
@@ -12,6 +13,8 @@ from support.running_commands import ROBOT, dynident, write_run
 
 import dynident as dynident_package
 from dynident.robot import urdf_from_robot
+from dynident.verdict.model_verdict import _WHEN_GOOD
+from dynident.verdict.use_findings import _PRESLIDING, CURE, DIAGNOSE, GAINS
 
 
 @pytest.fixture(scope="module")
@@ -86,3 +89,29 @@ def test_every_command_that_a_verdict_names_is_there_with_its_options() -> None:
         explained = dynident(verb, "--help").out
         for option in re.findall(r"(?<!\S)--?[a-z]+", rest):
             assert option in explained, (verb, option)
+
+
+def test_the_next_steps_of_a_verdict_run_as_they_are_printed(desk: Path, tmp_path: Path) -> None:
+    model, loaded = tmp_path / "model.npz", write_run(tmp_path / "loaded.csv", 3)
+    assert dynident("identify", desk / "arm.urdf", desk / "run1.csv", "-v", desk / "run2.csv", "-o", model).code == 0
+    given = {
+        "ROBOT": ["scara"],
+        "MODEL": [str(model)],
+        "RUN": [str(desk / "run1.csv")],
+        "LOADED": [str(loaded)],
+        "KG": ["2"],
+        "…": [str(desk / "arm.urdf"), str(desk / "run1.csv")],
+    }
+    # What takes minutes, or needs a file to write to.
+    also = {"design": ["--kind", "random", "--duration", "3", "--rate", "50"], "export": ["-o", str(tmp_path / "file")]}
+    also["design"] += ["-o", str(tmp_path / "trajectory.csv")]
+    steps = [DIAGNOSE, CURE, GAINS, _PRESLIDING, *_WHEN_GOOD.values(), "dynident design ROBOT."]
+    commands = [command for step in steps for command in re.findall(r"(dynident [a-z].*?)[.,](?:\s|$)", step)]
+    assert len(commands) == len(steps)
+    for command in commands:
+        words = [part for word in shlex.split(command)[1:] for part in given.get(word, [word])]
+        if words[0] == "validate" and "--mass" not in words:
+            words += ["--unloaded", str(desk / "run1.csv"), "--mass", "2", str(loaded)]
+        answer = dynident(*words, *also.get(words[0], []))
+        # A validation may fail, and a model may have to be completed: that is about the data.
+        assert answer.code in (0, 1), f"{command}\n{answer.err}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import re
 import shlex
@@ -76,6 +77,33 @@ def wrong_with(command: str) -> str:
 def test_every_command_that_a_page_names_is_there_with_its_options(page: Path) -> None:
     found = {one: wrong_with(one) for one in commands_of(page.read_text(encoding="utf-8"))}
     assert not {one: wrong for one, wrong in found.items() if wrong}
+
+
+def messages_of(text: str) -> Iterator[str]:
+    """The texts in a module's code, with an X for what is put into them; docstrings, too."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.JoinedStr):
+            yield "".join(part.value if isinstance(part, ast.Constant) else "X" for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+
+
+def commands_in_messages() -> Iterator[tuple[str, str]]:
+    """Commands that the program's own messages name, with the module: from `dynident` to the end of the sentence."""
+    for path in sorted([*(ROOT / "src").rglob("*.py"), *(ROOT / "service").rglob("*.py")]):
+        for message in messages_of(path.read_text(encoding="utf-8")):
+            for quoted in re.findall(r"`(dynident [^`]*)`", message):
+                yield path.name, " ".join(quoted.split())
+            for named in re.findall(r"(?<!`)\bdynident ([a-z]+(?: [^`.,:;()\n]*)?)", message):
+                if named.split()[0] in verbs():
+                    yield path.name, f"dynident {' '.join(named.split())}"
+
+
+def test_every_command_that_a_message_names_is_there_with_its_options() -> None:
+    found = set(commands_in_messages())
+    assert len(found) > 30
+    assert {("use_findings.py", "dynident validate MODEL payload LOADED --unloaded RUN --mass KG")} <= found
+    assert not {one: wrong for one in found if (wrong := wrong_with(one[1].replace("'", "")))}
 
 
 def test_commands_are_found_in_blocks_sentences_and_continued_lines() -> None:

@@ -1,9 +1,11 @@
-"""The table of the benchmarks' page is what `benchmarks/run.py` writes, and `--quick` tells a ratio that has fallen."""
+"""The page of the benchmarks has the table that `run.py` writes, and every script runs to its end on few data."""
 
 from __future__ import annotations
 
 import json
+import os
 import runpy
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +14,57 @@ from typing import Any
 import pytest
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+TESTS = BENCHMARKS.parent / "tests"
+SMALL = {
+    "acceptance": "--requests 30 --clients 2",
+    "changes": "--pairs 1 --processes 1",
+    "clean_residuals": "--cases 1 --processes 1",
+    "closed_loops": "",
+    "corrupted_samples": "--arms 1",
+    "decision_level": "--draws 5",
+    "design_speed": "--patience 2",
+    "diagnosis_ranking": "--samples 3000",
+    "equal_terms": "--cases 1 --processes 1",
+    "extending": "",
+    "feasible_estimator": "",
+    "gross_mistakes": "--cases 1 --each 1 --recordings 1",
+    "held_at_rest": "--cases 1 --processes 1",
+    "hidden_effects": "--cases 1",
+    "identification_speed": "",
+    "interval_coverage": "2",
+    "interval_coverage shapes": "shapes 1",
+    "joints_of_a_group": "--cases 1 --processes 1",
+    "large_recording": "--samples 60000 --plain-samples 10000",
+    "lines_over_angles": "--cases 1 --processes 1",
+    "many_clients": "--clients 3 --seconds 3",
+    "next_experiment": "--cases 1",
+    "outlying_spans": "--cases 1 --processes 1",
+    "placebo": "--shifts 1 --arms 1 --only simulated",
+    "recordings_on_a_cluster": "--recordings 2 --samples 50000 --times 1",
+    "recordings_side_by_side": "--recordings 2 --samples 50000",
+    "regressor_throughput": "",
+    "reidentification": "",
+    "rows_or_products": "--candidates 10",
+    "smallest_gain": "--cases 1 --processes 1",
+    "standing_rows": "--arms ur10 --rates 60",
+}
+"""Arguments with which a script takes seconds."""
+WITH_RECORDINGS = {
+    "effort_kinds": "--cases 2",
+    "foreign_files": "",
+    "imports": "--draws 2",
+    "planted_mistakes": "--pairs 1 --only tx40 --arms 1 --draws 5",
+    "readme_figures": "",
+}
+"""The same of scripts that need recordings of real robots."""
+ELSEWHERE = {
+    "chaos": "tests/service/test_chaos.py",
+    "greedy_key": "tests/service/test_greedy_key.py",
+    "hostile_cases": "needs schemathesis, in an environment of its own",
+    "methods_on_an_arm": "writes the table of docs/methods.md",
+    "run": "this file",
+    "workbench_speed": "needs Chromium; the browser tests do the same",
+}
 
 
 @pytest.fixture
@@ -69,3 +122,33 @@ def test_fewer_seconds_and_more_samples_are_better(run: dict[str, Any]) -> None:
         "59.2 s",
         "192 MB",
     ]
+
+
+def run_small(name: str, words: str, folder: Path) -> None:
+    """Run a script in a process of its own, as the page says."""
+    paths = [*sys.path, str(TESTS), str(TESTS / "recordings")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "TMPDIR": str(folder)}
+    command = [sys.executable, str(BENCHMARKS / f"{name.split()[0]}.py"), *words.split()]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=folder, timeout=600)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    assert done.stdout.strip()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SMALL)
+def test_a_benchmark_runs_to_its_end(name: str, tmp_path: Path) -> None:
+    run_small(name, SMALL[name], tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+@pytest.mark.parametrize("name", WITH_RECORDINGS)
+def test_a_benchmark_on_recordings_of_real_robots_runs_to_its_end(name: str, tmp_path: Path) -> None:
+    if not (BENCHMARKS.parents[1] / "shared" / "data").is_dir():
+        pytest.skip("the recordings of real robots are not here (../shared/data is missing)")
+    run_small(name, WITH_RECORDINGS[name], tmp_path)
+
+
+def test_every_benchmark_is_run_by_a_test() -> None:
+    scripts = {path.stem for path in BENCHMARKS.glob("*.py") if "def main(" in path.read_text(encoding="utf-8")}
+    assert scripts == {name.split()[0] for name in (*SMALL, *WITH_RECORDINGS, *ELSEWHERE)}

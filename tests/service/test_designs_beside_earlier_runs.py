@@ -36,6 +36,28 @@ def test_a_design_complements_a_run_and_goes_to_ros2(live: Client) -> None:
     assert power["criterion_values"]["condition_number"] > design.result["criterion_values"]["condition_number"]
 
 
+@pytest.mark.slow
+def test_torque_limits_of_a_design_count_the_friction_of_a_model(live: Client) -> None:
+    robot = live.robots.create("scara", modified_dh=library_table("scara"))
+    drives = [{"effect": "rotor_inertia"}, {"effect": "coulomb"}, {"effect": "viscous"}]
+    simulation = live.simulations.create(robot, effects=drives, seed=1, trajectory={**SMALL, "sampling_rate": 200.0})
+    run = live.measurements.get(simulation.wait().result["measurement_id"])
+    model = live.identifications.create(robot, [run]).wait()
+    quick = {"trajectory": SMALL, "kind": "random", "random_trajectories": 3}
+    design = live.designs.create(robot, **quick, identification_id=model.id).wait()
+    assert any("by the identified model" in note for note in design.result["notes"])
+    # The model that a design rests on stays.
+    with pytest.raises(ProblemError) as refused:
+        live.identifications.delete(model)
+    assert refused.value.status == 409
+    other = live.robots.create("panda", modified_dh=library_table("franka_panda"))
+    for machine, identifier in ((other, model.id), (robot, "idn_nothing")):
+        with pytest.raises(ProblemError) as refused:
+            live.designs.create(machine, **quick, identification_id=identifier)
+        assert refused.value.status == 422
+        assert refused.value.errors[0]["pointer"] == "/identification_id"
+
+
 def test_designs_for_what_there_is_not_are_refused_with_the_field(live: Client) -> None:
     robot = live.robots.create("scara", modified_dh=library_table("scara"))
     for wrong, pointer in (

@@ -62,8 +62,9 @@ def test_a_proposed_design_is_accepted_as_it_is(client: TestClient, scara: dict[
 
 
 def test_a_proposed_design_counts_the_measurements_at_hand(scara: dict[str, Any]) -> None:
-    body = show_next_experiment(advice(scara, "reversals"), scara["id"], ["mea_1", "mea_2"]).design
+    body = show_next_experiment(advice(scara, "reversals"), scara["id"], ["mea_1", "mea_2"], "idn_1").design
     assert body["earlier_ids"] == ["mea_1", "mea_2"]
+    assert body["identification_id"] == "idn_1"
     assert to_design_request(DesignRequest.model_validate(body)) == advice(scara, "reversals").design
 
 

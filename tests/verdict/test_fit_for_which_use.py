@@ -14,6 +14,9 @@ from dynident.recordings import Recording, Revision, recording_from_arrays
 from dynident.recordings.sample_hashes import SampleHashes
 from dynident.validation import ValidationOutcome
 from dynident.verdict import Outcome, find_overlaps, is_stopped, verdict
+from dynident.verdict.detectable_loads import DetectableForce
+from dynident.verdict.evidence import HeldOutEvidence
+from dynident.verdict.use_findings import combine_findings, judge_collision_detection
 
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
@@ -83,6 +86,23 @@ def test_a_failed_validation_revises_the_verdict_of_its_use_alone(model: Identif
     )
     states = {one.use: one.state for one in passed.uses}
     assert states["payload"] == states["collision_detection"] == "yes"
+
+
+@pytest.mark.parametrize(
+    ("force", "state", "example"), [(200.0, "no", "140 N"), (100.0, "limited", "65 N"), (40.0, "yes", "")]
+)
+def test_limits_of_forces_on_people_are_called_examples(
+    model: Identification, force: float, state: str, example: str
+) -> None:
+    evidence = HeldOutEvidence.from_identification(
+        model, model.held_out, [OTHER], [Outcome("payload", ValidationOutcome("pass", "The load weighs 3 kg."))]
+    )
+    findings = judge_collision_detection(evidence, DetectableForce(force, np.full(ROBOT.n, 1.0), 20.0))
+    use = combine_findings("collision_detection", findings, "Export it.")
+    assert use.state == state
+    if example:
+        assert f"above {example}, an example of what" in use.reason
+        assert "The limit that counts is that of your risk assessment." in use.reason
 
 
 def test_a_model_without_its_recordings_is_judged_by_its_errors_where_these_suffice(model: Identification) -> None:

@@ -99,6 +99,45 @@ def test_the_arm_moves_with_its_clearances_to_what_stands_around_it(page: Any, h
     assert heard.complaints == []
 
 
+@pytest.mark.parametrize(
+    ("surroundings", "height", "words"),
+    [
+        ({}, "0", "an assumed floor through the base"),
+        ({"floor": -0.3}, "-0.3", "the stated floor at z ="),
+        ({"assume_floor": False}, "", "No floor was checked"),
+    ],
+    ids=["assumed", "stated", "none"],
+)
+def test_the_floor_that_was_checked_is_drawn_and_named(
+    page: Any, heard: Any, surroundings: dict[str, Any], height: str, words: str
+) -> None:
+    client = Client(page.request.get("/").url)
+    robot = client.robots.create("panda", modified_dh=library_table("franka_panda"))
+    asked: dict[str, Any] = {
+        "kind": "random",
+        "trajectory": {"duration": 3.0, "harmonics": 3, "sampling_rate": 50.0},
+        "random_trajectories": 3,
+        "effects": [{"effect": "viscous"}],
+        "surroundings": surroundings,
+    }
+    design = client.designs.create(robot, **asked).wait()
+    page.goto(f"/?view=design&robot={robot.id}&design={design.id}")
+    expect(page.locator("#floor")).to_contain_text(words)
+    expect(page.locator("canvas.arm")).to_have_attribute("data-floor", height)
+    # The plane is filled: more of the picture has its colour than the lines of a grid have.
+    share = page.evaluate(
+        """() => {
+          const canvas = document.querySelector("canvas.arm");
+          const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+          let filled = 0;
+          for (let k = 3; k < data.length; k += 4) filled += data[k] > 40 && data[k] < 100;
+          return (4 * filled) / data.length;
+        }"""
+    )
+    assert (share > 0.1) == bool(height), share
+    assert heard.complaints == []
+
+
 def test_the_next_experiment_of_a_diagnosis_is_filled_in(page: Any) -> None:
     robot = heavy_arm(page)
     rivals = [{"effect": "stribeck", "joints": ["elbow"]}, {"effect": "coulomb", "joints": ["elbow"]}]

@@ -18,7 +18,7 @@ from dynident_service.wire_types.designs import DesignRequest
 
 
 def describe_diagnosis(
-    diagnosis: Diagnosis, robot_id: str, measurement_ids: Sequence[str] = ()
+    diagnosis: Diagnosis, robot_id: str, measurement_ids: Sequence[str] = (), identification_id: str | None = None
 ) -> wire.DiagnosisResult:
     """Build the view of a diagnosis.
 
@@ -30,6 +30,8 @@ def describe_diagnosis(
         The robot that a proposed design is for.
     measurement_ids : sequence of str
         The measurements that the next experiment complements; empty on the command line, where they are files.
+    identification_id : str, optional
+        The diagnosed model, by which a proposed design predicts torque; None on the command line.
 
     Returns
     -------
@@ -40,7 +42,9 @@ def describe_diagnosis(
     return to_view(
         wire.DiagnosisResult,
         diagnosis,
-        next_experiment=None if advice is None else show_next_experiment(advice, robot_id, measurement_ids),
+        next_experiment=None
+        if advice is None
+        else show_next_experiment(advice, robot_id, measurement_ids, identification_id),
         changes=None if diagnosis.changes is None else [show_change(change) for change in diagnosis.changes],
     )
 
@@ -51,7 +55,10 @@ def show_change(change: Change) -> wire.Change:
 
 
 def show_next_experiment(
-    advice: NextExperiment, robot_id: str, measurement_ids: Sequence[str] = ()
+    advice: NextExperiment,
+    robot_id: str,
+    measurement_ids: Sequence[str] = (),
+    identification_id: str | None = None,
 ) -> wire.NextExperiment:
     """Build the view of a proposed experiment, whose design can be posted and complements the data at hand."""
     from dynident_service.adapters.designs import show_request
@@ -60,6 +67,8 @@ def show_next_experiment(
     body = show_request(advice.design, robot_id).model_dump(mode="json", exclude_defaults=True)
     if measurement_ids:
         body["earlier_ids"] = list(measurement_ids)
+    if identification_id is not None:
+        body["identification_id"] = identification_id
     # Defaults are left out, except the kind: readers of the proposal should see what it is.
     return to_view(wire.NextExperiment, advice, design={"robot_id": robot_id, "kind": advice.design.kind, **body})
 

@@ -155,12 +155,15 @@ class TimedReading:
     ] = field(default_factory=list)
     as_proposed: Annotated[
         bool,
-        typer.Option("--as-proposed", help="Use the columns that `dynident inspect` proposes, if it asks no question."),
+        typer.Option(
+            "--as-proposed/--no-as-proposed",
+            help="Use the columns that `dynident inspect` proposes, if it asks no question.",
+        ),
     ] = False
     cure: Annotated[
         bool,
         typer.Option(
-            "--cure",
+            "--cure/--no-cure",
             help="Correct what a check refuses as the check proposes (order, sign, unit, …), and report the "
             "correction.",
         ),
@@ -190,7 +193,9 @@ class RobotTimedReading(RobotAdditions, TimedReading):
 
 
 Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="File to write the result to.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, with the fields of the HTTP contract.")]
+Json = Annotated[
+    bool, typer.Option("--json/--no-json", help="Print the result as JSON, with the fields of the HTTP contract.")
+]
 Effects = Annotated[
     list[str],
     repeatable_option(

@@ -127,6 +127,33 @@ def spread_options(command: Callable[..., None]) -> Callable[..., None]:
     return run_with_options
 
 
+def list_option_words(group: object) -> list[str]:
+    """Return the words of a command line that set a group of options to its values; none for defaults.
+
+    Parameters
+    ----------
+    group : dataclass
+        A group of options, as `spread_options` gives it to a command; each is named like its field.
+
+    Returns
+    -------
+    list of str
+        Options and their values, in the order of the fields.
+    """
+    assert is_dataclass(group)
+    words = list[str]()
+    for group_field in fields(group):
+        value, name = getattr(group, group_field.name), group_field.name.replace("_", "-")
+        if value == get_default(group_field):
+            continue
+        if isinstance(value, bool):
+            words.append(f"--{name}" if value else f"--no-{name}")
+        else:
+            items = value if isinstance(value, list) else [value]
+            words += [word for item in items for word in (f"--{name}", str(item))]
+    return words
+
+
 def _gather_group(hint: Any, name: str, group: Mapping[str, Any], options: Mapping[str, Any]) -> Any:
     kind, asks = _split_annotation(hint)
     if asks is not None:

@@ -10,7 +10,6 @@ import numpy as np
 from rich.console import Console
 
 from dynident.effects import EffectChoice, get_effect
-from dynident.effects.text_format import format_effect
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.study.correlated_and_essential_parameters import EssentialPath, parameter_dependence
@@ -169,7 +168,7 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
         console.print(f"  {note}")
 
 
-def show_diagnosis(console: Console, diagnosis: Diagnosis, robot: Robot, n_open: int) -> None:
+def show_diagnosis(console: Console, diagnosis: Diagnosis, robot: Robot, extend_command: str, n_open: int) -> None:
     """Print a diagnosis.
 
     Parameters
@@ -180,6 +179,8 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, robot: Robot, n_open:
         Summary, ranked candidates, recommendation, what the data cannot show, and the next experiment if it has one.
     robot : Robot
         Its robot.
+    extend_command : str
+        Command that adds the recommended effects.
     n_open : int
         Number of open questions for which no experiment was looked for.
     """
@@ -191,8 +192,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, robot: Robot, n_open:
         if item.significant:
             console.print(f"  {item.rank}. {item.evidence}")
     if diagnosis.recommended:
-        effect_list = ",".join(format_effect(choice) for choice in diagnosis.recommended)
-        console.print(f"To add what is missing: dynident extend … --effects '{effect_list}'", soft_wrap=True)
+        console.print(f"To add what is missing: {extend_command}", soft_wrap=True, markup=False, highlight=False)
     for pattern in diagnosis.unknown:
         console.print(
             f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} "

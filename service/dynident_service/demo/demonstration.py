@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -161,13 +162,13 @@ def print_files(console: Console, robot: Robot, runs: Sequence[MeasuredRun], fol
     """Print where the files are, and how to repeat the analysis by hand."""
     _print_heading(console, "Files")
     console.print(f"{folder}/report.html shows all of this with figures; model.npz is the last model.")
-    training = " ".join(str(run.path) for run in runs[:-1])
+    training = [str(run.path) for run in runs[:-1]]
     console.print("The same by hand, from the files only:")
-    for line in (
-        f"dynident identify {robot.name} {training} -v {runs[-1].path} -o my_model.npz",
-        f"dynident diagnose my_model.npz {training} -o my_diagnosis.json",
+    for words in (
+        ["identify", robot.name, *training, "-v", str(runs[-1].path), "-o", "my_model.npz"],
+        ["diagnose", "my_model.npz", *training, "-o", "my_diagnosis.json"],
     ):
-        console.print(f"  {line}", soft_wrap=True, style="cyan")
+        console.print(f"  {shlex.join(['dynident', *words])}", soft_wrap=True, style="cyan", markup=False)
     console.print(f"Everything took {seconds:.1f} s.")
 
 

@@ -85,6 +85,20 @@ def require_model(services: HasResources, identifier: str) -> Resource:
     return require_result(services, "identification", identifier, "/identification_id", "Not identified")
 
 
+def require_model_of(services: HasResources, robot: Resource, identifier: str) -> Resource:
+    """Find a model that the request names; it must be of a robot with the same joints."""
+    model = require_model(services, identifier)
+    other = services.resources.get("robot", model.get_dependency("robot"))
+    own, others = ([joint.name for joint in RobotResult.model_validate(item.result).joints] for item in (robot, other))
+    if own != others:
+        detail = (
+            f"the identification {identifier!r} is of a robot with the joints {', '.join(others)}; this robot has "
+            f"{', '.join(own)}"
+        )
+        raise make_unusable(detail, "/identification_id", title="Model of another robot")
+    return model
+
+
 def require_design(services: HasResources, identifier: str, robot: Resource) -> Dependency:
     """Return the dependency on a design; it must be computed, and for this robot."""
     design = require_result(services, "design", identifier, "/design_id")

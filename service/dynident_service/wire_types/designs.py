@@ -48,6 +48,11 @@ class DesignRequest(NamedRequest):
     earlier_ids: list[Identifier] = Field(
         default=[], max_length=100, description="Measurements that the new experiment should complement"
     )
+    identification_id: Identifier | None = Field(
+        default=None,
+        description="Model of the robot by which torque is predicted for its limits: friction and rotors count, and a "
+        "margin for what is uncertain. By default, the inertias of the description alone",
+    )
 
 
 _OrInfinite = Annotated[float | None, SourcePath(null=inf)]
@@ -128,6 +133,11 @@ class DesignResult(ViewModel):
     )
     notes: list[str]
     warnings: list[str] = Field(default=[], description="Notes that everybody must read before running the motion")
+    floor: float | None = Field(
+        default=None,
+        description="Height in m of the floor that was checked, in the base frame; if the request states none, the "
+        "floor was assumed. null: no floor was checked",
+    )
 
 
 class TrajectorySamples(ViewModel):

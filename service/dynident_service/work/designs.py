@@ -13,7 +13,7 @@ from dynident_service.jobs.task import Outcome, Task
 from dynident_service.storage.records import find_mesh_files
 from dynident_service.wire_types.common import to_plain_json
 from dynident_service.wire_types.designs import DesignRequest
-from dynident_service.work.stored_inputs import load_stored_robot, open_stored_recordings
+from dynident_service.work.stored_inputs import load_stored_model, load_stored_robot, open_stored_recordings
 
 
 def design(task: Task) -> Outcome:
@@ -21,13 +21,15 @@ def design(task: Task) -> Outcome:
     sent_request = DesignRequest.model_validate(task.subject.request)
     robot = load_stored_robot(task, sent_request.robot_id)
     earlier = open_stored_recordings(task, sent_request.earlier_ids)
+    model_id = sent_request.identification_id
+    identified = None if model_id is None else load_stored_model(task, model_id).estimate
     meshes = find_mesh_files(task.resources.get("robot", sent_request.robot_id))
     # Descriptions name meshes by path, so the stored files are given these names in a temporary folder.
     with place_mesh_files({name: task.objects.fetch_file(file.key) for name, file in meshes.items()}) as folders:
         request = to_checked_request(sent_request, robot)
         surroundings = replace(request.surroundings, mesh_folders=tuple(map(str, folders)))
         planned = design_experiment(
-            robot, replace(request, surroundings=surroundings), task.progress, earlier, task.checkpoints
+            robot, replace(request, surroundings=surroundings), task.progress, earlier, task.checkpoints, identified
         )
     with tempfile.TemporaryDirectory() as folder:
         path = write_trajectory(planned, Path(folder) / "trajectory.parquet")

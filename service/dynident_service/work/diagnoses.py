@@ -45,6 +45,10 @@ def diagnose_model(task: Task) -> Outcome:
     everything = zip((*request.baseline_ids, *measurement_ids), (*earlier, *recordings), strict=True)
     diagnosed_ids = [identifier for identifier, recording in everything if recording.role != "friction"]
     return Outcome(
-        to_plain_json(describe_diagnosis(diagnosis, identification.get_dependency("robot"), diagnosed_ids)),
+        to_plain_json(
+            describe_diagnosis(
+                diagnosis, identification.get_dependency("robot"), diagnosed_ids, request.identification_id
+            )
+        ),
         (evidence_file,),
     )

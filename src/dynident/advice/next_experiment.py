@@ -29,6 +29,7 @@ from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, rehearse_motion, rehearse_quickly
 from dynident.excitation.criteria.design_criterion import find_effect_parameters
 from dynident.excitation.design_model import DesignModel, build_design_model
+from dynident.excitation.expected_torque import ExpectedTorque
 from dynident.excitation.experiments.design_task import compute_planned_seconds
 from dynident.identification import Identification
 from dynident.motion import Surroundings
@@ -97,8 +98,11 @@ def next_experiment(
         None where no motion decides anything, or where the robot's limits are not known.
     """
     try:
-        # With what the design will have to keep clear of, the robot itself: strokes are shorter for it.
-        bounds = build_bounds(identification.model.robot, {}, surroundings=Surroundings()).tighten()
+        # As the design will: clear of the robot itself, which shortens strokes, and with torque by this model.
+        expected = ExpectedTorque(identification.model.robot, identification.estimate)
+        bounds = build_bounds(
+            identification.model.robot, {}, surroundings=Surroundings(), torque_note=expected.complete_note
+        ).tighten()
     except DynidentError:
         # Limits that are not known: no motion can be proposed.
         return None
@@ -361,6 +365,7 @@ def _build_pairing(
         signals=model.signals,
         reference=identification.estimate.next_reference(),
         other_runs=True,
+        expected=ExpectedTorque(model.robot, identification.estimate),
     )
     rows = evaluate_data_rows(extended_model, data.comparisons, data.recordings)
     weights = compute_row_weights(rows)

@@ -9,6 +9,7 @@ from pathlib import Path
 from dynident.api.data_frames import Columns, Framed
 from dynident.api.effect_arguments import check_effects, resolve_effects
 from dynident.api.figure import Figure, check_folder_exists, join_figures
+from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.recordings import SomeRecordings, as_recordings
 from dynident.effects import EffectChoice
@@ -138,7 +139,7 @@ class DesignedMotion(Framed):
 
 
 def design(
-    robot: Robot,
+    robot: Robot | Model,
     request: DesignRequest | DiagnosedModel | None = None,
     *,
     kind: Kind | None = None,
@@ -152,8 +153,10 @@ def design(
 
     Parameters
     ----------
-    robot : Robot
-        The robot that shall make the motion; its limits bound it.
+    robot : Robot or Model
+        The robot that shall make the motion; its limits bound it. With an identified model of the robot, torque is
+        predicted by this model: friction and rotors count, and a margin for what is uncertain. By default, torque is
+        predicted by the model of the diagnosis if `request` is one, otherwise by the inertias of the description alone.
     request : DesignRequest or diagnosis, optional
         All options: criterion, limits, surroundings, time, seed and, in its `trajectory`, the family of motions. Of a
         diagnosis, the next experiment that it proposes. The other arguments take precedence over it.
@@ -187,20 +190,28 @@ def design(
     True
     >>> motion.save("motion.csv")
     """
+    machine = robot.robot if isinstance(robot, Model) else robot
     # The arguments of their own replace fields of the request one by one, so that the rest of it stays.
     design_request = _resolve_request(request)
     if kind is not None:
         design_request = replace(design_request, kind=kind)
     if effects is not None:
-        design_request = replace(design_request, effects=check_effects(resolve_effects(effects), robot))
+        design_request = replace(design_request, effects=check_effects(resolve_effects(effects), machine))
     if duration is not None:
         design_request = replace(design_request, trajectory=replace(design_request.trajectory, duration=duration))
     if sampling_rate is not None:
         design_request = replace(
             design_request, trajectory=replace(design_request.trajectory, sampling_rate=sampling_rate)
         )
-    designed = design_experiment(robot, design_request, progress, as_recordings(earlier).recordings)
-    return DesignedMotion(robot, designed)
+    model = robot if isinstance(robot, Model) else request.model if isinstance(request, DiagnosedModel) else None
+    designed = design_experiment(
+        machine,
+        design_request,
+        progress,
+        as_recordings(earlier).recordings,
+        identified=None if model is None else model.identification.estimate,
+    )
+    return DesignedMotion(machine, designed)
 
 
 def _resolve_request(request: DesignRequest | DiagnosedModel | None) -> DesignRequest:

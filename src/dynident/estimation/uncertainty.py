@@ -328,6 +328,14 @@ class Statistics:
         """Return the half-widths (c,) of the intervals that hold the true value with this probability (Student's t)."""
         return np.asarray(stdtrit(self.freedom, 0.5 + 0.5 * level) * self.standard_deviations)
 
+    def prediction_quantiles(self, level: float = 0.95) -> tuple[float, float]:
+        """Return the quantiles of Student's t for a predicted torque: of what the parameters and what the noise adds.
+
+        Parameters and noise have different degrees of freedom, so each has a quantile of its own.
+        """
+        of_parameters, of_noise = stdtrit([self.median_freedom, self.effective_rows.sum()], 0.5 + 0.5 * level)
+        return float(of_parameters), float(of_noise)
+
     def relative_standard_deviations(self, values: FloatArray) -> FloatArray:
         """Return the standard deviations relative to the estimates, [12.10].
 

@@ -9,6 +9,7 @@ from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_choice import check_criterion, check_criterion_targets
 from dynident.excitation.criteria.design_criterion import add_rivals, build_design_criterion
 from dynident.excitation.design_model import build_design_model, lock_model, note_locked_joints
+from dynident.excitation.expected_torque import ExpectedTorque, IdentifiedModel
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, build_earlier_rows
 from dynident.excitation.experiments.periodic import design_periodic
 from dynident.excitation.experiments.point_to_point import design_point_to_point
@@ -19,7 +20,7 @@ from dynident.excitation.result import Design
 from dynident.excitation.row_models import ROW_MODELS
 from dynident.excitation.sets.named_sets import SETS
 from dynident.excitation.sets.sequential_design import design_sequential
-from dynident.motion.collision.obstacles import check_surroundings, note_reach
+from dynident.motion.collision.obstacles import ASSUMED_HEIGHT, check_surroundings, note_reach
 from dynident.motion.joint_trajectories import MOST_SAMPLES, sample_pieces
 from dynident.motion.limits.bounds import build_bounds, lock_bounds, select_moving_joints
 from dynident.motion.move_paths import check_home, list_home_candidates
@@ -135,6 +136,7 @@ def design_experiment(
     progress: Progress = ignore_progress,
     earlier: Sequence[Recording] = (),
     checkpoints: Checkpoints | None = None,
+    identified: IdentifiedModel | None = None,
 ) -> Design:
     """Design an experiment.
 
@@ -152,6 +154,9 @@ def design_experiment(
     checkpoints : Checkpoints, optional
         Keeps the state of the search of a periodic trajectory. A search that was stopped continues from there, its time
         counted.
+    identified : IdentifiedModel, optional
+        The estimate of an identified model of the robot, by which the torque is predicted for its limits: friction and
+        rotors count, and a margin from its uncertainty. Without it the torque is that of the description's inertias.
 
     Returns
     -------
@@ -167,11 +172,21 @@ def design_experiment(
     budget = Budget(request.starts_or_default, request.time_budget)
     progress = make_monotonic(progress)
     check_request(request)
-    limits = build_bounds(robot, request.limits, torque_margin=request.torque_margin, surroundings=request.surroundings)
+    expected = None if identified is None else ExpectedTorque(robot, identified)
+    limits = build_bounds(
+        robot,
+        request.limits,
+        torque_margin=request.torque_margin,
+        surroundings=request.surroundings,
+        torque_note=None if expected is None else expected.complete_note,
+    )
     if request.home is not None:
         check_home(request.home, limits)
     model = build_design_model(
-        robot, add_rivals(request.effects_or_default, request.criterion), other_runs=bool(earlier)
+        robot,
+        add_rivals(request.effects_or_default, request.criterion),
+        other_runs=bool(earlier),
+        expected=expected,
     )
     # Designed for limits slightly inside the true ones, the verification does not fail by rounding.
     bounds, notes = limits.tighten(), list[str]()
@@ -212,6 +227,7 @@ def design_experiment(
         notes=(*experiment.notes, *notes, *model.notes, *limits.notes, *reach),
         expected=experiment.valued.expected,
         runs=experiment.runs,
+        floor=ASSUMED_HEIGHT if floor_assumed else request.surroundings.floor,
     )
 
 

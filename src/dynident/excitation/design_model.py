@@ -18,6 +18,7 @@ from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.effects import LINKS, Column, EffectChoice, ReferenceParameters, Signals, build_columns, get_role
 from dynident.effects.hysteresis_states import PathMemory
 from dynident.errors import DynidentError
+from dynident.excitation.expected_torque import JUMP_TIME, ExpectedTorque
 from dynident.expressions import Program
 from dynident.motion.joint_trajectories import Motion
 from dynident.regressors.base_parameters import BaseParameters, find_base_parameters, select_base
@@ -198,9 +199,6 @@ def _sample_observation(model: DesignModel, posture: FloatArray, moving: BoolArr
     return w
 
 
-JUMP_TIME = 0.02
-"""Time over which jumps in a column are spread, s: filtering does the same to data."""
-
 # Inertial parameters of a link where a load torque is needed and the description gives none: 3 kg, 10 cm off.
 _PLAUSIBLE_LINK = (0.05, 0.0, 0.0, 0.05, 0.0, 0.05, 0.1, 0.1, 0.1, 3.0)
 
@@ -231,6 +229,8 @@ class DesignModel:
         What was left out or assumed, in words for the user.
     counted : (n,)
         Which joints' equations count; the others tell nothing.
+    expected : ExpectedTorque, optional
+        Torque by an identified model, for the limits; by the inertias of the description where there is none.
     """
 
     robot: Robot
@@ -242,6 +242,7 @@ class DesignModel:
     reference: ReferenceParameters
     notes: tuple[str, ...]
     counted: NDArray[np.bool_]
+    expected: ExpectedTorque | None = None
 
     @property
     def base_columns(self) -> tuple[Column, ...]:
@@ -373,7 +374,9 @@ class DesignModel:
         return Program([signals.q, signals.dq, signals.ddq], ca.densify(torque))
 
     def torque(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """Return the torque (m, n) of the description's inertias at q, q̇, q̈ (m, n).
+        """Return the torque (m, n) that limits are checked with at q, q̇, q̈ (m, n).
+
+        It is that of the identified model, at the outer end of its interval, or of the description's inertias.
 
         Parameters
         ----------
@@ -383,9 +386,9 @@ class DesignModel:
         Raises
         ------
         DynidentError
-            The description has no inertias.
+            The description has no inertias, and there is no identified model.
         """
-        return self._torque_program(q, dq, ddq)
+        return (self._torque_program if self.expected is None else self.expected.torque)(q, dq, ddq)
 
 
 def build_design_model(
@@ -395,6 +398,7 @@ def build_design_model(
     signals: Signals | None = None,
     reference: ReferenceParameters | None = None,
     other_runs: bool = False,
+    expected: ExpectedTorque | None = None,
 ) -> DesignModel:
     """Set up the observation matrix of a design.
 
@@ -414,6 +418,8 @@ def build_design_model(
         Parameters that torque is predicted with, where better ones than the description's are known.
     other_runs : bool
         Whether there are earlier runs.
+    expected : ExpectedTorque, optional
+        Torque by an identified model.
 
     Returns
     -------
@@ -469,6 +475,7 @@ def build_design_model(
         reference_parameters,
         tuple(notes),
         np.full(robot.n, True),
+        expected,
     )
 
 

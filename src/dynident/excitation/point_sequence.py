@@ -377,7 +377,7 @@ class MovePlanner:
     def __init__(self, bounds: Bounds, model: DesignModel, rate: float) -> None:
         self._bounds, self._rate = bounds, rate
         self._observed = ObservationGradient(model, _SAMPLES_OF_A_MOVE, choose_sign_rounding(model, bounds))
-        self._nominal, self._n_parameters = model.nominal_values, model.n_parameters
+        self._model, self._nominal, self._n_parameters = model, model.nominal_values, model.n_parameters
         self._counted = model.counted[:, None]
         self._known: dict[bytes, PlannedMove | None] = {}
 
@@ -428,7 +428,11 @@ class MovePlanner:
             motion = piece.evaluate(step * np.arange(0.5, _SAMPLES_OF_A_MOVE))
             # Samples lie in the middle of equal intervals: the sum over them is the integral by the midpoint rule.
             w = self._observed.evaluate(motion.q, motion.dq, motion.ddq, motion.dddq, np.zeros_like(motion.q))
-            torque = np.abs(w @ self._nominal)
+            torque = np.abs(
+                w @ self._nominal
+                if self._model.expected is None
+                else self._model.torque(motion.q, motion.dq, motion.ddq)
+            )
             within = (torque <= limits.torque).all() and (torque * np.abs(motion.dq) <= limits.power).all()
             if within and limits.are_follower_rates_kept(motion.q, motion.dq, motion.ddq):
                 # The square root, because rows enter WᵀW squared.

@@ -111,6 +111,9 @@ class Design:
         Expected uncertainty of each parameter.
     runs : tuple of Run
         The test motions of a set, one after the other.
+    floor : float or None
+        Height in the base frame, m, of the floor that the motion was checked against, stated or assumed; None where
+        there was none.
     """
 
     joint_names: tuple[str, ...]
@@ -128,6 +131,7 @@ class Design:
     notes: tuple[str, ...]
     expected: tuple[ExpectedParameter, ...] = ()
     runs: tuple[Run, ...] = ()
+    floor: float | None = None
 
     def __repr__(self) -> str:
         return (

@@ -33,8 +33,9 @@ DIAGNOSE = "Find the missing effects: dynident diagnose MODEL RUN."
 GIVE_RECORDINGS = "Give the held-out recordings of the model."
 """Next steps that several uses have."""
 FACE_CONTACT_FORCE_LIMIT, HAND_CONTACT_FORCE_LIMIT = 65.0, 140.0
-"""N that a face, and a hand or a chest, may bear while they are clamped (ISO/TS 15066:2016, table A.2): a collision
-that shows later than that is seen too late for a person."""
+"""Examples of forces in N that a face, and a hand or a chest, may bear while they are clamped. Secondary sources give
+these values as those of ISO/TS 15066:2016, table A.2 (for hands arXiv:2311.13814, table 1), and some sources give
+others; the standard itself was not read. The limits that count are those of the user's risk assessment."""
 _GRAVEST_FIRST: tuple[State, ...] = ("no", "not_judged", "limited", "yes")
 
 
@@ -120,6 +121,7 @@ def combine_findings(name: UseName, findings: Sequence[UseFinding], when_good: s
     return Use(name, state, " ".join(sentences), steps[0] if steps else when_good)
 
 
+_FORCE_THAT_COUNTS = "The limit that counts is that of your risk assessment."
 _LONGER = f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that carry the tool."
 
 
@@ -157,16 +159,15 @@ def judge_collision_detection(evidence: HeldOutEvidence, force: DetectableForce 
     )
     if force.force > HAND_CONTACT_FORCE_LIMIT:
         against = (
-            f"{figures} This is above the {HAND_CONTACT_FORCE_LIMIT:g} N that a hand can bear: it protects the machine "
-            "at best."
+            f"{figures} This is above {HAND_CONTACT_FORCE_LIMIT:g} N, an example of what a clamped hand can bear: it "
+            f"protects the machine at best. {_FORCE_THAT_COUNTS}"
         )
         return [*findings, UseFinding("no", against, DIAGNOSE)]
     if force.force > FACE_CONTACT_FORCE_LIMIT:
-        findings.append(
-            UseFinding(
-                "limited", f"This is more than the {FACE_CONTACT_FORCE_LIMIT:g} N that a face can bear.", DIAGNOSE
-            )
+        against = (
+            f"This is above {FACE_CONTACT_FORCE_LIMIT:g} N, an example of what a face can bear. {_FORCE_THAT_COUNTS}"
         )
+        findings.append(UseFinding("limited", against, DIAGNOSE))
     if not evidence.list_passed("payload"):
         findings.append(
             UseFinding(

@@ -54,6 +54,9 @@ class DesignResult(TypedDict):
     """Start and end of the exciting part, s"""
     expected_parameters: list[ExpectedParameter]
     """Expected accuracy of the parameters"""
+    floor: float | None
+    """Height in m of the floor that was checked, in the base frame; if the request states none, the floor was assumed.
+    null: no floor was checked"""
     joints: list[str]
     margins: list[Margin]
     n_samples: int

@@ -25,9 +25,14 @@ UNSOUND = 1
 def doctor(
     data_dir: DataDir = None,
     repair: Annotated[
-        bool, typer.Option("--repair", help="Repair what can be repaired without losing anything that has an owner.")
+        bool,
+        typer.Option(
+            "--repair/--no-repair", help="Repair what can be repaired without losing anything that has an owner."
+        ),
     ] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Check only the sizes of files, not their content.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick/--no-quick", help="Check only the sizes of files, not their content.")
+    ] = False,
 ) -> None:
     """Check everything that the service has stored: what is missing, damaged, unreadable, or has no owner.
 

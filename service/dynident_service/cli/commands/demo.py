@@ -15,7 +15,7 @@ def demo(
     robot: Annotated[str, typer.Option("--robot", help="A robot file with inertias, or a well-known arm.")] = "ur10",
     joint: Annotated[str, typer.Option("--joint", help="Joint where the effect is hidden; random by default.")] = "",
     seed: Seed = 0,
-    quick: Annotated[bool, typer.Option("--quick", help="Make a shorter experiment.")] = False,
+    quick: Annotated[bool, typer.Option("--quick/--no-quick", help="Make a shorter experiment.")] = False,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Folder to write to.")] = Path(
         "demo-output"
     ),

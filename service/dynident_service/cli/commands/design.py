@@ -139,6 +139,14 @@ class DesignFiles:
     earlier: Annotated[
         SomeFiles, file_option("--earlier", help="Measurement that the experiment complements; may be repeated.")
     ] = None
+    identified: Annotated[
+        SomeFile,
+        file_option(
+            "--identified",
+            help="Identified model of the robot (`dynident identify --out`), by which torque is predicted for its "
+            "limits: friction and rotors count, and a margin for what is uncertain.",
+        ),
+    ] = None
 
 
 def design(
@@ -180,8 +188,9 @@ def design(
             files.surroundings, choose_mesh_folders(machine, robot, files.meshes), floor=files.floor
         ),
     )
+    identified = None if files.identified is None else inputs.load_model(files.identified).estimate
     with inputs.read_recordings("design", files.earlier or [], machine, reading, share=0.1) as data:
-        experiment = design_experiment(machine, request, data.progress, data.recordings)
+        experiment = design_experiment(machine, request, data.progress, data.recordings, identified=identified)
     table_files.write_trajectory(experiment, out)
     described, message = lambda: describe_design(experiment), f"trajectory written to {out}"
     output.print_result(as_json, described, lambda console: show_design(console, experiment), message)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +17,7 @@ from dynident_service.cli.request_options import RequestOptions, TypedValues
 
 if TYPE_CHECKING:
     from dynident.diagnosis import Diagnosis
+    from dynident.effects import EffectChoice
 
 
 def series(
@@ -111,13 +114,14 @@ def diagnose(
     request_options: Annotated[TypedValues, RequestOptions(DiagnosisChoices)],
     result: OutputOptions,
     next_experiment: Annotated[
-        bool,
+        bool | None,
         typer.Option(
-            "--next-experiment",
+            "--next-experiment/--no-next-experiment",
             help="Look also for the motion that decides what the measurements leave open, for `dynident design "
-            "--diagnosis`.",
+            "--diagnosis`. By default only for --out and --json.",
+            show_default=False,
         ),
-    ] = False,
+    ] = None,
 ) -> None:
     """Name the physical effects that a model lacks.
 
@@ -138,16 +142,35 @@ def diagnose(
             most_effects=choices.max_effects,
             progress=data.progress,
         )
-        if next_experiment:
+        if next_experiment or (next_experiment is None and (result.out is not None or result.as_json)):
             from dynident.advice import advise
 
             diagnosis: Diagnosis = advise(examined)
+            n_open = 0
         else:
             diagnosis = examined.diagnosis
-    n_open = 0 if next_experiment else len(examined.doubts)
+            n_open = len(examined.doubts)
+    extend_command = _write_extend_command(diagnosis.recommended, model, measurements, reading, result.out)
     output.write_result(
         result,
         "diagnosis",
         lambda: describe_diagnosis(diagnosis, robot.name),
-        lambda console: result_tables.show_diagnosis(console, diagnosis, robot, n_open),
+        lambda console: result_tables.show_diagnosis(console, diagnosis, robot, extend_command, n_open),
     )
+
+
+def _write_extend_command(
+    recommended: Sequence[EffectChoice], model: Path, measurements: Sequence[Path], reading: Reading, out: Path | None
+) -> str:
+    """Write the command that adds the recommended effects, with measurements read as they were here."""
+    from dynident.effects.text_format import format_effect
+    from dynident_service.cli.request_options import list_option_words
+
+    # Effects of some runs alone can only be given by the file of the diagnosis.
+    if out is not None or any(choice.runs for choice in recommended):
+        added = ["--diagnosis", "FILE" if out is None else str(out)]
+    else:
+        added = ["--effects", ",".join(map(format_effect, recommended))]
+    files = [str(path) for path in (model, *measurements)]
+    command = shlex.join(["dynident", "extend", *files, *list_option_words(reading), *added])
+    return command if "FILE" not in added else f"{command} (FILE: diagnose again with --out FILE)"

@@ -35,7 +35,7 @@ def inspect(
     rate: Rate = None,
     out: Out = None,
     as_proposed: Annotated[
-        bool, typer.Option("--as-proposed", help="Fail if a question is open, and write nothing.")
+        bool, typer.Option("--as-proposed/--no-as-proposed", help="Fail if a question is open, and write nothing.")
     ] = False,
     as_json: Json = False,
 ) -> None:

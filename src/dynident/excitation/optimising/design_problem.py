@@ -14,6 +14,7 @@ from dynident.array_types import FloatArray
 from dynident.effects import get_effect
 from dynident.excitation.criteria.criterion_values import Criterion
 from dynident.excitation.design_model import DesignModel, ObservationGradient
+from dynident.excitation.expected_torque import ExpectedTorqueGradient
 from dynident.excitation.row_models import RowModelName, build_row_model
 from dynident.motion.joint_trajectories import Family
 from dynident.motion.limits.bounds import Bounds
@@ -219,7 +220,9 @@ class DesignProblem:
         self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
         self._rows_of = rows
         self._row_model = build_row_model(rows, self.n_samples, family.period, family.highest_frequency)
-        self._rows = ObservationGradient(model, self.n_samples, choose_sign_rounding(model, bounds))
+        rounding = choose_sign_rounding(model, bounds)
+        self._rows = ObservationGradient(model, self.n_samples, rounding)
+        self._expected = None if model.expected is None else ExpectedTorqueGradient(model.expected, rounding)
         b = model.n_parameters
         self._n_parameters = b
         self._nominal = model.nominal_values
@@ -259,8 +262,9 @@ class DesignProblem:
         x = flat.reshape(self.family.n_coefficients, self.n)
         q, dq, ddq, dddq, ddddq = self._basis @ x
         w = self._rows.evaluate(q, dq, ddq, dddq, ddddq)
-        # Torque is linear in the same base parameters, so that one evaluation of W serves criterion and torque limits.
-        torque = w @ self._nominal
+        # The description's torque is linear in the same base parameters, so that one evaluation of W serves criterion
+        # and torque limits.
+        torque = w @ self._nominal if self._expected is None else self._expected.evaluate(q, dq, ddq)
         b = self._n_parameters
         scale = 1.0 / np.sqrt(self.n_samples)
         chosen = self._mask_uncounted(w[:, :, :b])
@@ -275,13 +279,16 @@ class DesignProblem:
         of_signals = active * np.sign(shares) * self._per_room
         # Power is torque times velocity: its share of the gradient goes to both by the product rule.
         of_torque = of_signals[4] + of_signals[5] * dq
-        of_w = of_torque[:, :, None] * self._nominal
+        of_w = of_torque[:, :, None] * self._nominal if self._expected is None else np.zeros_like(w)
         of_w[:, :, :b] += self._mask_uncounted(of_chosen)
         gradient = self._basis[1].T @ (of_velocity + of_signals[5] * torque) + self._basis[0].T @ of_posture
         for basis, of_derivative in zip(self._basis, of_signals[:4], strict=False):
             gradient += basis.T @ of_derivative
         for basis, of_derivative in zip(self._basis, self._rows.pull_back(of_w), strict=False):
             gradient += basis.T @ of_derivative
+        if self._expected is not None:
+            for basis, of_derivative in zip(self._basis, self._expected.pull_back(of_torque), strict=False):
+                gradient += basis.T @ of_derivative
         # Without a gradient the optimiser leaves locked joints where they are.
         gradient[:, ~self._moving] = 0.0
         return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess, crowding)

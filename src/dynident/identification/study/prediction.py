@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy.special import stdtrit
 
 from dynident.array_types import FloatArray
 from dynident.effects import get_effect
@@ -78,9 +77,7 @@ def predict(
     )
     torque = observation.compute_torque(entries, estimate.values)
     deviation = compute_prediction_deviation(observation, entries, estimate.statistics.covariance)
-    statistics = estimate.statistics
-    # Parameters and noise have different degrees of freedom, so each has a quantile of Student's t of its own.
-    quantile, of_noise = stdtrit([statistics.median_freedom, statistics.effective_rows.sum()], 0.5 + 0.5 * level)
+    quantile, of_noise = estimate.statistics.prediction_quantiles(level)
     mean = quantile * deviation
     return PredictedTorque(torque, mean, np.hypot(mean, of_noise * estimate.noise), level)
 

@@ -122,6 +122,8 @@ def note_reach(
     )
 
 
+ASSUMED_HEIGHT = 0.0
+"""Height of an assumed floor in the base frame, m: robots stand on their base."""
 FLOOR_ASSUMED = (
     "A floor through the base (z = 0) is assumed, because no surroundings were stated: only the first link may "
     "reach it. State the surroundings, or that there is no floor (assume_floor: false, --no-floor)."
@@ -176,7 +178,7 @@ def assume_floor(
     moving = np.ptp(heights, axis=0) > 1e-6
     if (heights[:, moving] >= _RADIUS * reach).all(axis=1).mean() < _ROOM:
         return surroundings, None
-    return replace(surroundings, floor=0.0), _RADIUS * reach
+    return replace(surroundings, floor=ASSUMED_HEIGHT), _RADIUS * reach
 
 
 __all__ = [

@@ -86,6 +86,13 @@ _ACCELERATION_PER_VELOCITY = 4.0
 """Assumed acceleration limit over velocity limit, 1/s: full velocity is reached from rest in a quarter of a second."""
 _JERK_PER_ACCELERATION = 20.0
 """Assumed jerk limit over acceleration limit, 1/s: full acceleration is reached within 50 ms."""
+_FROM_DESCRIPTION = (
+    "Torque is predicted from the inertias in the robot's description, without rotor inertia and friction."
+)
+_LEAVE_ROOM = (
+    "Leave room in the torque limits for both, or give an identified model, which knows them (--identified, "
+    "identification_id)."
+)
 # Share by which limits are tightened for the design.
 _HAIR = 1e-6
 
@@ -185,6 +192,7 @@ def build_bounds(
     *,
     torque_margin: float = 0.0,
     surroundings: Surroundings | None = None,
+    torque_note: str | None = None,
     at: str = "/limits",
 ) -> Bounds:
     """Return the limits of a design: the robot's, tightened by the experiment's own, completed by cautious assumptions.
@@ -199,6 +207,8 @@ def build_bounds(
         By what share the torque may be larger than predicted.
     surroundings : Surroundings, optional
         What the robot must stay clear of; nothing, and not itself, where not given.
+    torque_note : str, optional
+        What the torque is predicted from, where that is more than the inertias of the description.
     at : str
         Pointer to the overrides in the request.
 
@@ -231,22 +241,21 @@ def build_bounds(
     torque = np.array([np.inf if limit.effort is None else limit.effort for limit in completed])
     unlimited = [name for name, bound in zip(robot.joint_names, torque, strict=True) if not np.isfinite(bound)]
     power = np.array([np.inf if limit.power is None else limit.power for limit in completed])
-    if robot.inertias is None:
+    if robot.inertias is None and torque_note is None:
         # Without inertias no torque can be predicted, so its limits cannot be checked.
         torque[:] = power[:] = np.inf
         notes.append("Torque is not checked: the robot's description gives no inertias to predict it with.")
     elif unlimited:
         notes.append(f"Torque is not checked for {join_names(unlimited)}: no limit is known.")
     if np.isfinite(torque).any() or np.isfinite(power).any():
-        notes.append(
-            "Torque is predicted from the inertias in the robot's description, without rotor inertia and friction; "
-            + (
-                f"it may be {100 * torque_margin:g} % larger: limits of torque and power are divided by "
+        notes.append(torque_note or _FROM_DESCRIPTION)
+        if torque_margin:
+            notes.append(
+                f"It may be {100 * torque_margin:g} % larger: limits of torque and power are divided by "
                 f"{1 + torque_margin:g}."
-                if torque_margin
-                else "leave some room in the torque limits for them."
             )
-        )
+        elif torque_note is None:
+            notes.append(_LEAVE_ROOM)
     low, high = (np.array([_require_position(limit)[end] for limit in completed]) for end in (0, 1))
     space = None
     if surroundings is not None:

@@ -22,7 +22,7 @@ export async function mountArm(element, { robotId, times = [0], positions = null
   const geometry = await get(`/robots/${robotId}/geometry`, {}, signal);
   const motion = positions ?? [geometry.joints.map((_, k) => geometry.closed[k] ?? 0)];
   const { poses } = await post(`/robots/${robotId}/poses`, { positions: motion }, { signal });
-  const state = { time: times[0], playing: null, view: { turn: 0.6, tilt: 0.35, ...extent(geometry, poses) } };
+  const state = { time: times[0], playing: null, view: { turn: 0.6, tilt: 0.35, ...extent(geometry, poses, floor) } };
   const path = some(poses).map((frames) => frames.findLast(Boolean)).filter(Boolean).map(origin);
   let outlines = [];
   const near = h("p", { class: "note", id: "nearest-now", hidden: true });
@@ -41,6 +41,7 @@ export async function mountArm(element, { robotId, times = [0], positions = null
     const parts = { surfaces: surfacesAt(geometry, frames), segments: segmentsAt(geometry, frames, 0.025 * state.view.reach) };
     canvas.dataset.triangles = parts.surfaces.reduce((sum, one) => sum + one.triangles.length, 0);
     const { lines, words } = clearances?.at(state.time, frames) ?? { lines: [], words: "" };
+    canvas.dataset.floor = floor ?? "";
     canvas.dataset.gaps = JSON.stringify(lines.map((one) => one.ends));
     near.firstChild?.replaceWith(`${words} `);
     draw(canvas, state.view, { ...parts, frames: [BASE, ...frames], path, around: { floor, outlines }, gaps: lines });
@@ -136,13 +137,14 @@ function some(motion) {
   return motion.filter((_, index) => index % step === 0);
 }
 
-/** Middle and reach of all that the motion sweeps: the ball about the middle that holds it. */
-function extent(geometry, poses) {
+/** Middle and reach of all that the motion sweeps, and of the floor (m) below the base: the ball about the middle that holds it. */
+function extent(geometry, poses, floor) {
   const boxes = { surfaces: geometry.surfaces.map((one) => ({ ...one, points: cornersOf(one.points) })) };
   const swept = some(poses).flatMap((frames) => {
     const ends = segmentsAt(geometry, frames, 0.02).flatMap(({ start, end, radius }) => [[start, radius], [end, radius]]);
     return [...ends, ...surfacesAt(boxes, frames).flatMap(({ points }) => points.map((point) => [point, 0]))];
   });
+  if (floor !== null) swept.push([[0, 0, floor], 0]);
   const middle = [0, 1, 2].map((k) => {
     const [low, high] = swept.reduce(([least, most], [point, radius]) => [Math.min(least, point[k] - radius), Math.max(most, point[k] + radius)], [Infinity, -Infinity]);
     return (low + high) / 2;

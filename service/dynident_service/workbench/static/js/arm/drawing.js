@@ -5,6 +5,7 @@ import { origin, placed } from "./kinematics.js";
 const AXES = [["--predicted", [1, 0, 0]], ["--good-line", [0, 1, 0]], ["--residual", [0, 0, 1]]];
 
 const LIGHT = [0.36, -0.48, 0.8]; // to the right, up and near: where the light comes from
+const FLOOR_OPACITY = 0.25; // the floor is told from the background, and what is behind it stays visible
 const DARKEST = 0.6; // of the colour, where no light comes
 
 /**
@@ -27,7 +28,7 @@ export function draw(canvas, view, { surfaces, segments, frames, path, around, g
   pen.lineCap = "round";
   const scale = (Math.min(width, height) / 2 / view.reach) * 0.92;
   const seen = projection(view, width, height, scale);
-  ground(pen, seen, view, around.floor ?? 0, colour(around.floor === null ? "--grid" : "--line"));
+  ground(pen, seen, view, around.floor, colour);
   for (const ends of around.outlines) line(pen, ends.map(seen), 1, colour("--soft"));
   line(pen, path.map(seen), 1.5, colour("--residual"));
   const parts = [...facesOf(surfaces, seen, shades(pen, colour("--rung-0"))), ...segments.map((one) => rod(one, seen, scale, colour))];
@@ -125,11 +126,21 @@ function line(pen, points, width, colour) {
   pen.stroke();
 }
 
-/** A level plane of the base frame, in squares of a quarter of the reach. */
-function ground(pen, seen, { reach }, height, colour) {
+/** The floor at a height (m): a filled plane in squares of a quarter of the reach. Without a floor, the base plane in pale lines. */
+function ground(pen, seen, { reach }, floor, colour) {
+  const height = floor ?? 0;
+  if (floor !== null) {
+    pen.globalAlpha = FLOOR_OPACITY;
+    pen.fillStyle = colour("--soft");
+    pen.beginPath();
+    for (const [x, y] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) pen.lineTo(...seen([x * reach, y * reach, height]).slice(0, 2));
+    pen.fill();
+    pen.globalAlpha = 1;
+  }
+  const shade = colour(floor === null ? "--grid" : "--line");
   for (let k = -4; k <= 4; k += 1) {
     const at = (k * reach) / 4;
-    line(pen, [seen([at, -reach, height]), seen([at, reach, height])], 1, colour);
-    line(pen, [seen([-reach, at, height]), seen([reach, at, height])], 1, colour);
+    line(pen, [seen([at, -reach, height]), seen([at, reach, height])], 1, shade);
+    line(pen, [seen([-reach, at, height]), seen([reach, at, height])], 1, shade);
   }
 }

@@ -12,7 +12,7 @@ import { purposeChoice } from "./purpose.js";
 
 // What most people ask for stands in the open, in this order; the rest of what may be asked is folded.
 const OPEN = ["family", "duration", "sampling_rate", "harmonics", "time_budget", "random_trajectories", "seed"];
-const APART = ["robot_id", "earlier_ids", "kind", "criterion", "trajectory"];
+const APART = ["robot_id", "earlier_ids", "identification_id", "kind", "criterion", "trajectory"];
 const BUDGET = 15;
 
 /** A form that designs an experiment for a robot; `given` is a body of a design to begin with. */

@@ -54,9 +54,10 @@ async function showMotion(section, design, robot, signal) {
   const place = h("div");
   let moved = () => {};
   const curves = motionCurves(motion, design.result, units, (time) => moved(time), signal);
-  put(section, h("h2", {}, "The motion"), h("div", { class: "two" }, place, curves.element));
+  const floor = floorOf(design);
+  put(section, h("h2", {}, "The motion"), h("p", { class: "note", id: "floor" }, floor.words), h("div", { class: "two" }, place, curves.element));
   curves.show();
-  const mounted = await arm.mountArm(place, { robotId: robot.id, times: motion.t, positions: motion.q, floor: design.request.surroundings?.floor, onTime: curves.mark, signal });
+  const mounted = await arm.mountArm(place, { robotId: robot.id, times: motion.t, positions: motion.q, floor: floor.height, onTime: curves.mark, signal });
   moved = (time) => {
     mounted.show(time);
     curves.mark(time);
@@ -65,6 +66,15 @@ async function showMotion(section, design, robot, signal) {
   const [{ clearancesOf }, found] = await Promise.all([import("../arm/clearances.js"), get(`/designs/${design.id}/clearances`, {}, signal)]);
   mounted.surround(found);
   if (found.links.length) mounted.keepClear(clearancesOf(found));
+}
+
+/** The height (m) of the floor that the motion was checked against, null for none, and what the picture shows of it. */
+function floorOf({ request, result }) {
+  const stated = request.surroundings?.floor ?? null;
+  const height = result.floor ?? stated;
+  if (height === null) return { height, words: "No floor was checked: the pale lines only show the base plane (z = 0)." };
+  if (stated === null) return { height, words: "The grey plane is an assumed floor through the base (z = 0), because no surroundings were stated. Only the first link may reach it." };
+  return { height, words: `The grey plane is the stated floor at z = ${quantity(height, "m")}.` };
 }
 
 function promises({ expected_parameters: expected }) {
