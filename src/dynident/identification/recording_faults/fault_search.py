@@ -479,7 +479,7 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
     )
     # A log that is late is late for all joints. Where the motors of all others are off, one joint alone may look late
     # by the way in which it breaks loose.
-    one_alone = find_moving_joints(motion).sum() > 1 and find_driving_joints(thin_out(motion)).sum() < 2
+    one_alone = find_moving_joints(motion).sum() > 1 and find_driving_joints(thin_out(motion), surely=False).sum() < 2
     return replace(delay, is_mistake=False) if delay is not None and one_alone else delay
 
 

@@ -408,8 +408,8 @@ def _compare_load(load: FloatArray, motion: Motion, joint: int) -> tuple[float, 
     return times, share if _is_known(products, squares) else 0.0
 
 
-def find_driving_joints(motion: Motion) -> BoolArray:
-    """Return the joints (n,) whose torque surely does work on them, as that of a drive against friction.
+def find_driving_joints(motion: Motion, *, surely: bool = True) -> BoolArray:
+    """Return the joints (n,) whose torque does work on them, as that of a drive against friction.
 
     A motor that is off does none: its torque is what it generates, or noise, and not a torque in another unit.
 
@@ -417,12 +417,14 @@ def find_driving_joints(motion: Motion) -> BoolArray:
     ----------
     motion : Motion
         Filtered rows of the recording.
+    surely : bool
+        Whether the work has to be clear of what it differs between blocks of time.
     """
     driving = []
     for joint in range(motion.tau.shape[1]):
         dq, tau = motion.dq[:, joint], motion.tau[:, joint]
         work, squares = (np.bincount(motion.block, weights=dq * other).astype(np.float64) for other in (tau, dq))
-        driving.append(work.sum() > 0.0 and _is_known(work, squares))
+        driving.append(work.sum() > 0.0 and (not surely or _is_known(work, squares)))
     return np.array(driving)
 
 
