@@ -70,8 +70,8 @@ NAMES: dict[str, tuple[str, ...]] = {
     "all gains x 10": ("torque_scale", "saturation"),
     "one gain x 10": ("torque_scale", "saturation"),
     "outer gains": ("torque_scale",),
-    "20 ms late": ("torque_delay", "torque_alignment"),
-    "20 ms early": ("torque_delay", "torque_alignment"),
+    "20 ms late": ("torque_delay",),
+    "20 ms early": ("torque_delay",),
     "gravity": ("gravity_direction",),
     "command": ("commanded_torque", "constant_torque"),
     "coupled": ("joint_coupling",),
@@ -349,7 +349,7 @@ def try_mistake(robot: Robot, right: Read, planted: Planted) -> Outcome:
         new = [one for name, one in read.found.items() if name not in known]
         # A check that warned already of something else may say more now.
         new += [one for name, one in read.found.items() if name in known and one.detail != right.found[name].detail
-                and name in ("torque_alignment", "position_unit", "torque_delay")]  # fmt: skip
+                and name in ("position_unit", "torque_delay")]  # fmt: skip
         if turn == 0:
             noticed, refused = bool(new), any(one.status == "error" for one in new)
             words = ", ".join(f"{one.name} ({one.status})" for one in new)

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from dynident.excitation.expected_torque import ExpectedTorque, ExpectedTorqueGradient
 from support.oracles import FloatArray, Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
@@ -16,6 +15,7 @@ from dynident.excitation import DesignRequest, TrajectoryRequest, design_experim
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
 from dynident.excitation.criteria.criterion_values import build_smooth_criterion
 from dynident.excitation.design_model import build_design_model
+from dynident.excitation.expected_torque import ExpectedTorque, ExpectedTorqueGradient
 from dynident.excitation.optimising.design_problem import DesignProblem
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.study.prediction import predict

@@ -148,6 +148,45 @@ def test_an_elastic_arm_and_a_free_motor_are_no_mistake_in_the_columns() -> None
         assert [one for one in check_recording_faults(planar, given, Q[:2], TAU[:2]).checks if one.status != "ok"] == []
 
 
+def swing(
+    robot: Robot, driven: int, seed: int, seconds: float = 10.0, rate: float = 200.0
+) -> tuple[Motion, np.ndarray]:
+    """Two joints of which one motor swings both at one frequency; the other is off and reports what it generates."""
+    rng = np.random.default_rng(seed)
+    size, frequency = rng.uniform(0.5, 0.9), 2.0 * np.pi * rng.uniform(1.2, 1.7)
+    friction = lambda dq: 0.08 * np.tanh(dq / 0.05) + 0.02 * dq  # noqa: E731
+    off = 1 - driven
+
+    def accelerate(t: float, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        tau = np.zeros(2)
+        tau[driven], tau[off] = size * np.sin(frequency * t), -0.02 * dq[off]
+        states = (np.tile(q, (3, 1)), np.vstack([dq, dq * 0.0, dq * 0.0]), np.vstack([dq * 0.0, np.eye(2)]))
+        bias, *rest = pinocchio_torque(robot, *states)
+        still = pinocchio_torque(robot, q[None], dq[None] * 0.0, dq[None] * 0.0)[0]
+        mass = np.array(rest) - still + 0.01 * np.eye(2)
+        return np.linalg.solve(mass, tau - bias - friction(dq)), tau
+
+    t, step = np.arange(round(seconds * rate)) / rate, 1.0 / rate
+    q, dq = np.zeros(2), np.zeros(2)
+    rows = []
+    for now in t:
+        ddq, tau = accelerate(now, q, dq)
+        rows.append((q, dq, ddq, tau))
+        # Heun's method: the motion need only be one that these torques make, nearly.
+        middle, _ = accelerate(now + step, q + step * dq, dq + step * ddq)
+        q, dq = q + step * dq + 0.5 * step**2 * ddq, dq + 0.5 * step * (ddq + middle)
+    q, dq, ddq, tau = (np.array(part) for part in zip(*rows, strict=True))
+    return Motion(t, q, dq, ddq), tau + 0.01 * rng.normal(size=tau.shape)
+
+
+@pytest.mark.parametrize("driven", [0, 1])
+@pytest.mark.parametrize("seed", range(4))
+def test_of_a_motor_that_is_off_no_sign_is_told(seed: int, driven: int) -> None:
+    planar = robot_from_urdf("planar", PLANAR)
+    given = record(planar, *swing(planar, driven, seed))
+    assert [one for one in check_recording_faults(planar, given, Q[:2], TAU[:2]).checks if one.status != "ok"] == []
+
+
 def test_a_look_at_a_file_says_first_what_is_left_of_its_torque_and_why() -> None:
     motion, tau = measured(gravity=(0.0, -9.81, 0.0))
     found = propose(Sample(("t", *Q, *TAU), np.column_stack([motion.t, motion.q, tau]), {}), ROBOT)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.drawn_recordings import FloatArray, guess, legged, log, log_of, read, signals
+from support.oracles import arm
 
 from dynident.identification import identify
 from dynident.identification.recording_faults.fault_search import list_chains
 from dynident.identification.recording_faults.torque_scale import find_excess_friction
-from dynident.recordings import Check, RecordingError
+from dynident.identification.recording_faults.tree_fit import list_trees
+from dynident.recordings import Check, RecordingError, Revision
 from dynident.robot import Robot
 from dynident.verdict import verdict
 
@@ -25,9 +28,12 @@ def refused(robot: Robot, folder: Path, columns: dict[str, FloatArray]) -> list[
 @pytest.mark.parametrize(("legs", "order", "kind"), [
     (2, (1, 0), "tau"),
     (2, (1, 0), "q"),
-    pytest.param(4, (2, 3, 0, 1), "q", marks=pytest.mark.slow),
+    (3, (1, 2, 0), "tau"),
+    (4, (2, 3, 0, 1), "q"),
+    (4, (1, 2, 3, 0), "tau"),
+    pytest.param(4, (1, 2, 3, 0), "q", marks=pytest.mark.slow),
     *(pytest.param(4, order, kind, marks=pytest.mark.thorough)
-      for order in ((1, 0, 2, 3), (1, 0, 3, 2), (0, 3, 2, 1)) for kind in ("tau", "q")),
+      for order in ((1, 0, 2, 3), (1, 0, 3, 2), (0, 3, 2, 1), (3, 1, 0, 2)) for kind in ("tau", "q")),
 ])  # fmt: skip
 def test_exchanged_legs_are_one_finding_with_one_cure(
     tmp_path: Path, legs: int, order: tuple[int, ...], kind: str
@@ -45,6 +51,24 @@ def test_exchanged_legs_are_one_finding_with_one_cure(
     for leg in range(legs):
         own = tuple(np.round(given.q[200, 3 * leg : 3 * leg + 3], 3))
         assert of_leg[own] == pytest.approx(given.tau[200, 3 * leg], abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["tau", "q"])
+def test_all_recordings_of_a_robot_get_the_same_cure_of_exchanged_legs(tmp_path: Path, kind: str) -> None:
+    """Exchanged torques and exchanged positions leave alike where nothing is known of the masses."""
+    robot = replace(legged(2, seed=2), inertias=None)
+    cures = []
+    for seed in range(4):
+        given = log_of(legged(2, seed=2), seed=seed)
+        columns = given.columns(**{kind: (given.tau if kind == "tau" else given.q)[:, [3, 4, 5, 0, 1, 2]]})
+        cures.append(refused(robot, tmp_path, columns)[0].apply)
+    assert cures == [Revision(permutation={"tau": (4, 5, 6, 1, 2, 3)})] * 4
+
+
+def test_trees_that_stand_side_by_side_share_no_fit_and_a_moving_trunk_joins_them() -> None:
+    assert list_trees(legged(2)) == [[0, 1, 2], [3, 4, 5]]
+    assert list_trees(log().robot) == [list(range(6))]
+    assert list_trees(arm("dual_arm")) == [list(range(arm("dual_arm").n))]
 
 
 def test_columns_from_the_last_joint_on_are_one_finding(tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ from dynident.identification.recording_faults import ColumnFault, find_recording
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows
 from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
 from dynident.identification.recording_faults.filtered_motion import filter_motion
-from dynident.identification.recording_faults.held_out_fit import BLOCKS, GramMatrices, HeldOutFit
+from dynident.identification.recording_faults.held_out_fit import HeldOutFit
+from dynident.identification.recording_faults.tree_fit import BLOCKS, GramMatrices
 from dynident.recordings import Recording
 from dynident.robot.pinocchio_model import compute_described_torque
 
@@ -75,7 +76,7 @@ def test_a_description_without_masses_refutes_nothing() -> None:
 
 
 def test_what_one_part_of_a_recording_has_leaves_nothing_but_what_the_others_have() -> None:
-    judge, rng = HeldOutFit(ROBOT), np.random.default_rng(4)
+    (judge,), rng = HeldOutFit(ROBOT)._trees, np.random.default_rng(4)
     c = judge.n_columns
     rows = rng.normal(size=(BLOCKS, 2 * c, c + 1))
     # Next to nothing but in one block: a difference of sums would be rounding.

@@ -279,7 +279,7 @@ def test_torque_columns_in_another_order_are_refused_and_named(tmp_path, order):
 def test_torque_that_is_late_or_early_is_told_in_milliseconds(tmp_path, shift):
     columns = motion(9000)
     columns |= {f"tau{j}": np.roll(columns[f"tau{j}"], shift) for j in (1, 2, 3)}
-    check = found(tmp_path, columns, "torque_alignment", windows=((0.1, 44.0),))
+    check = found(tmp_path, columns, "torque_delay", windows=((0.1, 44.0),))
     assert check.status == "warning"
     first, last = (float(part) for part in check.detail.split(" ms")[0].removeprefix("The torque is ").split(" to "))
     assert abs(first - 5.0 * abs(shift)) < 2.5
@@ -291,9 +291,9 @@ def test_torque_that_is_far_too_late_is_refused_with_the_cure(tmp_path):
     columns = motion(9000)
     columns |= {f"tau{j}": np.roll(columns[f"tau{j}"], 20) for j in (1, 2, 3)}
     error = refused(tmp_path, columns, windows=((1.0, 44.0),))
-    assert error.title == "Torque alignment"
+    assert error.title == "Torque delay"
     assert '"torque_delay": 0.099' in error.detail
-    mended = found(tmp_path, columns, "torque_alignment", windows=((1.0, 44.0),), torque_delay=0.1)
+    mended = found(tmp_path, columns, "torque_delay", windows=((1.0, 44.0),), torque_delay=0.1)
     assert mended.status == "ok"
 
 

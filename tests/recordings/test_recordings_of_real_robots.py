@@ -64,15 +64,13 @@ def known(path: Path) -> set[str]:
     """What is peculiar in a file, by the name of the check that should say it."""
     peculiar = {
         "ur10e": {"sampling_jitter"},
-        "tx40": {"torque_alignment"},
-        "airbot_play": {"torque_alignment"},
+        "tx40": {"torque_delay"},
+        "airbot_play": {"torque_delay"},
         "joint_friction": {"sampling_jitter", "gaps", "velocity_unit"},
         "dfki_double_pendulum": {"sampling_jitter", "quantisation"},
         "kinova_gen3": {"sampling_jitter", "gaps"},
     }
-    # A false alarm that is left: the arm is elastic, and the motion of this file is slow.
-    false = {"C1_143704": {"joint_sign"}}
-    return peculiar.get(path.parent.name, set()) | false.get(path.stem, set())
+    return peculiar.get(path.parent.name, set())
 
 
 @pytest.mark.parametrize("path", all_files(), ids=lambda path: f"{path.parent.name}-{path.stem}")
@@ -90,8 +88,8 @@ def test_every_recording_comes_in_and_raises_no_false_alarm(path, tmp_path):
     [
         ("ur10e/id_30s_12harm", {"sampling_jitter"}),
         ("ur10e/val_ptp10", {"sampling_jitter"}),
-        ("tx40/all", {"torque_alignment"}),
-        ("airbot_play/id_chirp_unloaded", {"torque_alignment"}),
+        ("tx40/all", {"torque_delay"}),
+        ("airbot_play/id_chirp_unloaded", {"torque_delay"}),
     ],
 )
 def test_what_is_known_of_a_recording_is_found(name, must, tmp_path):
@@ -102,7 +100,7 @@ def test_what_is_known_of_a_recording_is_found(name, must, tmp_path):
 def test_the_delays_that_are_known_come_out(tmp_path):
     for name, low, high in (("airbot_play/id_chirp_unloaded", 0.005, 0.015), ("tx40/all", -0.006, -0.001)):
         _, checks = imported(DATA / f"{name}.parquet", tmp_path / "stored")
-        detail = next(check.detail for check in checks if check.name == "torque_alignment")
+        detail = next(check.detail for check in checks if check.name == "torque_delay")
         assert low < float(detail.split('"torque_delay": ')[1].split(" ")[0]) < high
 
 

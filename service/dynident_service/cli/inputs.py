@@ -192,21 +192,23 @@ def _load_recording(
     try:
         imported = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
     except RecordingError as error:
-        if not cure and any(check.status == "error" and check.apply is not None for check in error.checks):
+        refused = [check for check in error.checks if check.status == "error"]
+        # An error without a cure stays, whatever is corrected besides it.
+        if not cure and refused and refused[0].apply is not None:
             error.detail += " Or let dynident correct it: --cure."
         # The library knows columns, rows and times, but not which of the files it is.
-        error.detail = f"{path.name}: {_reword_for_options(error.detail, metadata.name)}"
+        error.detail = f"{path.name}: {reword_for_options(error.detail, metadata.name)}"
         error.checks = tuple(
-            replace(check, detail=_reword_for_options(check.detail, metadata.name)) for check in error.checks
+            replace(check, detail=reword_for_options(check.detail, metadata.name)) for check in error.checks
         )
         raise
     checks = tuple(
-        replace(check, detail=_reword_for_options(check.detail, imported.metadata.name)) for check in imported.checks
+        replace(check, detail=reword_for_options(check.detail, imported.metadata.name)) for check in imported.checks
     )
     return LoadedRecording(imported.recording, checks, path, imported.metadata)
 
 
-def _reword_for_options(detail: str, name: str) -> str:
+def reword_for_options(detail: str, name: str) -> str:
     """Rewrite a sentence about the recording of that name: options in place of fields of the contract."""
     # Several remedies may stand in one sentence: all patterns are tried.
     for pattern, words in _REWORDED:

@@ -86,7 +86,8 @@ def report_missing_torques(layout: Layout, joint_names: Sequence[str]) -> tuple[
             f"equation{'s are' if several else ' is'} left out, {'their' if several else 'its'} motion is used. "
             f"Parameters that only {'these torques' if several else 'this torque'} would show "
             f"({'their' if several else 'its'} friction and drive inertia; for the first joint also its inertia) are "
-            f"not identifiable. If a joint does not belong to the arm, such as a finger, lock it: {', '.join(names)}.",
+            f"not identifiable. If a joint does not belong to the arm, such as a finger, lock it: "
+            f'"locked_joints": {{"{names[0]}": 0}}.',
         ),
     )
 

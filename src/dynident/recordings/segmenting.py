@@ -321,7 +321,8 @@ class Segmenter:
                 raise RecordingError(
                     f"Column {name} repeats {t[row]:.9g} s in row {rows.first_row + row + 1}, while "
                     f"{self._layout.columns[column].source} changes. Either the time stamps have too few digits "
-                    "(write more digits), or the file mixes two recordings (separate them).",
+                    '(write more digits, or say "rate": … if the rows are evenly spaced), or the file mixes two '
+                    "recordings (separate them).",
                     pointer=name,
                     title="Repeated time",
                     row=rows.first_row + int(row) + 1,

@@ -47,7 +47,9 @@ class RunLabels:
             self._step = float(np.median(forward))
         if np.isnan(self._begin):
             self._begin = float(t[0])
-        for row in np.flatnonzero(steps < -FEWEST_STEPS * self._step):
+        # Where no step goes forward the whole file runs backward: it has no runs.
+        restarts = np.flatnonzero(steps < -FEWEST_STEPS * self._step) if self._step else ()
+        for row in restarts:
             # Back to near the beginning of the run: rows that were only exchanged, or written late, go back less far.
             if t[row] <= self._begin + NEAR_BEGINNING * (before[row] - self._begin):
                 self.restarts.append((first_row + int(row) + 1, float(before[row]), float(t[row])))

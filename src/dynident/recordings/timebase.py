@@ -117,6 +117,9 @@ def _split_runs(begins: BoolArray) -> list[tuple[int, int]]:
     return list(itertools.pairwise(edges))
 
 
+BACKWARD_SHARE = 0.9
+"""Share of the steps of t that go back from which on the rows are in reverse order, and not only some exchanged."""
+
 GAP_PERIODS = 5.0
 """A longer step of t than so many nominal periods is a gap: nothing is interpolated or filtered across it."""
 
@@ -334,9 +337,14 @@ class TimeScan:
         if not len(back):
             return
         at, row = int(back[0]), int(ends[back[0]])
+        cure = (
+            "Sort the rows by time; if the file contains several recordings, separate them by a column `segment` of "
+            "whole numbers."
+        )
+        if (steps[same] < 0).mean() > BACKWARD_SHARE:
+            cure = "It does so in nearly every row: the rows are in reverse order. Write the earliest row first."
         raise RecordingError(
-            f"Column {self.name} goes back from {t[at]:.6g} s to {t[at + 1]:.6g} s in row {row}. Sort the rows by "
-            "time; if the file contains several recordings, separate them by a column `segment` of whole numbers.",
+            f"Column {self.name} goes back from {t[at]:.6g} s to {t[at + 1]:.6g} s in row {row}. {cure}",
             pointer=self.name,
             title="Unsorted time",
             row=row,

@@ -80,15 +80,11 @@ def check_torque(
     if any(doubt.name in ("torque_order", COMMANDED) for doubt in model_checks or ()):
         # By all of the torque, where the corners of friction alone call right recordings early; and not beside another
         # mistake, which looks like a delay as well.
-        return [
-            *checks,
-            *(model_checks or ()),
-            Check("torque_alignment", "ok", f"See the check {DELAY}, which uses the robot's dynamics."),
-        ]
+        return [*checks, *(model_checks or ())]
     evidence = against_motion.gather_evidence(recording)
     if evidence is None:
         nothing = "The recording is too short, or moves too little, to detect this without a model."
-        silent = (Check(name, "ok", nothing) for name in ("torque_order", "torque_sign", "torque_alignment"))
+        silent = (Check(name, "ok", nothing) for name in ("torque_order", "torque_sign", DELAY))
         return [*checks, *silent, *(model_checks or ())]
     columns = _check_order_and_sign(recording, evidence, layout, sample)
     return [*checks, *columns, _check_alignment(recording, evidence, layout, sample), *(model_checks or ())]
@@ -293,13 +289,11 @@ def _check_sign(recording: Recording, evidence: TorqueEvidence, layout: Layout, 
 def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Layout, sample: RawSample) -> Check:
     if recording.role == "friction":
         # Friction alone, at constant speeds, has no corners in time but those of presliding.
-        return Check("torque_alignment", "ok", "This check does not apply to a friction test.")
+        return Check(DELAY, "ok", "This check does not apply to a friction test.")
     whole = against_motion.measure_lag(evidence, steady_only=False)
     steady = against_motion.measure_lag(evidence, steady_only=True)
     if whole is None or steady is None:
-        return Check(
-            "torque_alignment", "ok", "The delay between torque and position cannot be detected without a model."
-        )
+        return Check(DELAY, "ok", "The delay between torque and position cannot be detected without a model.")
     # Presliding friction delays torque at reversals as well: the rows clear of reversals have to agree.
     certain = (
         whole.seconds * steady.seconds > 0.0
@@ -310,7 +304,7 @@ def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Lay
     if not certain:
         spread = 3.0 * max(whole.error, steady.error, 0.5 * abs(whole.seconds - steady.seconds))
         return Check(
-            "torque_alignment",
+            DELAY,
             "ok",
             f"There is no delay between torque and position that these data can show (about {1e3 * spread:.0f} ms).",
         )
@@ -321,7 +315,7 @@ def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Lay
     first = int(np.flatnonzero(sample.used)[0])
     middle = 0.5 * (whole.seconds + steady.seconds)
     return Check(
-        "torque_alignment",
+        DELAY,
         "error" if least > LATE_CERTAIN else "warning",
         f"The torque is {1e3 * abs(low):.3g} to {1e3 * abs(high):.3g} ms {word} against the position "
         f"({layout.tau[0].source} … {layout.tau[-1].source}, from row {sample.row[first]}, t = {sample.t[first]:.6g} "

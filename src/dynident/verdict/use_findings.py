@@ -13,6 +13,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import compute_errors
 from dynident.identification.estimators.feasible import find_nearest_feasible
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
+from dynident.identification.study.slow_motion import describe_slow_motion
 from dynident.identification.thresholds import (
     LARGEST_DRIFT,
     LARGEST_ERROR,
@@ -30,6 +31,7 @@ USES: tuple[UseName, ...] = ("simulation", "feed_forward", "collision_detection"
 State = Literal["yes", "limited", "no", "not_judged"]
 MARKS: dict[State, str] = {"yes": "✓", "limited": "!", "no": "✕", "not_judged": "?"}
 DIAGNOSE = "Find the missing effects: dynident diagnose MODEL RUN."
+FASTER = "Record a faster motion: dynident design."
 GIVE_RECORDINGS = "Give the held-out recordings of the model."
 """Next steps that several uses have."""
 FACE_CONTACT_FORCE_LIMIT, HAND_CONTACT_FORCE_LIMIT = 65.0, 140.0
@@ -201,6 +203,9 @@ def judge_simulation(evidence: HeldOutEvidence, drift: Drift | None) -> list[Use
     list of UseFinding
         Findings for and against the use.
     """
+    slow = describe_slow_motion(evidence.identification.parameters)
+    if slow is not None:
+        return [UseFinding("no", slow, FASTER)]
     findings = [*_judge_bodies(evidence), *_judge_mass_matrix(evidence)]
     if drift is not None:
         return [*findings, _judge_drift(drift)]
@@ -404,6 +409,9 @@ def judge_feed_forward(evidence: HeldOutEvidence) -> list[UseFinding]:
     worst = int(np.argmax(each))
     figures = [f"moving {each[worst]:.0%} ({joints[worst]})"]
     findings = judge_errors(evidence)
+    slow = describe_slow_motion(evidence.identification.parameters)
+    if slow is not None:
+        findings.append(UseFinding("limited", f"Only at speeds as low as the recorded ones. {slow}", FASTER))
     notable = [
         f"{joints[j]} {each[j]:.0%}" for j in range(len(joints)) if NOTABLE_OF_JOINT < each[j] <= LARGEST_OF_JOINT
     ]

@@ -19,9 +19,14 @@ from dynident.identification.column_inference.dynamics_fits import DynamicsFits,
 from dynident.identification.column_inference.working_proposal import WorkingProposal
 from dynident.recordings.metadata import EffortKind
 from dynident.recordings.poses import are_poses
+from dynident.recordings.time_columns import is_time_name
 
 _EXPLAINED = 0.5
 """Share of the torque that gravity may leave unexplained where the columns hold what their names say."""
+
+_MOST_COLUMNS = 200
+"""Columns of a file beyond which, if its rows are fewer, each row is a signal: twelve joints with a dozen signals each
+have 150."""
 
 TOGETHER = "give the files as one recording (q.csv+dq.csv+tau.csv)"
 
@@ -55,6 +60,19 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
     # A column with the name of a time first; then one that runs evenly; a row counter only where nothing else does.
     choice = next(iter(by_name or even or clocks), None)
     if choice is None:
+        backward = [names[column] for column in find_clock_columns(values[::-1]) if is_time_name(names[column])]
+        if backward:
+            order = f"{backward[0]} runs backward: the rows are in reverse order. Write the earliest row first."
+            work.add_question("columns/t", order)
+            return None
+        # More columns than rows, each row of one signal: what a matrix gives that is written as it lies in memory.
+        if len(names) > _MOST_COLUMNS and len(values) < len(names):
+            lying = (
+                f"The file has {len(names)} columns and {len(values)} rows of numbers: it seems that each row is a "
+                "signal. Write one row for each moment, with a column for each signal (transpose the file)."
+            )
+            work.add_question("columns/t", lying)
+            return None
         detail = (
             "No column looks like a clock: which column is the time, and in which unit? If the file has no time, give "
             f"the rate of its rows in Hz (rate). If the time is in another file, {TOGETHER}."

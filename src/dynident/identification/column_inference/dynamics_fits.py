@@ -17,7 +17,7 @@ from dynident.identification.column_inference.column_statistics import Sample, f
 from dynident.identification.column_inference.proposal import Guess, Question
 from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.fault_checks import GRAVITY, SCALE
+from dynident.identification.recording_faults.fault_checks import DESCRIPTION_UNITS, GRAVITY, SCALE
 from dynident.identification.recording_faults.fault_search import measure_unexplained_share
 from dynident.identification.recording_faults.filtered_motion import filter_motion
 from dynident.identification.study.poses import measure_unexplained_at_rest
@@ -224,7 +224,10 @@ def check_against_dynamics(
             )
         )
     if examined is None or examined.unexplained is None:
-        nothing = "the sample has too little motion to check it with the robot's dynamics"
+        nothing = (
+            "the sample has too little motion, or its times are not in order, so that it cannot be checked with the "
+            "robot's dynamics"
+        )
         return [*guesses, *([] if is_commanded else [Guess("check", "none", 0.5, nothing)])], questions
     unexplained = examined.unexplained
     worst = robot.joint_names[int(np.argmax(unexplained.joints))]
@@ -232,10 +235,12 @@ def check_against_dynamics(
         f"share of the torque that the robot's dynamics do not explain, as the mean over the joints; for {worst} "
         f"{unexplained.worst_share:.0%}"
     )
-    if unexplained.average_share < _UNEXPLAINED_LIMIT and not wrong:
+    # The masses of the description explain no residual: identification does not use them.
+    causes = [check for check in wrong if check.name != DESCRIPTION_UNITS]
+    if unexplained.average_share < _UNEXPLAINED_LIMIT and not causes:
         return [*guesses, Guess("check", f"{unexplained.average_share:.0%} left", 0.9, reason)], questions
     # The most probable cause comes first, before all other guesses.
-    cause = f"; most probably: {wrong[0].detail}" if wrong else ""
+    cause = f"; most probably: {causes[0].detail}" if causes else ""
     return [Guess("check", f"{unexplained.average_share:.0%} left", 0.4, f"{reason}{cause}"), *guesses], questions
 
 

@@ -276,6 +276,8 @@ class _ColumnInference(WorkingProposal):
                 f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more} If they "
                 f"are in another file, {TOGETHER}."
             )
+            if any(group.signal == "dq" for group in groups):
+                detail += " Velocities alone do not suffice: the load of gravity depends on the positions."
             self.add_question("columns/q", detail, self.sample.names)
             return None
         # Several columns of the same rank that hold the same numbers are one signal, logged twice.

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from dynident.array_types import FloatArray
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.infer_columns import propose
-from dynident.identification.column_inference.proposal import Proposal, Question
+from dynident.identification.column_inference.proposal import Guess, Proposal, Question
 from dynident.identification.robot_recordings import build_recorded_joints
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.formats import format_of, open_source
@@ -23,6 +23,17 @@ from dynident.recordings.recording_files import compute_digest
 from dynident.robot import Robot
 
 SHOWN_ROWS = 20
+
+ROW_CHECKS = (
+    "time_restarts",
+    "gaps",
+    "repeated_time",
+    "sampling_jitter",
+    "rows_left_out",
+    "missing_values",
+    "saturation",
+)
+"""Checks of rows and time whose warnings are told of a file that can be used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +113,7 @@ def _import_sample(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal
         # The rows go through the real import, so that nothing is proposed that it would refuse afterwards.
         pq.write_table(pa.table(dict(zip(sample.names, sample.values.T, strict=True))), rows)
         try:
-            import_recording(
+            _, checks = import_recording(
                 rows,
                 Path(folder) / "read.parquet",
                 build_recorded_joints(robot),
@@ -113,7 +124,17 @@ def _import_sample(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal
             refused = [check for check in error.checks if check.status == "error"]
             questions = [Question("columns", check.detail, check=check.name) for check in refused]
             return replace(proposal, questions=tuple(questions) or (Question("columns", error.detail),))
-    return proposal
+    return replace(proposal, guesses=(*proposal.guesses, *_list_findings(checks, proposal)))
+
+
+def _list_findings(checks: Sequence[Check], proposal: Proposal) -> list[Guess]:
+    """Return the warnings of an import that the proposal does not report already."""
+    reported = {guess.field for guess in proposal.guesses}
+    return [
+        Guess(f"rows/{check.name}", "noticed", 0.95, check.detail)
+        for check in checks
+        if check.status == "warning" and check.name in ROW_CHECKS and f"rows/{check.name}" not in reported
+    ]
 
 
 def _report_checked(_recording: Recording, _q: Sequence[str], _tau: Sequence[str]) -> tuple[Check, ...]:

@@ -9,6 +9,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
+from scipy.optimize import linear_sum_assignment
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 
@@ -19,6 +20,11 @@ recordings, and nothing makes it come before its cause (`benchmarks/gross_mistak
 CLEARLY, SURELY = 0.004, 1.5
 """Mean logarithm by which the unexplained share of the torque falls with the delay taken out, and over its standard
 error among blocks of time. That a delay cannot be decides more than these do."""
+
+SHARP = 50.0
+"""1/s²: the same fall over the square of the delay, below which a delay costs so little that none is determined. Of
+20 ms planted in the open recordings of arms that are rigid it was 96 and more, of a right elastic arm that looked early
+30. This is half way between, in logarithms."""
 
 INSIDE = 0.5
 """Share of this that has to fall where the blocks are fitted to, too, with a delay that cannot be either: right motions
@@ -113,10 +119,11 @@ def estimate_delay(
     fall = now.blocks - then.blocks
     # A paired comparison over the same blocks.
     error = float(fall.std(ddof=1)) / np.sqrt(len(fall))
-    sure = float(fall.mean()) >= max(CLEARLY, SURELY * error) and now.inside - inside.min() >= INSIDE * fall.mean()
+    least = max(CLEARLY, SURELY * error, SHARP * seconds**2)
+    sure = float(fall.mean()) >= least and now.inside - inside.min() >= INSIDE * fall.mean()
     # Both the held-out estimate and that inside the fit have to be outside of what drives do: in short motions one
     # alone is chance.
-    mistaken = sure and not _is_possible_delay(seconds) and not _is_possible_delay(_find_lowest(inside))
+    mistaken = sure and not is_possible_delay(seconds) and not is_possible_delay(_find_lowest(inside))
     # Tested last, as it needs a second model: made only where all others say yes.
     if mistaken:
         fall_beside_offsets = (left_beside(motion).blocks - left_beside(shift_torque(seconds)).blocks).mean()
@@ -124,7 +131,8 @@ def estimate_delay(
     return Delay(seconds, bool(mistaken), float(np.exp(now.blocks.mean())), float(np.exp(then.blocks.mean())))
 
 
-def _is_possible_delay(seconds: float) -> bool:
+def is_possible_delay(seconds: float) -> bool:
+    """Tell whether drives delay a torque by so many seconds."""
     return EARLIEST <= seconds <= LATEST
 
 
@@ -196,15 +204,18 @@ class ColumnFault:
         Kind of the fault. Of a joint that is swapped or turned, both position and torque are.
     joints : tuple of int
         Numbers of the joints. Joints that are swapped stand side by side, pair after pair: (0, 3, 1, 4) are 0 with 3,
-        and 1 with 4.
+        and 1 with 4; unless `sources` are given.
     factor : float
         It mends torques that are scaled. Of two joints that are coupled, the first is counted from the second: its
         position is that of the column less `factor` times the second's.
+    sources : tuple of int
+        Of joints whose columns go round in a ring, the joint in whose place each joint's columns stand.
     """
 
     kind: FaultKind
     joints: tuple[int, ...]
     factor: float = 1.0
+    sources: tuple[int, ...] = ()
 
     @property
     def is_swap(self) -> bool:
@@ -212,9 +223,14 @@ class ColumnFault:
         return self.kind in _SWAPS
 
     @property
-    def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of joints that stand in each other's place."""
-        return tuple(zip(self.joints[::2], self.joints[1::2], strict=True)) if self.is_swap else ()
+    def places(self) -> tuple[tuple[int, int], ...]:
+        """Joints that stand elsewhere, each with the joint in whose place its columns are."""
+        if not self.is_swap:
+            return ()
+        if self.sources:
+            return tuple(zip(self.joints, self.sources, strict=True))
+        pairs = zip(self.joints[::2], self.joints[1::2], strict=True)
+        return tuple(place for first, second in pairs for place in ((first, second), (second, first)))
 
     @property
     def is_of_positions(self) -> bool:
@@ -242,8 +258,8 @@ class ColumnFault:
         n = motion.q.shape[1]
         order, sign = np.arange(n), np.ones(n)
         if self.is_swap:
-            for first, second in self.pairs:
-                order[first], order[second] = second, first
+            for joint, source in self.places:
+                order[joint] = source
         elif self.kind != "joint coupled":
             sign[list(self.joints)] = self.factor if self.kind == "torque scaled" else -1.0
         q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
@@ -283,7 +299,6 @@ def list_possible_faults(
     moving: BoolArray,
     parallel: BoolArray | None = None,
     has_torque: BoolArray | None = None,
-    chains: Sequence[Sequence[int]] = (),
 ) -> Iterator[ColumnFault]:
     """Yield all faults that are possible, those of the whole robot first.
 
@@ -295,11 +310,9 @@ def list_possible_faults(
         Joints whose axis is parallel to that of the joint before.
     has_torque : (n,), optional
         Joints whose torque changes: nobody has exchanged one that was not recorded.
-    chains : sequence of joints, optional
-        The joints of each arm, or leg, of the robot.
     """
     yield from _list_faults_of_many_joints(moving)
-    yield from _list_chain_faults(moving, chains)
+    yield from _list_reversed_order(moving)
     if parallel is not None:
         for index in np.flatnonzero(parallel & moving):
             pair = (int(index), int(index) - 1)
@@ -316,27 +329,63 @@ def list_possible_faults(
         yield from (ColumnFault("torque scaled", (joint,), factor) for factor in FACTORS)
 
 
-def _list_chain_faults(moving: BoolArray, chains: Sequence[Sequence[int]]) -> Iterator[ColumnFault]:
-    """Yield exchanges of the columns of whole chains of joints, and columns counted from the last joint on."""
+def _list_reversed_order(moving: BoolArray) -> Iterator[ColumnFault]:
+    """Yield columns counted from the last joint on."""
     n = len(moving)
-    alike = [
-        (first_chain, second_chain)
-        for first_chain, second_chain in combinations(chains, 2)
-        if len(first_chain) == len(second_chain) > 1
-    ]
-    exchanges: list[tuple[tuple[Sequence[int], Sequence[int]], ...]] = [(pair,) for pair in alike]
-    # Two pairs of legs at once, as where left is taken for right.
-    exchanges += [both for both in combinations(alike, 2) if len({id(chain) for pair in both for chain in pair}) == 4]
-    swaps = [
-        [joints for first_chain, second_chain in pairs for joints in zip(first_chain, second_chain, strict=True)]
-        for pairs in exchanges
-    ]
-    kinds = [(swap, _SWAPS[:2]) for swap in swaps]
+    swap = [(k, n - 1 - k) for k in range(n // 2)]
     # Two or three joints counted backwards are exchanges of a pair, which are tried anyway.
-    kinds += [([(k, n - 1 - k) for k in range(n // 2)], _SWAPS)] if n > 3 else []
-    for swap, possible in kinds:
-        if all(moving[first] or moving[second] for first, second in swap):
-            yield from (ColumnFault(kind, tuple(joint for joints in swap for joint in joints)) for kind in possible)
+    if n > 3 and all(moving[first] or moving[second] for first, second in swap):
+        yield from (ColumnFault(kind, tuple(joint for joints in swap for joint in joints)) for kind in _SWAPS)
+
+
+def list_chain_orders(
+    chains: Sequence[Sequence[int]], measure: Callable[[ColumnFault], FloatArray], moving: BoolArray
+) -> Iterator[ColumnFault]:
+    """Yield the order of the legs, or arms, of a robot in which its torques or positions are explained best.
+
+    Each chain is tried with the columns of every other chain of its length, all of them at once: as many fits as there
+    are chains tell the best of all orders, since a chain's torque says little of the other chains.
+
+    Parameters
+    ----------
+    chains : sequence of joints
+        The joints of each arm, or leg, of the robot.
+    measure : function
+        Returns the unexplained share of each joint's torque (n,) without a fault.
+    moving : (n,)
+        Joints that move: chains without one tell nothing.
+    """
+    for length in sorted({len(chain) for chain in chains}):
+        alike = [chain for chain in chains if len(chain) == length > 1 and moving[list(chain)].any()]
+        if len(alike) < 2:
+            continue
+        count = len(alike)
+        for kind in _SWAPS[:2]:
+            left = np.zeros((count, count))
+            for shift in range(count):
+                sources = [(place + shift) % count for place in range(count)]
+                shares = measure(_order_chains(kind, alike, sources))
+                # Joints that stand have a share of zero, but explain nothing.
+                logs = np.log(np.where(shares > 0.0, np.maximum(shares, _TINY), 1.0))
+                left[range(count), sources] = [logs[list(own)].sum() for own in alike]
+            _, best = linear_sum_assignment(left)
+            if (best != np.arange(count)).any():
+                yield _order_chains(kind, alike, best.tolist())
+
+
+_TINY = 1e-6
+"""Unexplained share below which a smaller one is no better."""
+
+
+def _order_chains(kind: FaultKind, chains: Sequence[Sequence[int]], sources: Sequence[int]) -> ColumnFault:
+    """Return the fault of which the columns of every chain stand in the place of another."""
+    elsewhere = [(place, source) for place, source in enumerate(sources) if place != source]
+    if all(sources[source] == place for place, source in elsewhere):
+        pairs = [(chains[place], chains[source]) for place, source in elsewhere if place < source]
+        joints = (joint for pair in pairs for both in zip(*pair, strict=True) for joint in both)
+        return ColumnFault(kind, tuple(joints))
+    own, other = (tuple(joint for item in elsewhere for joint in chains[item[side]]) for side in (0, 1))
+    return ColumnFault(kind, own, sources=other)
 
 
 def _list_faults_of_many_joints(moving: BoolArray) -> Iterator[ColumnFault]:

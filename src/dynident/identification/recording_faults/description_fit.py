@@ -12,15 +12,13 @@ from scipy.optimize import nnls
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
 from dynident.identification.recording_faults.held_out_fit import (
-    BLOCKS,
     CLEARLY,
-    LEAVE_ONE_OUT,
     UnexplainedTorque,
     compute_log_shares,
     find_moving_joints,
-    find_moving_rows,
 )
 from dynident.identification.recording_faults.torque_scale import compute_described_load
+from dynident.identification.recording_faults.tree_fit import BLOCKS, LEAVE_ONE_OUT, find_moving_rows
 from dynident.robot.model import Robot
 
 _HEAVIEST = 1000.0

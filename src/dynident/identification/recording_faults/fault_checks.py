@@ -8,7 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from dynident.blas_threads import single_threaded
-from dynident.identification.recording_faults.column_faults import ColumnFault, FaultKind, Motion
+from dynident.identification.recording_faults.column_faults import (
+    ColumnFault,
+    FaultKind,
+    Motion,
+    is_possible_delay,
+)
 from dynident.identification.recording_faults.description_fit import DescriptionUnits, find_description_units
 from dynident.identification.recording_faults.fault_search import (
     ALIKE,
@@ -49,7 +54,7 @@ _CHECK: dict[FaultKind, str] = {
 _SILENT = {"torque_scale", "joint_coupling"}
 """Checks that are not listed as passed: another check reports for them, or they have nothing to say."""
 
-GRAVITY, SCALE = "gravity_direction", "torque_scale"
+GRAVITY, SCALE, DESCRIPTION_UNITS = "gravity_direction", "torque_scale", "description_units"
 
 VETOES = (COMMANDED, GRAVITY, SCALE, "gravity_load", "torque_sign", "joint_sign")
 """Checks whose findings make a model useless, however well it fits: its masses are not the robot's."""
@@ -174,7 +179,7 @@ def _is_explained_by_one(mistakes: Sequence[DetectedFault], now: UnexplainedTorq
 
 def _report_description_units(units: DescriptionUnits) -> Check:
     return Check(
-        "description_units",
+        DESCRIPTION_UNITS,
         "warning",
         f"The robot's description is not in SI units: its {units}. The torques are not the cause. Identification does "
         "not need these numbers, but a prior, a completed export and some checks do: write them in kg, m and kg m² in "
@@ -189,8 +194,9 @@ def _report_commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
         COMMANDED,
         "error",
         f"The torque ({columns}) contains neither friction nor inertia: gravity alone explains all but {unexplained} "
-        f"of it, although motion needs {moving}. It seems to be the command of a gravity compensation, while "
-        f"something else moved the joints, such as a hand. {NO_MEASUREMENT['commanded'].capitalize()}: give the "
+        f"of it, and friction and inertia together at most {moving}. It seems to be the command of a gravity "
+        f"compensation, while something else moved the joints, such as a hand. "
+        f"{NO_MEASUREMENT['commanded'].capitalize()}: give the "
         "torque, or current, that was measured while the drives moved the robot.",
         tau[static.joints[0]],
     )
@@ -227,7 +233,9 @@ def _is_ambiguous(finding: DetectedFault) -> bool:
 
     Two legs may exchange their torques as well as their positions, which gives the same robot with other names.
     """
-    return any(len(finding.mistake.pairs) < 2 or twin.joints != finding.mistake.joints for twin in finding.alike)
+    mistake = finding.mistake
+    is_of_legs = mistake.is_swap and len(mistake.joints) > 2
+    return any(not is_of_legs or set(twin.joints) != set(mistake.joints) for twin in finding.alike)
 
 
 def _report_compensated(robot: Robot, motion: Motion, tau: Sequence[str]) -> tuple[Check, ...]:
@@ -274,11 +282,9 @@ def _check_delay(
         )
         return (Check(DELAY, "ok", nothing),)
     if not delay.is_mistake:
-        fine = (
-            f"The robot's dynamics show that the torque is {1e3 * abs(delay.seconds):.1f} ms {word}, within the usual "
-            "limits of a log."
-        )
-        return (Check(DELAY, "ok", fine),)
+        shown = f"By the robot's dynamics the torque is {1e3 * abs(delay.seconds):.1f} ms {word}"
+        usual = "which is usual" if is_possible_delay(delay.seconds) else "but the recording does not show this surely"
+        return (Check(DELAY, "ok", f"{shown}, {usual}."),)
     seconds = float(f"{delay.seconds:.2g}")
     check = Check(
         DELAY,
@@ -345,8 +351,8 @@ def build_revision(mistake: ColumnFault, n: int) -> Revision | None:
         return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in mistake.joints})
     # Permutations of a request count from one.
     order = list(range(1, n + 1))
-    for first, second in mistake.pairs:
-        order[first], order[second] = order[second], order[first]
+    for joint, source in mistake.places:
+        order[joint] = source + 1
     return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
 
 
@@ -364,16 +370,7 @@ def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str],
     """
     names = [recording.joint_names[j] for j in mistake.joints]
     if mistake.is_swap:
-        first, second = (", ".join(side) for side in (names[::2], names[1::2]))
-        torques, positions = ("; ".join(f"{kind[a]}, {kind[b]}" for a, b in mistake.pairs) for kind in (tau, q))
-        if len(mistake.pairs) > 1:
-            second = f"those of {second}"
-        descriptions = {
-            "torques swapped": f"the torques of {first} and {second} ({torques})",
-            "positions swapped": f"the positions of {first} and {second} ({positions})",
-            "joints swapped": f"{first} and {second} (both positions and torques)",
-        }
-        return f"{descriptions[mistake.kind]} are exchanged"
+        return _describe_exchange(mistake, recording, q, tau)
     if mistake.kind == "joint coupled":
         own, other = (q[joint] for joint in mistake.joints)
         sign, counted = ("-", "plus") if mistake.factor > 0 else ("+", "minus")
@@ -431,10 +428,31 @@ def _describe_cure(mistake: ColumnFault, q: Sequence[str], tau: Sequence[str]) -
             f"{alternative}."
         )
     pairs = []
-    for first, second in mistake.pairs:
+    for joint, source in mistake.places:
         if mistake.is_of_positions:
-            pairs += [(f"q{first + 1}", q[second]), (f"q{second + 1}", q[first])]
+            pairs.append((f"q{joint + 1}", q[source]))
         if mistake.is_of_torques:
-            pairs += [(f"tau{first + 1}", tau[second]), (f"tau{second + 1}", tau[first])]
+            pairs.append((f"tau{joint + 1}", tau[source]))
     mapping = ", ".join(f'"{key}": "{source}"' for key, source in pairs)
     return f'Map the columns: "columns": {{{mapping}}}.'
+
+
+def _describe_exchange(mistake: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
+    names = [recording.joint_names[joint] for joint in mistake.joints]
+    if mistake.sources:
+        kind, columns = ("torques", tau) if mistake.kind == "torques swapped" else ("positions", q)
+        elsewhere = ", ".join(
+            f"{name} in {columns[source]}" for name, source in zip(names, mistake.sources, strict=True)
+        )
+        return f"the {kind} of whole legs, or arms, are in another order than the joints ({elsewhere})"
+    first, second = (", ".join(side) for side in (names[::2], names[1::2]))
+    pairs = list(zip(mistake.joints[::2], mistake.joints[1::2], strict=True))
+    torques, positions = ("; ".join(f"{kind[a]}, {kind[b]}" for a, b in pairs) for kind in (tau, q))
+    if len(pairs) > 1:
+        second = f"those of {second}"
+    descriptions = {
+        "torques swapped": f"the torques of {first} and {second} ({torques})",
+        "positions swapped": f"the positions of {first} and {second} ({positions})",
+        "joints swapped": f"{first} and {second} (both positions and torques)",
+    }
+    return f"{descriptions[mistake.kind]} are exchanged"

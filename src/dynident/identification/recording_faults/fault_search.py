@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -18,6 +18,7 @@ from dynident.identification.recording_faults.column_faults import (
     Delay,
     Motion,
     estimate_delay,
+    list_chain_orders,
     list_possible_faults,
     silence_others,
 )
@@ -31,6 +32,7 @@ from dynident.identification.recording_faults.held_out_fit import (
 )
 from dynident.identification.recording_faults.torque_scale import (
     compute_described_load,
+    find_driving_joints,
     find_excess_friction,
     find_heavy_joints,
     is_nearer_to_masses,
@@ -68,9 +70,10 @@ order or a sign looked wrong, with what was planted at most 0.5. What comes of i
 _CURED = 0.3
 """Of what is left without a fault on an average joint: where it is more, something else is wrong."""
 
-_OFF = 0.05
+_OFF = 0.09
 """Share of the other joints' friction below which a joint's torque has none: its drive is off, and nothing is told of
-its sign or size. Of an arm with a free motor it was up to 0.04; the smallest of drives that are on has 0.15."""
+its sign or size. Of an arm with a free motor it was up to 0.062; of drives that are on at least 0.13, in motions of
+hardly more than one frequency, and 0.19 otherwise. This is half way between, in logarithms."""
 
 WORST_EXPLAINED = 0.15
 """Share of the torque of the joint that is explained worst, below which nothing else about the robot is looked for."""
@@ -230,6 +233,9 @@ def _compute_fall(judge: HeldOutFit, motion: Motion, mended: Motion) -> float:
     return judge.measure_unexplained(motion).score - judge.measure_unexplained(mended).score
 
 
+_Trial = tuple[ColumnFault, UnexplainedTorque]
+
+
 class _FaultStep(NamedTuple):
     """A fault, those that cannot be told from it, and what is unexplained without it."""
 
@@ -241,11 +247,19 @@ class _FaultStep(NamedTuple):
 def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: UnexplainedTorque) -> _FaultStep | None:
     """Return the fault without which least of a motion is unexplained; None where no fault is clear."""
     sizes = _TorqueEvidence(
-        compute_described_load(robot, motion), judge.measure_frictions(motion), _find_excess(judge, robot, motion)
+        compute_described_load(robot, motion),
+        judge.measure_frictions(motion),
+        _find_excess(judge, robot, motion),
+        find_driving_joints(motion),
     )
     # A torque that never changes was not recorded, so nobody exchanged it.
     has_torque = np.ptp(motion.tau, axis=0) > 0
-    among = list_possible_faults(now.moving, find_parallel_axes(robot), has_torque, list_chains(robot))
+    among = [
+        *list_chain_orders(
+            list_chains(robot), lambda fault: judge.measure_unexplained(fault.mend(motion)).joints, now.moving
+        ),
+        *list_possible_faults(now.moving, find_parallel_axes(robot), has_torque),
+    ]
     off = _find_drives_off(sizes.frictions)
     possible = [
         mistake for mistake in among if mistake.joints not in off and _is_possible_fault(mistake, robot, motion, sizes)
@@ -267,20 +281,43 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
                 return None
         if described.refutes(best):
             continue
-        own = (best.kind, best.joints)
-        alike = [
-            mistake
-            for mistake, other in trials
-            if (mistake.kind, mistake.joints) != own and other.score - unexplained.score < ALIKE
-        ]
+        near = [trial for trial in trials if trial[1].score - unexplained.score < ALIKE]
+        best, unexplained = _choose_among_alike((best, unexplained), near, described)
+        alike = [mistake for mistake, _ in near if mistake != best]
         if best.kind == "torque scaled":
             # A power of ten was tried; the masses may say a gain in between.
             best = replace(best, factor=refine_factor_by_masses(robot, motion, best.joints, best.factor))
+            # The masses say that the size is right, so that another joint's torque has to be wrong.
+            if best.factor == 1.0:
+                continue
             unexplained = judge.measure_unexplained(best.mend(motion))
         return _FaultStep(
             best, tuple(mistake for mistake in alike if not _is_distinguished(best, mistake, described)), unexplained
         )
     return None
+
+
+def _choose_among_alike(best: _Trial, near: Sequence[_Trial], described: DescriptionFit) -> _Trial:
+    """Return which of the faults that a fit cannot tell apart to name: always the same one of the same cause.
+
+    The masses of the description may tell them apart. Torques and positions of the same joints that are exchanged are
+    one cause, but for what the joints are called. Exchanged torques are named then, so that all recordings of a robot
+    get the same cure, and joints keep the names of their positions.
+    """
+    chosen = best
+    # The description has no opinion on the size of a torque.
+    for trial in near:
+        if trial[0].kind != "torque scaled" and described.prefers(trial[0], chosen[0]):
+            chosen = trial
+    same = (
+        trial
+        for trial in near
+        if trial[0].kind == "torques swapped"
+        and set(trial[0].joints) == set(chosen[0].joints)
+        and not described.refutes(trial[0])
+        and not described.prefers(chosen[0], trial[0])
+    )
+    return next(same, chosen) if chosen[0].kind == "positions swapped" else chosen
 
 
 def _is_distinguished(best: ColumnFault, other: ColumnFault, described: DescriptionFit) -> bool:
@@ -299,12 +336,14 @@ def _find_drives_off(frictions: FloatArray) -> set[tuple[int, ...]]:
 class _TorqueEvidence:
     """Evidence of a torque's size.
 
-    The load (m, n) of the masses, frictions (blocks, n), and the joints with too much friction.
+    The load (m, n) of the masses, frictions (blocks, n), the joints with too much friction, and whether each joint's
+    torque does work (n,).
     """
 
     load: FloatArray | None
     frictions: FloatArray
     excess: Collection[int]
+    driving: BoolArray
 
 
 def _is_possible_fault(mistake: ColumnFault, robot: Robot, motion: Motion, sizes: _TorqueEvidence) -> bool:
@@ -314,6 +353,9 @@ def _is_possible_fault(mistake: ColumnFault, robot: Robot, motion: Motion, sizes
     """
     if mistake.kind != "torque scaled":
         return True
+    # A torque that is too small still drives its joint, unless the motor is off.
+    if mistake.factor > 1.0 and not sizes.driving[list(mistake.joints)].all():
+        return False
     if sizes.excess and (not set(sizes.excess) <= set(mistake.joints) or mistake.factor > 1.0):
         return False
     return all(
@@ -429,12 +471,16 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
     judge = judges.plain_fit
     if not _has_enough_rows(motion, judge):
         return None
-    return estimate_delay(
+    delay = estimate_delay(
         motion,
         period,
         lambda delayed: judge.measure_unexplained(thin_out(delayed)),
         lambda delayed: judges.offset_fit.measure_unexplained(thin_out(delayed)),
     )
+    # A log that is late is late for all joints. Where the motors of all others are off, one joint alone may look late
+    # by the way in which it breaks loose.
+    one_alone = find_moving_joints(motion).sum() > 1 and find_driving_joints(thin_out(motion), surely=False).sum() < 2
+    return replace(delay, is_mistake=False) if delay is not None and one_alone else delay
 
 
 def measure_gain_by_other_scales(robot: Robot, motion: Motion, factor: float) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.array_types import FloatArray, IntArray
 from dynident.errors import DynidentError
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.held_out_fit import BLOCKS
+from dynident.identification.recording_faults.tree_fit import BLOCKS
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.nonparametric_fit import shorten_recording
 from dynident.recordings.preprocessing import LEAST_HARMONICS, OVERSAMPLING, find_motion_band

@@ -12,8 +12,9 @@ from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.description_fit import measure_left_by_description
 from dynident.identification.recording_faults.fault_search import measure_unexplained_share
-from dynident.identification.recording_faults.held_out_fit import BLOCKS, CLEARLY, HeldOutFit, UnexplainedTorque
+from dynident.identification.recording_faults.held_out_fit import CLEARLY, HeldOutFit, UnexplainedTorque
 from dynident.identification.recording_faults.torque_scale import KNOWN
+from dynident.identification.recording_faults.tree_fit import BLOCKS
 from dynident.robot.model import Robot
 from dynident.robot.pinocchio_model import compute_described_torque
 

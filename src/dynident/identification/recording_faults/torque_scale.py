@@ -262,12 +262,13 @@ def find_torque_scales(robot: Robot, motion: Motion, excess: Mapping[int, float]
         return tuple(
             TorqueScale(joint, middle, _round_to_power(middle)) for joint in range(robot.n) if joint not in right
         )
+    driving = find_driving_joints(motion)
     # The masses come first. Friction decides only for joints whose load explains too little of their torque.
     explained = {joint: times for joint, (times, share) in enumerate(factors) if share >= EXPLAINED and times > 0}
     by_masses = (
         TorqueScale(joint, times, _round_to_power(times))
         for joint, times in explained.items()
-        if not 1.0 / FAR < times < FAR
+        if not 1.0 / FAR < times < FAR and (times > 1.0 or driving[joint])
     )
     others = {joint: times for joint, times in excess.items() if joint not in explained}
     return (*by_masses, *_build_scales_by_friction(others))
@@ -405,6 +406,26 @@ def _compare_load(load: FloatArray, motion: Motion, joint: int) -> tuple[float, 
     share = times * times * size / whole
     products, squares = (np.bincount(motion.block, weights=load * torque).astype(np.float64) for torque in (tau, load))
     return times, share if _is_known(products, squares) else 0.0
+
+
+def find_driving_joints(motion: Motion, *, surely: bool = True) -> BoolArray:
+    """Return the joints (n,) whose torque does work on them, as that of a drive against friction.
+
+    A motor that is off does none: its torque is what it generates, or noise, and not a torque in another unit.
+
+    Parameters
+    ----------
+    motion : Motion
+        Filtered rows of the recording.
+    surely : bool
+        Whether the work has to be clear of what it differs between blocks of time.
+    """
+    driving = []
+    for joint in range(motion.tau.shape[1]):
+        dq, tau = motion.dq[:, joint], motion.tau[:, joint]
+        work, squares = (np.bincount(motion.block, weights=dq * other).astype(np.float64) for other in (tau, dq))
+        driving.append(work.sum() > 0.0 and (not surely or _is_known(work, squares)))
+    return np.array(driving)
 
 
 def _is_known(products: FloatArray, squares: FloatArray) -> bool:

@@ -36,6 +36,7 @@ from dynident.identification.shape_search import check_shapes_given, complete_sh
 from dynident.identification.study.fit_model import identify_model
 from dynident.identification.study.poses import are_poses, identify_poses
 from dynident.identification.study.result import Identification
+from dynident.identification.study.slow_motion import describe_slow_motion
 from dynident.progress import Progress, ignore_progress, make_monotonic, scale_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.recordings.preprocessing import OVERSAMPLING
@@ -365,4 +366,8 @@ def identify(
         band, why = narrow
         identified = identify(robot, recordings, validation, replace(requested, preprocessing=band), progress)
         return replace(identified, warnings=(why, *identified.warnings))
+    slow = describe_slow_motion(identified.parameters)
+    if slow is not None:
+        advice = "Use the model at such speeds only, and record a faster motion for the dynamics."
+        identified = replace(identified, warnings=(f"{slow} {advice}", *identified.warnings))
     return add_digests(identified, recordings, validation)

@@ -264,9 +264,18 @@ def interpolate_between(t: FloatArray, x: FloatArray, times: FloatArray, *, smoo
     (k, l)
         The values at these times.
     """
-    if not smooth:
-        share = (times - t[:, 1:2]) / (t[:, 2:3] - t[:, 1:2])
-        return np.asarray(x[:, 1:2] + share * (x[:, 2:3] - x[:, 1:2]))
+    width = t[:, 2:3] - t[:, 1:2]
+    # Logs that are written in bursts have several samples at one time: what lies between them is the first of them.
+    share = np.divide(times - t[:, 1:2], width, out=np.zeros_like(times), where=width > 0)
+    line = np.asarray(x[:, 1:2] + share * (x[:, 2:3] - x[:, 1:2]))
+    apart = (np.diff(t, axis=1) > 0).all(axis=1)
+    if not smooth or not apart.any():
+        return line
+    line[apart] = _interpolate_cubic(t[apart], x[apart], times[apart])
+    return line
+
+
+def _interpolate_cubic(t: FloatArray, x: FloatArray, times: FloatArray) -> FloatArray:
     result = np.zeros_like(times)
     # Lagrange's weights: each is one at its own sample and zero at the other three.
     for index in range(4):

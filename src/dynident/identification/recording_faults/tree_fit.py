@@ -1,0 +1,293 @@
+"""Fit the links, rotors and friction of trees of a robot that share no parameter, with each block of time left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.effects import ReferenceParameters, get_effect, get_role
+from dynident.identification.recording_faults.column_faults import Motion
+from dynident.regressors.observation import Observation
+from dynident.robot.model import Robot
+
+BLOCKS = 10
+"""Blocks of time that a motion is cut into."""
+
+_SLOW = 0.05
+"""Share of a joint's rms speed below which a row is left out: sticking joints have a friction of any size."""
+
+_DRIVES = 2.5
+"""Standard errors by which friction's work has to be negative for it to drive its joint: in right motions that are
+short 0.7, by chance; planted faults of which nothing else tells give 2.7 and more."""
+
+LEAVE_ONE_OUT = np.concatenate([1.0 - np.eye(BLOCKS), np.ones((1, BLOCKS))])
+"""(blocks + 1, blocks): of which blocks a sum is made: of all but each, and of all. What only one block has must not be
+left of a difference by rounding."""
+
+_RIDGE = 1e-6
+"""Added to the scaled normal matrix: it decides what the motion leaves open, and nothing else."""
+
+_SIGNALS = ("q", "dq", "ddq", "tau", "block")
+
+_MOST_KNOWN = 4
+"""Solutions that a tree keeps: those of the recording and of what was tried last."""
+
+_QUIET = 1e-12
+"""Share of the largest squared torque that the noise of every joint has at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class _MotionRows:
+    """W of a motion where each joint moves: inner products (blocks + 1, n, c, c) of each block, and last of all.
+
+    Here and below n counts the joints of one tree.
+
+    `of_joints`: the numbers of these rows (m,), the rows (m, p) in those columns that the joint's torque depends on,
+    and the matrix that adds them up by block and in all (blocks + 1, m).
+    """
+
+    motion: Motion
+    inner: FloatArray
+    of_joints: tuple[tuple[IntArray, FloatArray, FloatArray], ...]
+
+    def is_same_motion(self, other: Motion) -> bool:
+        """Tell whether another motion is the same but for its torque."""
+        return _is_same(self.motion, other, ("q", "dq", "ddq", "block"))
+
+
+def _is_same(first: Motion, second: Motion, names: Sequence[str]) -> bool:
+    return all(np.array_equal(getattr(first, name), getattr(second, name)) for name in names)
+
+
+@dataclass(frozen=True, eq=False)
+class TreeSolution:
+    """What a tree's fit leaves of a motion's torque.
+
+    `squares` (blocks + 1, n) of each block held out, and last of all; `measured` (n,) squared torque; `against` (n,)
+    joints that friction drives; `frictions` (blocks, n) mean friction torques from the other blocks.
+    """
+
+    motion: Motion
+    squares: FloatArray
+    measured: FloatArray
+    against: BoolArray
+    frictions: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class GramMatrices:
+    """Inner products where each joint moves, of each block and last of all of them.
+
+    Parameters
+    ----------
+    inner : (blocks + 1, n, c, c)
+        WᵀW.
+    right : (blocks + 1, n, c)
+        Wᵀτ.
+    measured : (blocks + 1, n)
+        τᵀτ.
+    """
+
+    inner: FloatArray
+    right: FloatArray
+    measured: FloatArray
+
+    def compute_squares(self, values: FloatArray) -> FloatArray:
+        """Return the squared errors (blocks + 1, n) of parameters (blocks + 1, c), each row in its own block."""
+        # τᵀτ - 2 χᵀWᵀτ + χᵀWᵀW χ: the squared error from inner products alone.
+        products = (self.inner @ values[:, None, :, None])[..., 0]
+        remainder = self.measured + np.einsum("bji,bi->bj", products - 2.0 * self.right, values)
+        return np.asarray(np.maximum(remainder, 0.0))
+
+
+def list_trees(robot: Robot) -> list[list[int]]:
+    """Return the joints of each tree of links that moves independently of the others.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+
+    Returns
+    -------
+    list of list of int
+        All joints in one list where loops, ties or drives couple them.
+    """
+    if robot.linkage is not None or any(drive.coupling for drive in robot.drives):
+        return [list(range(robot.n))]
+    trees: list[list[int]] = []
+    place: dict[int, int] = {}
+    for k, joint in enumerate(robot.joints):
+        if joint.parent not in place:
+            trees.append([])
+        place[k] = place.get(joint.parent, len(trees) - 1)
+        trees[place[k]].append(k)
+    return trees
+
+
+class TreeFit:
+    """Fits of some joints of a robot that share no parameter with the others."""
+
+    def __init__(self, robot: Robot, joints: Sequence[int], observation: Observation) -> None:
+        self._robot, self.joints = robot, list(joints)
+        self._observation = observation
+        self._layout = [self._observation.joint_entries(joint) for joint in joints]
+        self._rows: list[_MotionRows] = []
+        self._solutions: list[TreeSolution] = []
+
+    @property
+    def n_columns(self) -> int:
+        """Number of parameters."""
+        return self._observation.n_columns
+
+    def solve(self, motion: Motion) -> TreeSolution:
+        """Solve for a motion; the solutions of a few are kept, as most candidates change few joints."""
+        own = self._select(motion)
+        known = next((known for known in self._solutions if _is_same(known.motion, own, _SIGNALS)), None)
+        solution = known or self._solve(own, self._get_rows(motion, own))
+        self._solutions = [solution, *(other for other in self._solutions if other is not solution)][:_MOST_KNOWN]
+        return solution
+
+    def _select(self, motion: Motion) -> Motion:
+        q, dq, ddq, tau = (getattr(motion, name)[:, self.joints] for name in _SIGNALS[:4])
+        return Motion(q, dq, ddq, tau, motion.block)
+
+    def _solve(self, own: Motion, rows: _MotionRows) -> TreeSolution:
+        grams = self._compute_grams(own, rows)
+        values, squares = self._solve_weighted(grams)
+        rest = squares[:-1].sum(axis=0)
+        against = [self._is_driven_by_friction(grams, values[:-1], k, float(rest[k])) for k in range(len(self.joints))]
+        frictions = np.zeros((BLOCKS, len(self.joints)))
+        for k, (friction, sign) in enumerate(self._friction_columns):
+            # The projection of the friction torque onto the sign of the velocity: its mean size against the motion.
+            whole = grams.inner[-1, k]
+            frictions[:, k] = values[:-1, friction] @ whole[sign, friction] / max(whole[sign, sign], 1.0)
+        return TreeSolution(own, squares, grams.measured[-1], np.array(against), frictions)
+
+    def solve_sum(self, motion: Motion, parts: Sequence[TreeFit], factors: Sequence[float]) -> TreeSolution:
+        """Solve with a weighted sum of W of other fits of the same links in the place of the own."""
+        own = self._select(motion)
+        of_joints = []
+        for joint, (at, rows, sums) in enumerate(self._get_rows(motion, own).of_joints):
+            columns, total = self._layout[joint][1], np.zeros_like(rows)
+            for part, factor in zip(parts, factors, strict=True):
+                # Without gravity a joint has fewer columns, so each fit's columns are sought among those of all.
+                theirs = np.searchsorted(columns, part._layout[joint][1])
+                total[:, theirs] += factor * part._get_rows(motion, own).of_joints[joint][1]
+            of_joints.append((at, total, sums))
+        return self._solve(own, self._add_inner_products(own, of_joints))
+
+    def compute_load_columns(self, q: FloatArray) -> dict[int, FloatArray]:
+        """Return the columns of each joint's torque (m, p) at rest, by joint."""
+        rest, memory = np.zeros_like(q), np.zeros((len(q), self._observation.n_memory))
+        reference = ReferenceParameters.massless(self._robot)
+        entries = self._observation.evaluate(q, rest, rest, reference=reference, memory=memory)
+        return {joint: entries[:, positions] for joint, (positions, _) in zip(self.joints, self._layout, strict=True)}
+
+    def _solve_weighted(self, grams: GramMatrices) -> tuple[FloatArray, FloatArray]:
+        """Solve from all blocks but each one, and last from all of them.
+
+        Returns
+        -------
+        Parameters (blocks + 1, c); and the squares (blocks + 1, n) that they leave, in the one block and in all.
+        """
+        measured = grams.measured[-1]
+        # A joint whose torque is zero, or explained exactly, must not get an infinite weight.
+        least = max(_QUIET * float(measured.max(initial=0.0)), np.finfo(float).tiny)
+        noise = np.sqrt(np.maximum(measured, least))
+        squares, values = grams.measured, np.zeros((BLOCKS + 1, self.n_columns))
+        # Two rounds: the first weighs joints by their torque, the second by what the first left unexplained.
+        for _ in range(2):
+            values = self._fit_all_but_each(grams, noise)
+            squares = grams.compute_squares(values)
+            noise = np.sqrt(np.maximum(squares[:-1].sum(axis=0), least))
+        return values, squares
+
+    def _compute_grams(self, motion: Motion, known: _MotionRows) -> GramMatrices:
+        right = np.zeros((BLOCKS + 1, len(self.joints), self.n_columns))
+        measured = np.zeros((BLOCKS + 1, len(self.joints)))
+        for joint, (at, rows, sums) in enumerate(known.of_joints):
+            tau = motion.tau[at, joint]
+            right[:, joint, self._layout[joint][1]] = (sums * tau) @ rows
+            measured[:, joint] = sums @ tau**2
+        return GramMatrices(known.inner, right, measured)
+
+    def _get_rows(self, motion: Motion, own: Motion) -> _MotionRows:
+        """Return W of a motion; that of two motions is kept, since most candidates change torques alone."""
+        known = next((rows for rows in self._rows if rows.is_same_motion(own)), None)
+        rows = known or self._evaluate_rows(motion, own)
+        self._rows = [rows, *(other for other in self._rows if other is not rows)][:2]
+        return rows
+
+    def _evaluate_rows(self, motion: Motion, own: Motion) -> _MotionRows:
+        reference = ReferenceParameters.massless(self._robot)
+        memory = np.zeros((len(motion.q), self._observation.n_memory))
+        entries = self._observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
+        moves = find_moving_rows(own)
+        of_joints = []
+        for joint, (positions, _) in enumerate(self._layout):
+            at = np.flatnonzero(moves[:, joint])
+            inside = (own.block[at] == np.arange(BLOCKS)[:, None]).astype(np.float64)
+            sums = np.concatenate([inside, np.ones((1, len(at)))])
+            of_joints.append((at, entries[np.ix_(at, positions)], sums))
+        return self._add_inner_products(own, of_joints)
+
+    def _add_inner_products(
+        self, motion: Motion, of_joints: Sequence[tuple[IntArray, FloatArray, FloatArray]]
+    ) -> _MotionRows:
+        inner = np.zeros((BLOCKS + 1, len(self.joints), self.n_columns, self.n_columns))
+        for joint, (at, rows, _) in enumerate(of_joints):
+            columns = self._layout[joint][1]
+            for number in range(BLOCKS):
+                part = rows[motion.block[at] == number]
+                inner[number, joint][np.ix_(columns, columns)] = part.T @ part
+        inner[-1] = inner[:-1].sum(axis=0)
+        return _MotionRows(motion, inner, tuple(of_joints))
+
+    def _fit_all_but_each(self, grams: GramMatrices, noise: FloatArray) -> FloatArray:
+        """Return the parameters (blocks + 1, c) of all blocks but each, and of all.
+
+        Of those that the motion does not determine, the smallest.
+        """
+        # Weights relative to the largest noise: torques may be in any unit, and squares of their inverses may overflow.
+        c, weights = self.n_columns, (noise.max() / noise) ** 2
+        normal = LEAVE_ONE_OUT @ (weights @ grams.inner[:-1].reshape(BLOCKS, len(self.joints), c * c))
+        right = LEAVE_ONE_OUT @ (weights @ grams.right[:-1])
+        normal = normal.reshape(-1, c, c)
+        # Columns of equal size, so that the ridge does not depend on units.
+        scale = np.sqrt(np.maximum(np.einsum("bii->bi", normal), np.finfo(float).tiny))
+        normal = normal / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(c)
+        return np.asarray(np.linalg.solve(normal, (right / scale)[:, :, None])[:, :, 0] / scale)
+
+    def _is_driven_by_friction(self, grams: GramMatrices, values: FloatArray, joint: int, rest: float) -> bool:
+        """Tell whether a joint's friction surely gives it energy, and more than the unexplained torque could be."""
+        friction, sign = self._friction_columns[joint]
+        whole, own = grams.inner[-1, joint], values[:, friction]
+        work = own @ whole[sign, friction]
+        # Each fit leaves one block out, so the scatter of the fits gives the jackknife's standard error.
+        if work.mean() >= -_DRIVES * np.sqrt((BLOCKS - 1) * work.var()):
+            return False
+        # Friction that is small beside the residual may have any sign.
+        size = np.einsum("bi,ik,bk->b", own, whole[np.ix_(friction, friction)], own)
+        return bool(np.median(size) > 0.25 * rest)
+
+    @cached_property
+    def _friction_columns(self) -> list[tuple[list[int], int]]:
+        """Columns of each joint's friction, and that of its dry friction, which is 1 or -1."""
+        columns = self._observation.columns
+        frictions = []
+        for name in (self._robot.joint_names[joint] for joint in self.joints):
+            own = [
+                k for k, column in enumerate(columns) if column.link == name and get_effect(column.effect).is_friction
+            ]
+            frictions.append((own, next(k for k in own if get_role(columns[k]) == "dry")))
+        return frictions
+
+
+def find_moving_rows(motion: Motion) -> BoolArray:
+    """Return where each joint moves (m, n)."""
+    return np.asarray(np.abs(motion.dq) > _SLOW * np.sqrt((motion.dq**2).mean(axis=0)))
