@@ -22,6 +22,7 @@ from dynident.reports.labels import (
     format_hidden_effects,
     format_joints,
     format_standstill_shares,
+    get_effect_title,
     get_step_mark,
 )
 from dynident.reports.number_format import format_number, format_percent
@@ -170,13 +171,30 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
         console.print(f"  {note}")
 
 
-def show_diagnosis(console: Console, diagnosis: AdvisedDiagnosis, robot: Robot) -> None:
-    """Print the summary, the ranked candidates, the recommendation, and what the data cannot show."""
+def show_diagnosis(
+    console: Console, diagnosis: AdvisedDiagnosis, robot: Robot, questions: Sequence[tuple[str, str]] = ()
+) -> None:
+    """Print the summary, the ranked candidates, the recommendation, and what the data cannot show.
+
+    Parameters
+    ----------
+    console : Console
+        Where to print.
+    diagnosis : AdvisedDiagnosis
+        The diagnosis.
+    robot : Robot
+        The diagnosed robot.
+    questions : sequence of (str, str)
+        Effects and joints for which the reason is printed; an empty joint stands for the best place.
+    """
     console.print(diagnosis.summary, style="bold")
     console.print(build_table("Candidates", CANDIDATES, format_candidates(diagnosis.candidates, robot), right_from=3))
     for item in diagnosis.candidates:
         if item.significant:
             console.print(f"  {item.rank}. {item.evidence}")
+    for effect, joint in questions:
+        place = f" on {joint}" if joint else ""
+        console.print(f"  {get_effect_title(effect)}{place}: {diagnosis.why_not(effect, joint)}")
     if diagnosis.recommended:
         effect_list = ",".join(format_effect(choice) for choice in diagnosis.recommended)
         console.print(f"To add what is missing: dynident extend … --effects '{effect_list}'", soft_wrap=True)

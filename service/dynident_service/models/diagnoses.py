@@ -27,8 +27,52 @@ class DiagnosisRequest(NamedRequest):
     )
 
 
+class Reason(ViewModel):
+    """Why a candidate is a finding or not."""
+
+    code: Literal[
+        "accepted",
+        "equivalent",
+        "explained",
+        "not_significant",
+        "too_small",
+        "not_determined",
+        "impossible",
+        "unstable",
+        "only_at_reversals",
+        "superfluous",
+        "not_resolved",
+        "harmful",
+        "misnamed",
+        "no_help_once_added",
+        "cannot_be_added",
+        "most_effects",
+        "undetermined_model",
+        "passed_over",
+        "not_tried",
+    ]
+    step: int | None = Field(description="Rank of the finding that it refers to; of a finding its own")
+    values: dict[str, float | str | None] = Field(description="Numbers and names that belong to the code")
+    brief: str = Field(description="The reason in a few words")
+    text: str = Field(description="The reason as a sentence")
+
+
+class Outcome(ViewModel):
+    """What became of an effect on some joints."""
+
+    effect: Annotated[str, SourcePath("choice.effect")]
+    joints: Annotated[list[str], SourcePath("choice.joints")]
+    shape_parameters: Annotated[dict[str, float], SourcePath("choice.shape")] = Field(default={})
+    runs: Annotated[list[str], SourcePath("choice.runs")] = Field(default=[])
+    error_drop: float | None = Field(description="Share of the held-out error that it removes beside all findings")
+    reason: Reason
+
+
 class Candidate(ViewModel):
-    """A family of effects with its best joints and shape constants; errors are relative, held out, on these joints."""
+    """A family of effects with its best joints and shape constants.
+
+    Errors are relative, held out, on these joints, and beside everything that ranks above.
+    """
 
     rank: int
     effect: Annotated[str, SourcePath("choice.effect")]
@@ -46,6 +90,7 @@ class Candidate(ViewModel):
     runs: Annotated[list[str], SourcePath("choice.runs")] = Field(
         default=[], description="Labels of the runs in which it acts; empty: in all of them"
     )
+    reason: Reason | None = Field(default=None, description="Why it is a finding or not")
 
 
 class ChangedValue(ViewModel):
@@ -162,6 +207,9 @@ class DiagnosisResult(ViewModel):
     friction: list[FrictionDifference] = Field(
         default=[], description="Change of the friction of each moving joint from the baseline, significant or not"
     )
+    outcomes: list[Outcome] = Field(
+        default=[], description="What became of every effect on every joint, and why; findings first"
+    )
 
 
 class Evidence(ViewModel):
@@ -185,7 +233,15 @@ class Evidence(ViewModel):
         description="Mean change of the prediction by the effect, with all parameters fitted again"
     )
     count: list[int]
-    explained: float | None = Field(description="Share of the squared residual on this joint that the effect explains")
+    explained: float | None = Field(
+        description="Share of the squared residual of this joint that the curve removes where it was fitted, beside "
+        "the model alone"
+    )
+    error_drop: float | None = Field(
+        default=None,
+        description="What the effect explains, as in the ranking: share of the held-out error of its joints that it "
+        "removes beside everything that ranks above",
+    )
 
 
 class DiagnosisView(Computed[DiagnosisRequest, DiagnosisResult]):

@@ -20,7 +20,8 @@ from dynident.diagnosis import (
     evidence,
     examine,
 )
-from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS
+from dynident.diagnosis.reasons import Outcome, Reason
+from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE
 from dynident.effects import EffectChoice
 from dynident.effects.text_format import format_effect
 from dynident.errors import DynidentError
@@ -39,8 +40,8 @@ class DiagnosedModel(Framed):
 
     `to_frame` has a row for each candidate, best first: rank, effect (its id), joints, constants (in words, with
     units), error_before, error_after and error_drop (relative, fractions, held out), t_value, p_value, significant,
-    recommended, separability (0 to 1), equivalent (ids with commas), evidence, and choice, the text that `Model.extend`
-    takes.
+    recommended, separability (0 to 1), equivalent (ids with commas), evidence, choice (the text that `Model.extend`
+    takes), and reason (why it is a finding or not).
 
     Parameters
     ----------
@@ -85,6 +86,38 @@ class DiagnosedModel(Framed):
     def not_visible(self) -> tuple[Invisible, ...]:
         """Effects that these recordings could not have shown, each with the reason."""
         return self.diagnosis.not_visible
+
+    @property
+    def outcomes(self) -> tuple[Outcome, ...]:
+        """What became of every effect on every joint, and why; findings first."""
+        return self.diagnosis.outcomes
+
+    def why_not(self, effect: str, joint: str = "") -> Reason:
+        """Return why an effect on a joint is a finding or not.
+
+        Parameters
+        ----------
+        effect : str
+            Id of the effect.
+        joint : str
+            Name of the joint; without it, the reason is that of the place where the effect explains most.
+
+        Returns
+        -------
+        Reason
+            Code, values, and the sentence (`str(reason)`).
+
+        Raises
+        ------
+        DynidentError
+            Where there is no such effect or joint.
+
+        Examples
+        --------
+        >>> print(dy.diagnose(model).why_not("backlash", "elbow"))  # doctest: +SKIP
+        Not significant: p = 0.34, and the level is 0.01.
+        """
+        return self.diagnosis.why_not(effect, joint)
 
     @property
     def next_experiment(self) -> NextExperiment | None:
@@ -140,6 +173,7 @@ class DiagnosedModel(Framed):
             ",".join(candidate.equivalent),
             candidate.evidence,
             format_effect(candidate.choice),
+            candidate.reason.text if candidate.reason is not None else "",
         )
 
     def __repr__(self) -> str:
@@ -174,6 +208,7 @@ def diagnose(
     *,
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
+    significance: float = DEFAULT_SIGNIFICANCE,
     progress: Progress = ignore_progress,
 ) -> DiagnosedModel:
     """Name the physics that a model is missing.
@@ -187,7 +222,9 @@ def diagnose(
     candidates : effect ids, optional
         Only these are tried; the whole catalogue otherwise.
     most_effects : int
-        At most so many are recommended.
+        At most so many are recommended; contacts do not count.
+    significance : float
+        Largest p-value of a finding: the probability that anything is named where nothing is missing.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -212,6 +249,7 @@ def diagnose(
         checked_recordings.recordings,
         candidates=candidates,
         most_effects=most_effects,
+        significance=significance,
         progress=progress,
     )
     return DiagnosedModel(desk_model, checked_recordings, advise(diagnosis))
@@ -239,6 +277,7 @@ def check_not_empty(recordings: Recordings, name: str) -> None:
 _FRAME_COLUMNS = (
     "rank", "effect", "joints", "constants", "error_before", "error_after", "error_drop", "t_value", "p_value",
     "significant", "recommended", "separability", "equivalent", "evidence", "choice",
+    "reason",
 )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from dynident_client.answers.parts import EffectChoice
 
 
 class Candidate(TypedDict):
-    """A family of effects with its best joints and shape constants; errors are relative, held out, on these joints."""
+    """A family of effects with its best joints and shape constants."""
 
     effect: str
     equivalent: list[str]
@@ -20,6 +20,8 @@ class Candidate(TypedDict):
     joints: list[str]
     p_value: float | None
     rank: int
+    reason: Reason | None
+    """Why it is a finding or not"""
     runs: list[str]
     """Labels of the runs in which it acts; empty: in all of them"""
     separability: float | None
@@ -94,6 +96,8 @@ class DiagnosisResult(TypedDict):
     next_experiment: NextExperiment | None
     noise_floor: list[float | None]
     not_visible: list[NotVisible]
+    outcomes: list[Outcome]
+    """What became of every effect on every joint, and why; findings first"""
     recommended: list[EffectChoice]
     residual_rms: list[float | None]
     summary: str
@@ -107,8 +111,11 @@ class Evidence(TypedDict):
     count: list[int]
     effect: str
     effort_unit: str
+    error_drop: float | None
+    """What the effect explains, as in the ranking: share of the held-out error of its joints that it removes beside
+    everything that ranks above"""
     explained: float | None
-    """Share of the squared residual on this joint that the effect explains"""
+    """Share of the squared residual of this joint that the curve removes where it was fitted, beside the model alone"""
     fitted: list[float]
     """Mean change of the prediction by the effect, with all parameters fitted again"""
     joint: str
@@ -173,6 +180,52 @@ class NotVisible(TypedDict):
     effect: str
     joints: list[str]
     reason: str
+
+
+class Outcome(TypedDict):
+    """What became of an effect on some joints."""
+
+    effect: str
+    error_drop: float | None
+    """Share of the held-out error that it removes beside all findings"""
+    joints: list[str]
+    reason: Reason
+    runs: list[str]
+    shape_parameters: dict[str, float]
+
+
+class Reason(TypedDict):
+    """Why a candidate is a finding or not."""
+
+    brief: str
+    """The reason in a few words"""
+    code: Literal[
+        "accepted",
+        "equivalent",
+        "explained",
+        "not_significant",
+        "too_small",
+        "not_determined",
+        "impossible",
+        "unstable",
+        "only_at_reversals",
+        "superfluous",
+        "not_resolved",
+        "harmful",
+        "misnamed",
+        "no_help_once_added",
+        "cannot_be_added",
+        "most_effects",
+        "undetermined_model",
+        "passed_over",
+        "not_tried",
+    ]
+    step: int | None
+    """Rank of the finding that it refers to; of a finding its own"""
+    text: str
+    """The reason as a sentence"""
+    values: dict[str, float | str | None]
+    """Numbers and names that belong to the code"""
 
 
 class Separation(TypedDict):

@@ -78,9 +78,7 @@ def find_too_uncertain(
     tuple of Invisible
         Effects with the uncertainty of their surest parameter.
     """
-    whole = tuple(
-        dict.fromkeys((*base, *(column for finding in picks for column in _find_pool_columns(finding, pool))))
-    )
+    whole = list_columns_with_findings(pool, base, picks)
     known_hidden = {(invisible.effect, invisible.joints) for invisible in hidden}
     named = {
         (scored.candidate.effect, joint)
@@ -94,6 +92,22 @@ def find_too_uncertain(
         if (invisible.effect, invisible.joints) not in known_hidden
         and not {(invisible.effect, joint) for joint in invisible.joints} & named
     )
+
+
+def list_columns_with_findings(pool: Pool, base: tuple[int, ...], picks: Sequence[Finding]) -> tuple[int, ...]:
+    """List the columns of a model with its findings, at the shape constants of the pool nearest to theirs.
+
+    Parameters
+    ----------
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    picks : sequence of Finding
+        What was found.
+    """
+    own = (column for finding in picks for column in _find_pool_columns(finding, pool))
+    return tuple(dict.fromkeys((*base, *own)))
 
 
 def _find_pool_columns(finding: Finding, pool: Pool) -> tuple[int, ...]:

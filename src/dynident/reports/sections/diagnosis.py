@@ -23,6 +23,7 @@ from dynident.reports.result_rows import (
     FrictionCells,
     format_change,
     format_friction_difference,
+    format_reason,
 )
 from dynident.reports.sections.summary import is_recommendation_added
 from dynident.robot import Robot
@@ -49,6 +50,7 @@ class CandidateRow:
     separability: str
     shape: str
     equivalent: str
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -194,6 +196,7 @@ def _build_candidate_row(item: RankedEffect, robot: Robot) -> CandidateRow:
         format_percent(item.separability, 2),
         format_shape_constants(item.choice),
         ", ".join(get_effect_title(name) for name in item.equivalent),
+        format_reason(item),
     )
 
 

@@ -1,0 +1,314 @@
+"""The smallest size of each effect that the recordings would have shown.
+
+An effect of a known size is planted into the products that the search has: its torque beside the model is Z β, with Z
+what the model leaves of its columns. What the model leaves of the torque stays as it is, with the signs of whole blocks
+drawn anew (a wild bootstrap by clusters): samples of one block may be correlated as they like, and what is left of a
+small effect that is really there is broken up. On these draws the rules of the search decide, with the level that
+they have among all its candidates.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.diagnosis.candidates.block_products import compute_block_products
+from dynident.diagnosis.candidates.blocks import JointBlocks
+from dynident.diagnosis.candidates.fold_fit import FoldFit
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.products import Products, split_data_folds
+from dynident.diagnosis.candidates.significance import (
+    SMALLEST_ERROR_DROP,
+    FamilywiseLevels,
+    compute_evenness,
+    compute_least_t,
+    standardise_size,
+)
+from dynident.diagnosis.result import DetectionLimit
+from dynident.diagnosis.search.acceptance import VISIBLE, find_least_drop, get_least_gain
+from dynident.diagnosis.search.outcomes import FinalScores
+from dynident.diagnosis.search.pruning import PRUNE_T
+from dynident.diagnosis.search.state import find_acting_columns, may_use_scores
+from dynident.effects import EffectChoice, get_effect
+
+SURE, HALF = 0.95, 0.5
+"""Shares of the draws in which an effect of the size of the limit, and of the half limit, is accepted."""
+
+LARGEST = 100.0
+"""Times the usual size above which no limit is looked for: no arm has an effect of that size."""
+_SMALLEST = 0.003
+
+# Draws of the blocks' signs: a share of 0.95 is then known to within 0.02. The search for a size halves its interval in
+# the logarithm so often: a limit is known to within 3 %.
+_DRAWS, _HALVINGS = 100, 9
+_SEED = 43
+
+
+def compute_detection_limits(
+    final: FinalScores, pool: Pool, choices: Sequence[EffectChoice]
+) -> tuple[DetectionLimit, ...]:
+    """Compute the detection limit of each effect on each joint, beside the model with everything that was found.
+
+    Parameters
+    ----------
+    final : FinalScores
+        All candidates beside that model.
+    pool : Pool
+        Model and candidates.
+    choices : sequence of EffectChoice
+        What the findings have become: for these there is no limit.
+
+    Returns
+    -------
+    tuple of DetectionLimit
+        One for each effect and joint that was tried and has a usual size, in the order of the candidates.
+    """
+    base = set(final.state.base)
+    best: dict[tuple[str, tuple[str, ...]], tuple[float, Candidate]] = {}
+    for candidate in (*pool.initial_candidates, *pool.probes):
+        if len(candidate.joints) > 1 or candidate.runs or base & set(candidate.columns):
+            continue
+        distance = _compute_distance_from_usual(pool, candidate)
+        key = candidate.effect, candidate.joints
+        if distance is not None and (key not in best or distance < best[key][0]):
+            best[key] = distance, candidate
+    sets: dict[tuple[bool, bool], list[Candidate]] = {}
+    for (effect, joints), (_, candidate) in best.items():
+        if not any(c.effect == effect and set(joints) <= set(c.joints) for c in choices):
+            sets.setdefault(final.data.find_row_kinds(candidate.columns), []).append(candidate)
+    found: dict[Candidate, DetectionLimit] = {}
+    for kinds, members in sets.items():
+        rows = final.data.select_for_candidates(final.state.base, np.array(kinds))
+        for planted in _list_planted(rows, pool, final, members):
+            found[planted.candidate] = _build_limit(pool, planted)
+    return tuple(found[candidate] for _, candidate in best.values() if candidate in found)
+
+
+def _compute_distance_from_usual(pool: Pool, candidate: Candidate) -> float | None:
+    """Return how far a candidate's shape constants are from the usual ones; None where no size is usual."""
+    values, shape = _get_usual(pool, candidate)
+    if not any(values.values()):
+        return None
+    pairs = [(shape[name], value) for name, value in candidate.shape if name in shape]
+    return sum(abs(a - b) / max(abs(a), abs(b), 1e-12) for a, b in pairs)
+
+
+def _get_usual(pool: Pool, candidate: Candidate) -> tuple[Mapping[str, float], Mapping[str, float]]:
+    """Return the usual parameters and shape constants of a candidate's effect on its joint, by name."""
+    robot = pool.observation.robot.tree
+    joint = robot.joint_names.index(candidate.joints[0]) if candidate.joints else 0
+    usual = get_effect(candidate.effect).usual(robot, joint)
+    return (usual.values, usual.shape) if usual is not None else ({}, {})
+
+
+@dataclass(frozen=True, eq=False)
+class _PlantedEffect:
+    """What is needed to judge a candidate as if its effect were there in some size.
+
+    Joints are the n that the candidate is reported on and a last one that stands for all joints together, in units of
+    the noise.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        The candidate.
+    direction : (k,)
+        Its parameters at the usual size.
+    squares : (s, n + 1, k, k)
+        ZᵀZ by block and joint.
+    scores : (s, n + 1, k)
+        Zᵀρ of what the model leaves.
+    errors : (s, n + 1)
+        Squares of what the model leaves.
+    floor : (n,)
+        Squares of the sensors' noise in all rows that count.
+    folds : tuple of (f,)
+        Numbers of the blocks that are left out together.
+    unit : (k, k)
+        Directions of the parameters in which ZᵀZ is one.
+    separability : float
+        Share of its columns that is left beside the model.
+    levels : FamilywiseLevels
+        What the test asks of it.
+    least_t : float
+        Least t of its gain.
+    """
+
+    candidate: Candidate
+    direction: FloatArray
+    squares: FloatArray
+    scores: FloatArray
+    errors: FloatArray
+    floor: FloatArray
+    folds: tuple[IndexArray, ...]
+    unit: FloatArray
+    separability: float
+    levels: FamilywiseLevels
+    least_t: float
+
+    def compute_power(self, share: float) -> float:
+        """Return the share of draws in which an effect of a share of the usual size is accepted."""
+        before = self.errors + share**2 * self._squares_along + 2.0 * share * self._scores_along
+        before = np.maximum(before, np.finfo(float).tiny)
+        # As in scoring: no loss counts for more than there was, and no block for more than three usual ones.
+        gain = np.maximum(before - self._errors_after, -before)
+        whole = before[:, :, -1]
+        factor = np.minimum(1.0, 3.0 * np.median(whole, axis=1, keepdims=True) / whole)
+        t = compute_evenness(gain[:, :, -1] * factor)
+        own_before, own_gain = before[:, :, :-1], gain[:, :, :-1]
+        drops = np.einsum("ds,dsn->dn", factor, own_gain) / np.einsum("ds,dsn->dn", factor, own_before)
+        removed = own_gain.sum(axis=1)
+        error_drops = 1.0 - np.sqrt(np.maximum(1.0 - removed / own_before.sum(axis=1), 0.0))
+        effect = get_effect(self.candidate.effect)
+        # What pulls at two joints has to help both; anything else the joint that it helps most.
+        over_joints = np.min if effect.pulls_on_each else np.max
+        least_drop = np.array([find_least_drop(self.candidate, self.separability, value) for value in t])
+        accepted = (
+            ((t >= self.levels.gains) | self._test_scores(share))
+            & (t >= self.least_t)
+            & (over_joints(drops, axis=1) >= least_drop)
+            & (over_joints(error_drops, axis=1) >= SMALLEST_ERROR_DROP)
+            & (over_joints(removed / self.floor, axis=1) >= get_least_gain(effect))
+        )
+        return float(accepted.mean())
+
+    @cached_property
+    def _signs(self) -> FloatArray:
+        """Random signs (d, s) of the blocks, the same for every candidate."""
+        return np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(_DRAWS, len(self.errors)))
+
+    @cached_property
+    def _squares_along(self) -> FloatArray:
+        """Squares (s, n + 1) of the torque of the usual size."""
+        return np.asarray(self.squares @ self.direction @ self.direction)
+
+    @cached_property
+    def _scores_along(self) -> FloatArray:
+        """Products (d, s, n + 1) of the torque of the usual size with what the model leaves, in each draw."""
+        return np.asarray(self._signs[:, :, None] * (self.scores @ self.direction))
+
+    @cached_property
+    def _errors_after(self) -> FloatArray:
+        """Squared errors (d, s, n + 1) with the candidate, fitted without the fold of each block.
+
+        By how much the fitted parameters miss the planted ones does not depend on these.
+        """
+        whole_squares = self.squares[:, -1].sum(axis=0)
+        after = np.empty((_DRAWS, *self.errors.shape))
+        for fold in self.folds:
+            left_out = np.ones(len(self.errors), dtype=bool)
+            left_out[fold] = False
+            noise = self._signs[:, left_out] @ self.scores[left_out, -1]
+            inverse = np.linalg.pinv(whole_squares - self.squares[fold, -1].sum(axis=0), rcond=1e-8, hermitian=True)
+            miss = noise @ inverse
+            products = (miss[:, :, None] * miss[:, None, :]).reshape(_DRAWS, -1)
+            quadratic = products @ self.squares[fold].reshape(-1, products.shape[1]).T
+            cross = miss @ self.scores[fold].reshape(-1, miss.shape[1]).T
+            shape = (_DRAWS, len(fold), self.errors.shape[1])
+            after[:, fold] = (
+                self.errors[fold] - 2.0 * self._signs[:, fold, None] * cross.reshape(shape) + quadratic.reshape(shape)
+            )
+        return np.maximum(after, 0.0)
+
+    def _test_scores(self, share: float) -> BoolArray:
+        """Return (d,): whether the scores are larger than chance makes them, where they may speak."""
+        if not may_use_scores(self.candidate):
+            return np.zeros(_DRAWS, dtype=bool)
+        noise, pushed = self.scores[:, -1] @ self.unit, share * (self.squares[:, -1] @ self.direction) @ self.unit
+        # Of each draw: sums over the blocks, and the sum of squares. The squares of the noise have no sign.
+        sums = self._signs @ noise + pushed.sum(axis=0)
+        mixed = self._signs @ (noise[:, :, None] * pushed[:, None, :]).reshape(len(noise), -1)
+        mixed = mixed.reshape(_DRAWS, *self.unit.shape)
+        spread = noise.T @ noise + pushed.T @ pushed + mixed + mixed.transpose(0, 2, 1)
+        return np.asarray(standardise_size((sums**2).sum(axis=1), spread) >= self.levels.scores)
+
+
+def _list_planted(
+    rows: Products, pool: Pool, final: FinalScores, members: Sequence[Candidate]
+) -> Iterator[_PlantedEffect]:
+    """Yield what is needed to plant each of some candidates that are about the same rows."""
+    state = final.state
+    blocks = JointBlocks.from_products(rows, np.array(state.base, dtype=np.intp), members)
+    fit = FoldFit(blocks.sum_products(state.noise), blocks.portions)
+    folds = tuple(split_data_folds(rows, "interleaved"))
+    acting = find_acting_columns(pool)
+    errors = [block.compute_errors(fit) for block in blocks.joints]
+    scores = [joint_errors.compute_scores() for joint_errors in errors]
+    squares = [compute_block_products(block, fit) for block in blocks.joints]
+    weights = 1.0 / state.noise**2
+    counts = rows.counts.sum(axis=0)
+    for number, portion in enumerate(blocks.portions):
+        unit, separability = fit.compute_unit_directions(number), fit.compute_separability(number)
+        for place, (member, columns) in enumerate(zip(portion.members, portion.columns, strict=True)):
+            candidate = members[member]
+            usual, _ = _get_usual(pool, candidate)
+            joints = np.flatnonzero(acting[list(candidate.columns)].any(axis=0))
+            if len(candidate.joints) == 1 and not get_effect(candidate.effect).pulls_on_each:
+                # An effect of one joint that acts on others too: the joint that it moves most, in units of the noise.
+                own = [weights[j] * np.trace(squares[j][number][place].sum(axis=0)) for j in joints]
+                joints = joints[[int(np.argmax(own))]]
+            every = range(len(weights))
+            yield _PlantedEffect(
+                candidate,
+                np.array([usual.get(pool.observation.columns[k].parameter, 0.0) for k in candidate.columns]),
+                np.stack(
+                    [squares[j][number][place] for j in joints]
+                    + [sum(weights[j] * squares[j][number][place] for j in every)],
+                    axis=1,
+                ),
+                np.stack(
+                    [scores[j][:, columns] for j in joints] + [sum(weights[j] * scores[j][:, columns] for j in every)],
+                    axis=1,
+                ),
+                np.stack(
+                    [errors[j].alone for j in joints] + [sum(weights[j] * errors[j].alone for j in every)], axis=1
+                ),
+                np.maximum(counts[joints] * state.floor[joints] ** 2, np.finfo(float).tiny),
+                folds,
+                unit[place],
+                float(separability[place]),
+                final.levels,
+                max(compute_least_t(rows.n_stretches, state.level), PRUNE_T),
+            )
+
+
+def _build_limit(pool: Pool, planted: _PlantedEffect) -> DetectionLimit:
+    candidate = planted.candidate
+    main = int(np.argmax(np.abs(planted.direction)))
+    column = pool.observation.columns[candidate.columns[main]]
+    usual = abs(float(planted.direction[main]))
+    least = _find_least_noticeable(pool, planted)
+    sure, half = (max(_find_share(planted, power), least) for power in (SURE, HALF))
+    return DetectionLimit(
+        candidate.effect, candidate.joints, column.name, column.unit, sure * usual, half * usual, usual
+    )
+
+
+def _find_share(planted: _PlantedEffect, power: float) -> float:
+    """Return the smallest share of the usual size that is accepted so often; infinite where none is."""
+    if planted.separability < VISIBLE or planted.compute_power(LARGEST) < power:
+        return math.inf
+    low, high = math.log(_SMALLEST), math.log(LARGEST)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if planted.compute_power(math.exp(middle)) >= power:
+            high = middle
+        else:
+            low = middle
+    return math.exp(high)
+
+
+def _find_least_noticeable(pool: Pool, planted: _PlantedEffect) -> float:
+    """Return the share of the usual size below which nobody would notice the effect, by its specification."""
+    specs = {spec.name: spec.least for spec in get_effect(planted.candidate.effect).parameters}
+    shares = [
+        specs[pool.observation.columns[k].parameter] / abs(value)
+        for k, value in zip(planted.candidate.columns, planted.direction, strict=True)
+        if value and specs.get(pool.observation.columns[k].parameter, 0.0) > 0.0
+    ]
+    return min(shares, default=0.0)
