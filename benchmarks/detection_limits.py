@@ -1,11 +1,11 @@
 """Are effects of the size of their detection limit found? Hidden at a half, once and twice the limit, on fresh seeds.
 
-    python benchmarks/detection_limits.py [--seed 1] [--draws 10] [--of half]
+    python benchmarks/detection_limits.py [--seed 1] [--draws 10] [--effects joint_spring stribeck]
 
 A draw is a UR10 of `tests/hidden_physics.py` with a motion and noise of its own. A clean recording gives the limits;
 then each effect is added, on a joint of the draw, in sizes around its limit, and the recording is diagnosed. An effect
-is found if it, or one that is reported as its equivalent, is recommended on that joint. `--of half` takes the size that
-is found in half of the cases for the limit, `--of sure` that of 95 %.
+is found if it, or one that is reported as its equivalent, is recommended on that joint. Sizes are multiples of
+`half_size`, which should be found in half of the cases, and `size` itself, which should be found in 95 %.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from dynident.diagnosis import Diagnosis, diagnose
 from dynident.diagnosis.result import DetectionLimit
 from dynident.effects import get_effect
 
-FACTORS = (0.5, 1.0, 2.0)
+SIZES = ("0.5 x half", "1 x half", "1 x size", "2 x half", "2 x size")
 
 Law = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 Numbers = Mapping[str, float]
@@ -48,31 +48,32 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--draws", type=int, default=10)
-    parser.add_argument("--of", choices=("sure", "half"), default="sure")
+    parser.add_argument("--effects", nargs="*", default=list(LAWS), choices=list(LAWS))
     given = parser.parse_args()
     start = time.perf_counter()
-    found: dict[tuple[str, float], list[bool]] = {(effect, factor): [] for effect in LAWS for factor in FACTORS}
+    found: dict[tuple[str, str], list[bool]] = {(effect, size): [] for effect in given.effects for size in SIZES}
     for seed in range(given.seed, given.seed + given.draws):
         clean = experiment(seed=seed)
         limits = diagnose(clean.identification, [clean.training]).detection_limits
-        for number, effect in enumerate(LAWS):
+        for number, effect in enumerate(given.effects):
             joint = (seed + number) % len(NAMES)
             limit = next((item for item in limits if (item.effect, item.joints) == (effect, (NAMES[joint],))), None)
-            size = limit and (limit.size if given.of == "sure" else limit.half_size)
-            if limit is None or not size or not np.isfinite(size):
+            if limit is None or not np.isfinite(limit.size):
                 continue
-            for factor in FACTORS:
-                found[effect, factor].append(_is_found(limit, factor * size / limit.usual, joint, seed))
-                print(effect, NAMES[joint], seed, factor, found[effect, factor][-1], flush=True)
-    rows: list[tuple[str, ...]] = [("effect", "cases", *(f"{factor:g} x limit" for factor in FACTORS))]
-    for effect in LAWS:
-        shares = [np.mean(found[effect, factor]) for factor in FACTORS]
-        rows.append((effect, str(len(found[effect, 1.0])), *(f"{share:.0%}" for share in shares)))
-    all_shares = [np.mean([hit for effect in LAWS for hit in found[effect, factor]]) for factor in FACTORS]
-    rows.append(
-        ("all", str(sum(len(found[effect, 1.0]) for effect in LAWS)), *(f"{share:.0%}" for share in all_shares))
+            half, sure = limit.half_size, limit.size
+            for name, value in zip(SIZES, (0.5 * half, half, sure, 2.0 * half, 2.0 * sure), strict=True):
+                found[effect, name].append(_is_found(limit, value / limit.usual, joint, seed))
+                print(effect, NAMES[joint], seed, name, found[effect, name][-1], flush=True)
+    rows = [(effect, *_format_shares([found[effect, size] for size in SIZES])) for effect in given.effects]
+    every = [[hit for effect in given.effects for hit in found[effect, size]] for size in SIZES]
+    show(
+        f"Found around the limits, seeds {given.seed} on, {time.perf_counter() - start:.0f} s",
+        [("effect", "cases", *SIZES), *rows, ("all", *_format_shares(every))],
     )
-    show(f"Found around the {given.of} limit, {given.draws} draws, {time.perf_counter() - start:.0f} s", rows)
+
+
+def _format_shares(hits: list[list[bool]]) -> tuple[str, ...]:
+    return str(len(hits[0])), *(f"{np.mean(own):.0%}" if own else "-" for own in hits)
 
 
 def _is_found(limit: DetectionLimit, share: float, joint: int, seed: int) -> bool:

@@ -173,3 +173,4 @@ def test_a_stricter_level_names_less():
     assert found.recommended == ()
     reason = found.why_not("joint_spring", NAMES[0])
     assert (reason.code, dict(reason.values)["level"]) == ("not_significant", 1e-9)
+    assert "would show it from" in reason.text

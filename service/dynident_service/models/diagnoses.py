@@ -149,6 +149,32 @@ class NotVisible(ViewModel):
     reason: str
 
 
+class DetectionLimit(ViewModel):
+    """The size of an effect on a joint that these recordings would have shown."""
+
+    effect: str
+    joints: list[str] = Field(description="Empty for an effect of the whole robot")
+    parameter: str = Field(description="The parameter that tells how large the effect is")
+    unit: str
+    size: Annotated[float | None, SourcePath(null=inf)] = Field(
+        description="Smallest size that would have been accepted with 95 %; null if none would"
+    )
+    half_size: Annotated[float | None, SourcePath(null=inf)] = Field(
+        description="The same with 50 %; null if none would"
+    )
+    usual: float = Field(description="Size on arms that have the effect")
+    share: Annotated[float | None, SourcePath(null=inf)] = Field(description="`size` over `usual`")
+
+
+class Conclusion(ViewModel):
+    """What a diagnosis says in all, and the one next thing to do."""
+
+    code: Literal["something_is_missing", "nothing_above_limits", "cannot_tell"]
+    headline: str
+    why: list[str] = Field(description="What it rests on")
+    next_step: str
+
+
 class FailureSpot(ViewModel):
     """A range of one variable in which a joint's residual is large."""
 
@@ -210,6 +236,10 @@ class DiagnosisResult(ViewModel):
     outcomes: list[Outcome] = Field(
         default=[], description="What became of every effect on every joint, and why; findings first"
     )
+    detection_limits: list[DetectionLimit] = Field(
+        default=[], description="The size of each effect on each joint that these recordings would have shown"
+    )
+    conclusion: Conclusion | None = Field(default=None, description="What all this says, and the next thing to do")
 
 
 class Evidence(ViewModel):

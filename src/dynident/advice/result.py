@@ -96,6 +96,8 @@ class AdvisedDiagnosis(Diagnosis):
         What became of every effect on every joint, and why.
     detection_limits : tuple of DetectionLimit
         The smallest size of each effect on each joint that these recordings would have shown.
+    conclusion : Conclusion, optional
+        What all this says, and the next thing to do.
     next_experiment : NextExperiment, optional
         The proposed experiment; None where a motion decides nothing.
     """

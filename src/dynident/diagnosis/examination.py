@@ -28,6 +28,7 @@ from dynident.diagnosis.changes import (
 )
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise
+from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
 from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
 from dynident.diagnosis.reasons import Reason
 from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, check_candidates
@@ -36,9 +37,9 @@ from dynident.diagnosis.residuals.resolvable_motion import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import propose_shapes
 from dynident.diagnosis.result import Change, Diagnosis, FrictionDifference, Invisible
 from dynident.diagnosis.search.contacts import find_contacts
-from dynident.diagnosis.search.detection_limits import compute_detection_limits
+from dynident.diagnosis.search.detection_limits import add_limits, compute_detection_limits, list_too_large_limits
 from dynident.diagnosis.search.forward_selection import search_findings
-from dynident.diagnosis.search.identifiability import find_invisible, find_too_uncertain
+from dynident.diagnosis.search.identifiability import compute_part_to_part_ratio, find_invisible
 from dynident.diagnosis.search.outcomes import list_outcomes, list_untried, score_beside_findings
 from dynident.diagnosis.search.refine import RecordedSource, refine_findings
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
@@ -185,6 +186,7 @@ def examine(
         For recordings of poses at rest, in which nothing that is missing shows.
     """
     check_candidates(candidates or ())
+    held_out_ratio = compute_held_out_ratio(identification)
     if any(has_poses(recording) for recording in (*recordings, *baseline)):
         raise DynidentError(
             "poses at rest show only gravity and constant torques, which the model has already; record a motion and "
@@ -252,6 +254,8 @@ def examine(
     everything, named = (*contacts, *picks), (*pushes, *recommended)
     beside_findings = score_beside_findings(record.data, pool, start, everything, first)
     outcomes, beside = list_outcomes(beside_findings, pool, record, named, first, most_effects)
+    limits = compute_detection_limits(beside_findings, pool, named)
+    outcomes = add_limits(outcomes, limits)
     findings = rank_findings(everything, named)
     ranked = (*findings, *rank_rejected(outcomes, first, beside, len(findings)))
     unknown = (*undisturbed.unexplained_patterns, *unknown)
@@ -268,7 +272,20 @@ def examine(
     verdict = select_verdict(missing, unknown, compute_residual_over_noise(final, floor))
     lasting_effects = [ranked_effect for ranked_effect in ranked if not is_lasting_change(ranked_effect.choice, since)]
     hidden = (*(item for item, _ in undetermined.values()), *find_invisible(first))
-    sentences = [*undisturbed.sentences, word_summary(verdict, lasting_effects, unknown, residual, floor, model)]
+    state = beside_findings.state
+    part_to_part = compute_part_to_part_ratio(record.data.select_for_model(state.base), state)
+    conclusion = conclude(
+        verdict,
+        unknown,
+        limits,
+        (held_out_ratio, part_to_part),
+        model.robot.joint_names,
+        is_given_up=record.is_undetermined,
+    )
+    sentences = [
+        *undisturbed.sentences,
+        word_summary(verdict, conclusion, lasting_effects, unknown, residual, floor, model),
+    ]
     if record.is_undetermined:
         sentences.append(UNDETERMINED)
     if changes is not None:
@@ -282,11 +299,12 @@ def examine(
         candidates=ranked,
         recommended=missing,
         unknown=unknown,
-        not_visible=hidden + find_too_uncertain(data, pool, start.base, picks, hidden),
+        not_visible=hidden + list_too_large_limits(limits, hidden),
         failure_map=build_failure_map(comparisons),
         changes=changes,
         friction=friction,
-        detection_limits=compute_detection_limits(beside_findings, pool, named),
+        detection_limits=limits,
+        conclusion=conclusion,
         outcomes=(*outcomes, *list_untried(outcomes, candidates, model, leads)),
     )
     doubts = list_doubts(picks, recommended, hidden, model.robot, first, candidates or ())

@@ -67,8 +67,13 @@ class Reason:
 
     @property
     def text(self) -> str:
-        """The reason as a sentence."""
-        return _SENTENCES[self.code](self.step, dict(self.values))
+        """The reason as a sentence, with the size that would have shown where that is known."""
+        values = dict(self.values)
+        text = _SENTENCES[self.code](self.step, values)
+        if "limit" in values:
+            unit = "" if values["unit"] == "-" else f" {values['unit']}"
+            text += f" These recordings would show it from {_number(values['limit'])}{unit} on."
+        return text
 
     @property
     def brief(self) -> str:
@@ -199,11 +204,8 @@ def _word_not_significant(step: int | None, values: Values) -> str:
 
 def _word_too_small(step: int | None, values: Values) -> str:
     share = max(float(values["share"]), 0.0)
-    text = f"Too small: it removes {_percent(share)} of {_MEASURES[str(values['measure'])]}"
-    text += f"; {_percent(values['least'])} is required."
-    if "limit" in values:
-        text += f" These recordings would show {_number(values['limit'])} {values['unit']} of it with 95 %."
-    return text
+    measure = _MEASURES[str(values["measure"])]
+    return f"Too small: it removes {_percent(share)} of {measure}; {_percent(values['least'])} is required."
 
 
 def _word_not_determined(step: int | None, values: Values) -> str:

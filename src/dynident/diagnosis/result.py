@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 from dynident.array_types import FloatArray
@@ -229,6 +231,45 @@ class DetectionLimit:
         return self.size / self.usual
 
 
+ConclusionCode = Literal["something_is_missing", "nothing_above_limits", "cannot_tell"]
+
+_CONCLUSIONS: Mapping[ConclusionCode, str] = MappingProxyType(
+    {
+        "something_is_missing": "Something is missing.",
+        "nothing_above_limits": "Nothing above the detection limits is missing.",
+        "cannot_tell": "These data cannot tell whether something is missing.",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """What a diagnosis says in all, and the one next thing to do.
+
+    Parameters
+    ----------
+    code : {"something_is_missing", "nothing_above_limits", "cannot_tell"}
+        What it says. "cannot_tell": errors on held-out data are far above those of the fit, or the detection limits are
+        above the usual sizes of most effects that arms often have.
+    why : tuple of str
+        What the conclusion rests on, in sentences.
+    next_step : str
+        The next thing to do.
+    """
+
+    code: ConclusionCode
+    why: tuple[str, ...]
+    next_step: str
+
+    @property
+    def headline(self) -> str:
+        """The conclusion in a sentence."""
+        return _CONCLUSIONS[self.code]
+
+    def __str__(self) -> str:
+        return " ".join((self.headline, *self.why, self.next_step))
+
+
 @dataclass(frozen=True)
 class FailureSpot:
     """The bin of a variable in which a joint's residual is largest.
@@ -292,6 +333,8 @@ class Diagnosis:
         What became of every effect on every joint, and why.
     detection_limits : tuple of DetectionLimit
         The smallest size of each effect on each joint that these recordings would have shown.
+    conclusion : Conclusion, optional
+        What all this says, and the next thing to do; None in a diagnosis of an earlier version.
     """
 
     verdict: Adequacy
@@ -307,6 +350,7 @@ class Diagnosis:
     friction: tuple[FrictionDifference, ...] = ()
     outcomes: tuple[Outcome, ...] = ()
     detection_limits: tuple[DetectionLimit, ...] = ()
+    conclusion: Conclusion | None = None
 
     def why_not(self, effect: str, joint: str = "") -> Reason:
         """Return why an effect on a joint is a finding or not.

@@ -12,7 +12,7 @@ from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.reasons import Outcome, Reason
-from dynident.diagnosis.result import Adequacy, RankedEffect, UnknownPattern
+from dynident.diagnosis.result import Adequacy, Conclusion, RankedEffect, UnknownPattern
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, get_effect
 from dynident.regressors.model import Model
@@ -226,6 +226,7 @@ def select_verdict(
 
 def word_summary(
     verdict: Adequacy,
+    conclusion: Conclusion,
     ranked: Sequence[RankedEffect],
     unknown: Sequence[UnknownPattern],
     residual: FloatArray,
@@ -238,6 +239,8 @@ def word_summary(
     ----------
     verdict : Adequacy
         The verdict.
+    conclusion : Conclusion
+        What the diagnosis says in all.
     ranked : sequence of RankedEffect
         The ranking.
     unknown : sequence of UnknownPattern
@@ -264,7 +267,7 @@ def word_summary(
                 "it was recorded, the sensor noise is larger than stated here."
             )
     else:
-        text = "These data show no missing effect."
+        text = " ".join((conclusion.headline, *conclusion.why))
     if unknown:
         parts = "; ".join(f"{p.joint} over {p.variable.replace('_', ' ')} ({p.share:.0%})" for p in unknown[:4])
         text += f" The residual still depends on: {parts}."

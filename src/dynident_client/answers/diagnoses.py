@@ -69,6 +69,16 @@ class ChangedValue(TypedDict):
     """The difference"""
 
 
+class Conclusion(TypedDict):
+    """What a diagnosis says in all, and the one next thing to do."""
+
+    code: Literal["something_is_missing", "nothing_above_limits", "cannot_tell"]
+    headline: str
+    next_step: str
+    why: list[str]
+    """What it rests on"""
+
+
 class Course(TypedDict):
     """One parameter day by day; null if the motion of that day does not determine it."""
 
@@ -84,12 +94,35 @@ class Course(TypedDict):
     """Whether this parameter may differ from day to day; all others are also known from the other days"""
 
 
+class DetectionLimit(TypedDict):
+    """The size of an effect on a joint that these recordings would have shown."""
+
+    effect: str
+    half_size: float | None
+    """The same with 50 %; null if none would"""
+    joints: list[str]
+    """Empty for an effect of the whole robot"""
+    parameter: str
+    """The parameter that tells how large the effect is"""
+    share: float | None
+    """`size` over `usual`"""
+    size: float | None
+    """Smallest size that would have been accepted with 95 %; null if none would"""
+    unit: str
+    usual: float
+    """Size on arms that have the effect"""
+
+
 class DiagnosisResult(TypedDict):
     """What is missing in a model."""
 
     candidates: list[Candidate]
     changes: list[Change] | None
     """Differences from the baseline; empty: none; null: there was no baseline"""
+    conclusion: Conclusion | None
+    """What all this says, and the next thing to do"""
+    detection_limits: list[DetectionLimit]
+    """The size of each effect on each joint that these recordings would have shown"""
     failure_map: list[FailureSpot]
     friction: list[FrictionDifference]
     """Change of the friction of each moving joint from the baseline, significant or not"""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,7 +29,8 @@ from dynident.diagnosis.candidates.significance import (
     compute_least_t,
     standardise_size,
 )
-from dynident.diagnosis.result import DetectionLimit
+from dynident.diagnosis.reasons import Outcome, Reason
+from dynident.diagnosis.result import DetectionLimit, Invisible
 from dynident.diagnosis.search.acceptance import VISIBLE, find_least_drop, get_least_gain
 from dynident.diagnosis.search.outcomes import FinalScores
 from dynident.diagnosis.search.pruning import PRUNE_T
@@ -61,7 +62,7 @@ def compute_detection_limits(
     pool : Pool
         Model and candidates.
     choices : sequence of EffectChoice
-        What the findings have become: for these there is no limit.
+        What the findings have become: for these, and what the data cannot tell from them, there is no limit.
 
     Returns
     -------
@@ -78,8 +79,13 @@ def compute_detection_limits(
         if distance is not None and (key not in best or distance < best[key][0]):
             best[key] = distance, candidate
     sets: dict[tuple[bool, bool], list[Candidate]] = {}
+    named = [
+        ({choice.effect, *(scored.candidate.effect for scored in finding.equal)}, set(choice.joints))
+        for finding, choice in zip(final.state.picks, choices, strict=True)
+    ]
     for (effect, joints), (_, candidate) in best.items():
-        if not any(c.effect == effect and set(joints) <= set(c.joints) for c in choices):
+        # What was found, by whichever name, is no longer hidden.
+        if not any(effect in names and set(joints) <= places for names, places in named):
             sets.setdefault(final.data.find_row_kinds(candidate.columns), []).append(candidate)
     found: dict[Candidate, DetectionLimit] = {}
     for kinds, members in sets.items():
@@ -104,6 +110,59 @@ def _get_usual(pool: Pool, candidate: Candidate) -> tuple[Mapping[str, float], M
     joint = robot.joint_names.index(candidate.joints[0]) if candidate.joints else 0
     usual = get_effect(candidate.effect).usual(robot, joint)
     return (usual.values, usual.shape) if usual is not None else ({}, {})
+
+
+_SMALL = ("not_significant", "too_small")
+"""Codes of reasons that a larger effect would not have had."""
+
+
+def add_limits(outcomes: Sequence[Outcome], limits: Sequence[DetectionLimit]) -> tuple[Outcome, ...]:
+    """Add the detection limit to the reason of every effect that was too small to be accepted.
+
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+        What became of every effect on every joint.
+    limits : sequence of DetectionLimit
+        The detection limits.
+    """
+    sizes = {(limit.effect, limit.joints): limit for limit in limits if math.isfinite(limit.size)}
+    return tuple(
+        replace(outcome, reason=_add_limit(outcome.reason, limit))
+        if outcome.reason.code in _SMALL and (limit := sizes.get((outcome.choice.effect, outcome.choice.joints)))
+        else outcome
+        for outcome in outcomes
+    )
+
+
+def _add_limit(reason: Reason, limit: DetectionLimit) -> Reason:
+    return Reason.build(reason.code, reason.step, **{**dict(reason.values), "limit": limit.size, "unit": limit.unit})
+
+
+def list_too_large_limits(limits: Sequence[DetectionLimit], hidden: Sequence[Invisible]) -> tuple[Invisible, ...]:
+    """List the effects that would not show even in their usual size.
+
+    Parameters
+    ----------
+    limits : sequence of DetectionLimit
+        The detection limits.
+    hidden : sequence of Invisible
+        What could not have shown for other reasons, and is not repeated.
+    """
+    known = {(invisible.effect, invisible.joints) for invisible in hidden}
+    return tuple(
+        _build_invisible(limit) for limit in limits if limit.share > 1.0 and (limit.effect, limit.joints) not in known
+    )
+
+
+def _build_invisible(limit: DetectionLimit) -> Invisible:
+    unit = "" if limit.unit == "-" else f" {limit.unit}"
+    usual = f"an arm with this effect has about {limit.usual:.2g}{unit}"
+    if not math.isfinite(limit.size):
+        return Invisible(limit.effect, limit.joints, f"these data would show it in no size; {usual}", "in no size")
+    shown = f"{limit.parameter} would have shown from {limit.size:.2g}{unit} on"
+    brief = f"{limit.parameter}: from {limit.size:.2g} on, usual {limit.usual:.2g}{unit}"
+    return Invisible(limit.effect, limit.joints, f"{shown}; {usual}", brief)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,10 @@ from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.reasons import Reason
-from dynident.diagnosis.search.acceptance import is_physically_possible
 from dynident.diagnosis.search.identifiability import is_determined, is_main_explanation
 from dynident.diagnosis.search.model_comparison import build_finer_pool, compare_names, explains_as_much, list_starts
 from dynident.diagnosis.search.next_finding import select_candidate
+from dynident.diagnosis.search.physical_constraints import is_physically_possible
 from dynident.diagnosis.search.pruning import prune_findings
 from dynident.diagnosis.search.refine import split_groups
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all

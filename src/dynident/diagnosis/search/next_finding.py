@@ -20,14 +20,13 @@ from dynident.diagnosis.search.acceptance import (
     FOUND_AGAIN,
     VISIBLE,
     compute_stability,
-    find_impossibility,
     find_rejection,
     has_gain_on_joint,
     is_other_name,
-    is_physically_possible,
     is_too_small,
     is_too_small_for_runs,
 )
+from dynident.diagnosis.search.physical_constraints import find_impossibility, is_physically_possible
 from dynident.diagnosis.search.state import State, score_all
 from dynident.effects import get_effect
 from dynident.effects.effect_columns import is_lasting_change

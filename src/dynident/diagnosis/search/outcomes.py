@@ -10,9 +10,10 @@ from dynident.diagnosis.candidates.pool import Candidate, Pool, explain_absence
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, ScoredCandidate
 from dynident.diagnosis.reasons import Outcome, Reason, describe_choice
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
-from dynident.diagnosis.search.acceptance import find_impossibility, find_rejection
+from dynident.diagnosis.search.acceptance import find_rejection
 from dynident.diagnosis.search.forward_selection import Loss, SearchRecord
 from dynident.diagnosis.search.identifiability import list_columns_with_findings
+from dynident.diagnosis.search.physical_constraints import find_impossibility
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_family
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.regressors.model import Model

@@ -20,9 +20,9 @@ from dynident.diagnosis.search.acceptance import (
     LARGE_DROP,
     compute_gain_over_floor,
     get_least_gain,
-    is_physically_possible,
     is_shadowed,
 )
+from dynident.diagnosis.search.physical_constraints import is_physically_possible
 from dynident.diagnosis.search.state import Finding, State, score_one
 from dynident.effects import get_effect
 
