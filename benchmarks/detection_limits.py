@@ -79,7 +79,7 @@ def _format_shares(hits: list[list[bool]]) -> tuple[str, ...]:
 def _is_found(limit: DetectionLimit, share: float, joint: int, seed: int) -> bool:
     usual = get_effect(limit.effect).usual(ROBOT, joint)
     assert usual is not None
-    law = LAWS[limit.effect]({name: share * value for name, value in usual.values.items()}, usual.shape)
+    law = LAWS[limit.effect]({name: share * value for name, value in usual.values.items()}, dict(limit.shape))
     run = experiment(on_joint(joint, law), WITH_OFFSET, seed)
     return _names(diagnose(run.identification, [run.training]), limit.effect, NAMES[joint])
 

@@ -215,6 +215,9 @@ def test_what_nature_forbids_takes_the_name_of_its_own_shadow_alone(monkeypatch,
     monkeypatch.setattr(
         next_finding, "find_impossibility", lambda data, pool, base, noise, item: SMALL if item is larger else None
     )
+    monkeypatch.setattr(
+        next_finding, "is_physically_possible", lambda data, pool, base, noise, item: item is not larger
+    )
     # Beside the one, nothing of the other is left.
     monkeypatch.setattr(next_finding, "score_all", lambda *_: [judged(0.0 * gains, name=rival)])
     data = rows_of(turns=False)

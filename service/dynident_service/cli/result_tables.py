@@ -17,6 +17,7 @@ from dynident.identification.study.correlated_and_essential_parameters import Es
 from dynident.identification.study.held_out_gain import find_best_step
 from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
+from dynident.reports.figures.detection_limits import LIMIT_COLUMNS, format_limits
 from dynident.reports.labels import (
     describe_best_step,
     format_hidden_effects,
@@ -203,8 +204,13 @@ def show_diagnosis(
             f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} "
             f"({format_percent(pattern.share, 2)})"
         )
+    if diagnosis.detection_limits:
+        rows = format_limits(diagnosis.detection_limits, robot)
+        console.print(build_table("What these data would have shown", LIMIT_COLUMNS, rows, right_from=1))
     if diagnosis.not_visible:
-        console.print(f"  This data could not show: {format_hidden_effects(diagnosis, robot)}")
+        console.print(f"  This data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
+    if diagnosis.conclusion is not None:
+        console.print(f"  {diagnosis.conclusion.headline} {diagnosis.conclusion.next_step}")
     if diagnosis.next_experiment is not None:
         console.print(f"  Next experiment: {diagnosis.next_experiment.reason}")
         for step in diagnosis.next_experiment.instructions:

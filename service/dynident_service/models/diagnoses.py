@@ -163,6 +163,9 @@ class DetectionLimit(ViewModel):
         description="The same with 50 %; null if none would"
     )
     usual: float = Field(description="Size on arms that have the effect")
+    shape_parameters: Annotated[dict[str, float], SourcePath("shape")] = Field(
+        default={}, description="Shape constants that the sizes are of: the nearest to the usual ones that show"
+    )
     share: Annotated[float | None, SourcePath(null=inf)] = Field(description="`size` over `usual`")
 
 

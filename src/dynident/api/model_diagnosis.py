@@ -13,6 +13,8 @@ from dynident.api.model import Model
 from dynident.api.model_identification import as_model
 from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import (
+    Conclusion,
+    DetectionLimit,
     Evidence,
     Invisible,
     RankedEffect,
@@ -91,6 +93,35 @@ class DiagnosedModel(Framed):
     def outcomes(self) -> tuple[Outcome, ...]:
         """What became of every effect on every joint, and why; findings first."""
         return self.diagnosis.outcomes
+
+    @property
+    def detection_limits(self) -> tuple[DetectionLimit, ...]:
+        """The smallest size of each effect on each joint that these recordings would have shown with 95 %."""
+        return self.diagnosis.detection_limits
+
+    @property
+    def conclusion(self) -> Conclusion | None:
+        """Whether something is missing, nothing above the limits is, or these data cannot tell; and what to do next."""
+        return self.diagnosis.conclusion
+
+    def plot_detection_limits(self) -> Figure:
+        """Draw the detection limits as a map of effects and joints, in shares of the usual size.
+
+        Returns
+        -------
+        Figure
+            The map.
+
+        Raises
+        ------
+        DynidentError
+            Where the diagnosis has no limits.
+        """
+        from dynident.reports.figures.detection_limits import draw_detection_limits
+
+        if not self.detection_limits:
+            raise DynidentError("nothing to draw: the diagnosis has no detection limits")
+        return join_figures([draw_detection_limits(self.detection_limits, self.model.robot)], "detection limits")
 
     def why_not(self, effect: str, joint: str = "") -> Reason:
         """Return why an effect on a joint is a finding or not.

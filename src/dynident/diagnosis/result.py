@@ -215,6 +215,8 @@ class DetectionLimit:
         The same with a probability of a half.
     usual : float
         Size of the parameter on arms that have the effect.
+    shape : tuple of (str, float)
+        Shape constants that the sizes are of: of those that the filtered position resolves the nearest to the usual.
     """
 
     effect: str
@@ -224,6 +226,7 @@ class DetectionLimit:
     size: float
     half_size: float
     usual: float
+    shape: tuple[tuple[str, float], ...] = ()
 
     @property
     def share(self) -> float:

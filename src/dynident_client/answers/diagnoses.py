@@ -104,6 +104,8 @@ class DetectionLimit(TypedDict):
     """Empty for an effect of the whole robot"""
     parameter: str
     """The parameter that tells how large the effect is"""
+    shape_parameters: dict[str, float]
+    """Shape constants that the sizes are of: the nearest to the usual ones that show"""
     share: float | None
     """`size` over `usual`"""
     size: float | None

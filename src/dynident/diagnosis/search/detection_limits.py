@@ -19,7 +19,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.block_products import compute_block_products
 from dynident.diagnosis.candidates.blocks import JointBlocks
-from dynident.diagnosis.candidates.fold_fit import FoldFit
+from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products, split_data_folds
 from dynident.diagnosis.candidates.significance import (
@@ -183,7 +183,11 @@ class _PlantedEffect:
     scores : (s, n + 1, k)
         Zᵀρ of what the model leaves.
     errors : (s, n + 1)
-        Squares of what the model leaves.
+        Squares of what the model leaves. These three are of the model fitted without the fold of each block.
+    fitted_squares : (s, k, k)
+        ZᵀZ over all joints, of the model fitted to all blocks.
+    fitted_scores : (s, k)
+        The same of Zᵀρ.
     floor : (n,)
         Squares of the sensors' noise in all rows that count.
     folds : tuple of (f,)
@@ -203,6 +207,8 @@ class _PlantedEffect:
     squares: FloatArray
     scores: FloatArray
     errors: FloatArray
+    fitted_squares: FloatArray
+    fitted_scores: FloatArray
     floor: FloatArray
     folds: tuple[IndexArray, ...]
     unit: FloatArray
@@ -257,13 +263,13 @@ class _PlantedEffect:
 
         By how much the fitted parameters miss the planted ones does not depend on these.
         """
-        whole_squares = self.squares[:, -1].sum(axis=0)
+        whole_squares = self.fitted_squares.sum(axis=0)
         after = np.empty((_DRAWS, *self.errors.shape))
         for fold in self.folds:
             left_out = np.ones(len(self.errors), dtype=bool)
             left_out[fold] = False
-            noise = self._signs[:, left_out] @ self.scores[left_out, -1]
-            inverse = np.linalg.pinv(whole_squares - self.squares[fold, -1].sum(axis=0), rcond=1e-8, hermitian=True)
+            noise = self._signs[:, left_out] @ self.fitted_scores[left_out]
+            inverse = np.linalg.pinv(whole_squares - self.fitted_squares[fold].sum(axis=0), rcond=1e-8, hermitian=True)
             miss = noise @ inverse
             products = (miss[:, :, None] * miss[:, None, :]).reshape(_DRAWS, -1)
             quadratic = products @ self.squares[fold].reshape(-1, products.shape[1]).T
@@ -278,7 +284,7 @@ class _PlantedEffect:
         """Return (d,): whether the scores are larger than chance makes them, where they may speak."""
         if not may_use_scores(self.candidate):
             return np.zeros(_DRAWS, dtype=bool)
-        noise, pushed = self.scores[:, -1] @ self.unit, share * (self.squares[:, -1] @ self.direction) @ self.unit
+        noise, pushed = self.fitted_scores @ self.unit, share * (self.fitted_squares @ self.direction) @ self.unit
         # Of each draw: sums over the blocks, and the sum of squares. The squares of the noise have no sign.
         sums = self._signs @ noise + pushed.sum(axis=0)
         mixed = self._signs @ (noise[:, :, None] * pushed[:, None, :]).reshape(len(noise), -1)
@@ -293,12 +299,13 @@ def _list_planted(
     """Yield what is needed to plant each of some candidates that are about the same rows."""
     state = final.state
     blocks = JointBlocks.from_products(rows, np.array(state.base, dtype=np.intp), members)
-    fit = FoldFit(blocks.sum_products(state.noise), blocks.portions)
+    total = blocks.sum_products(state.noise)
+    fit = FoldFit(total, blocks.portions)
     folds = tuple(split_data_folds(rows, "interleaved"))
     acting = find_acting_columns(pool)
-    errors = [block.compute_errors(fit) for block in blocks.joints]
-    scores = [joint_errors.compute_scores() for joint_errors in errors]
-    squares = [compute_block_products(block, fit) for block in blocks.joints]
+    fitted_scores = [block.compute_errors(fit).compute_scores() for block in blocks.joints]
+    fitted_squares = [compute_block_products(block, fit) for block in blocks.joints]
+    errors, scores, squares = _hold_out(blocks, total, folds, state.noise)
     weights = 1.0 / state.noise**2
     counts = rows.counts.sum(axis=0)
     for number, portion in enumerate(blocks.portions):
@@ -324,9 +331,9 @@ def _list_planted(
                     [scores[j][:, columns] for j in joints] + [sum(weights[j] * scores[j][:, columns] for j in every)],
                     axis=1,
                 ),
-                np.stack(
-                    [errors[j].alone for j in joints] + [sum(weights[j] * errors[j].alone for j in every)], axis=1
-                ),
+                np.stack([errors[j] for j in joints] + [sum(weights[j] * errors[j] for j in every)], axis=1),
+                np.asarray(sum(weights[j] * fitted_squares[j][number][place] for j in every)),
+                np.asarray(sum(weights[j] * fitted_scores[j][:, columns] for j in every)),
                 np.maximum(counts[joints] * state.floor[joints] ** 2, np.finfo(float).tiny),
                 folds,
                 unit[place],
@@ -334,6 +341,31 @@ def _list_planted(
                 final.levels,
                 max(compute_least_t(rows.n_stretches, state.level), PRUNE_T),
             )
+
+
+def _hold_out(
+    blocks: JointBlocks, total: ProductSums, folds: Sequence[IndexArray], noise: FloatArray
+) -> tuple[list[FloatArray], list[FloatArray], list[list[FloatArray]]]:
+    """Return ρᵀρ (s,), Zᵀρ (s, c) and ZᵀZ by portion (g, s, k, k) of each joint, without the fold of each block.
+
+    Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
+    seen, and held-out errors show an effect by that.
+    """
+    s, c, n = blocks.n_stretches, blocks.n_extra, len(blocks.joints)
+    errors, scores = [np.zeros(s) for _ in range(n)], [np.zeros((s, c)) for _ in range(n)]
+    squares = [
+        [np.zeros((len(portion.members), s, portion.width, portion.width)) for portion in blocks.portions]
+        for _ in range(n)
+    ]
+    for fold in folds:
+        here = blocks.select_stretches(fold)
+        fit = FoldFit(total.subtract(here.sum_products(noise)), blocks.portions)
+        for j, block in enumerate(here.joints):
+            joint_errors = block.compute_errors(fit)
+            errors[j][fold], scores[j][fold] = joint_errors.alone, joint_errors.compute_scores()
+            for own, products in zip(squares[j], compute_block_products(block, fit), strict=True):
+                own[:, fold] = products
+    return errors, scores, squares
 
 
 def _build_limit(pool: Pool, planted: _PlantedEffect) -> DetectionLimit:
@@ -344,7 +376,7 @@ def _build_limit(pool: Pool, planted: _PlantedEffect) -> DetectionLimit:
     least = _find_least_noticeable(pool, planted)
     sure, half = (max(_find_share(planted, power), least) for power in (SURE, HALF))
     return DetectionLimit(
-        candidate.effect, candidate.joints, column.name, column.unit, sure * usual, half * usual, usual
+        candidate.effect, candidate.joints, column.name, column.unit, sure * usual, half * usual, usual, candidate.shape
     )
 
 
