@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +35,7 @@ from dynident.diagnosis.result import DetectionLimit, Invisible
 from dynident.diagnosis.search.acceptance import VISIBLE, find_least_drop, get_least_gain
 from dynident.diagnosis.search.outcomes import FinalScores
 from dynident.diagnosis.search.pruning import PRUNE_T
-from dynident.diagnosis.search.state import find_acting_columns, may_use_scores
+from dynident.diagnosis.search.state import KINDS, find_acting_columns, may_use_scores
 from dynident.effects import EffectChoice, get_effect
 
 SURE, HALF = 0.95, 0.5
@@ -166,6 +167,40 @@ def _build_invisible(limit: DetectionLimit) -> Invisible:
 
 
 @dataclass(frozen=True, eq=False)
+class _HeldOut:
+    """Products of one candidate beside the model fitted without the fold of each block, in one kind of folds.
+
+    Parameters
+    ----------
+    squares : (s, n + 1, k, k)
+        ZᵀZ by block and joint.
+    scores : (s, n + 1, k)
+        Zᵀρ of what the model leaves.
+    errors : (s, n + 1)
+        Squares of what the model leaves.
+    folds : tuple of (f,)
+        Numbers of the blocks that are left out together.
+    """
+
+    squares: FloatArray
+    scores: FloatArray
+    errors: FloatArray
+    folds: tuple[IndexArray, ...]
+
+
+class _Comparison(NamedTuple):
+    """Errors of each draw without and with a candidate.
+
+    `gains` (d, s) of all joints in units of the noise; `drops`, and squared errors `before` and `removed`, (d, n) each.
+    """
+
+    gains: FloatArray
+    drops: FloatArray
+    before: FloatArray
+    removed: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class _PlantedEffect:
     """What is needed to judge a candidate as if its effect were there in some size.
 
@@ -178,20 +213,14 @@ class _PlantedEffect:
         The candidate.
     direction : (k,)
         Its parameters at the usual size.
-    squares : (s, n + 1, k, k)
-        ZᵀZ by block and joint.
-    scores : (s, n + 1, k)
-        Zᵀρ of what the model leaves.
-    errors : (s, n + 1)
-        Squares of what the model leaves. These three are of the model fitted without the fold of each block.
+    held_out : tuple of _HeldOut
+        The products beside the model fitted without the fold of each block, for each kind of folds.
     fitted_squares : (s, k, k)
         ZᵀZ over all joints, of the model fitted to all blocks.
     fitted_scores : (s, k)
         The same of Zᵀρ.
     floor : (n,)
         Squares of the sensors' noise in all rows that count.
-    folds : tuple of (f,)
-        Numbers of the blocks that are left out together.
     unit : (k, k)
         Directions of the parameters in which ZᵀZ is one.
     separability : float
@@ -204,13 +233,10 @@ class _PlantedEffect:
 
     candidate: Candidate
     direction: FloatArray
-    squares: FloatArray
-    scores: FloatArray
-    errors: FloatArray
+    held_out: tuple[_HeldOut, ...]
     fitted_squares: FloatArray
     fitted_scores: FloatArray
     floor: FloatArray
-    folds: tuple[IndexArray, ...]
     unit: FloatArray
     separability: float
     levels: FamilywiseLevels
@@ -218,17 +244,12 @@ class _PlantedEffect:
 
     def compute_power(self, share: float) -> float:
         """Return the share of draws in which an effect of a share of the usual size is accepted."""
-        before = self.errors + share**2 * self._squares_along + 2.0 * share * self._scores_along
-        before = np.maximum(before, np.finfo(float).tiny)
-        # As in scoring: no loss counts for more than there was, and no block for more than three usual ones.
-        gain = np.maximum(before - self._errors_after, -before)
-        whole = before[:, :, -1]
-        factor = np.minimum(1.0, 3.0 * np.median(whole, axis=1, keepdims=True) / whole)
-        t = compute_evenness(gain[:, :, -1] * factor)
-        own_before, own_gain = before[:, :, :-1], gain[:, :, :-1]
-        drops = np.einsum("ds,dsn->dn", factor, own_gain) / np.einsum("ds,dsn->dn", factor, own_before)
-        removed = own_gain.sum(axis=1)
-        error_drops = 1.0 - np.sqrt(np.maximum(1.0 - removed / own_before.sum(axis=1), 0.0))
+        sides = [self._compare(number, share) for number in range(len(self.held_out))]
+        t = compute_evenness(np.mean([side.gains for side in sides], axis=0))
+        # The smaller of both kinds of folds, as in scoring; errors are averaged.
+        drops = np.min([side.drops for side in sides], axis=0)
+        before, removed = (np.mean(both, axis=0) for both in zip(*((s.before, s.removed) for s in sides), strict=True))
+        error_drops = 1.0 - np.sqrt(np.maximum(1.0 - removed / before, 0.0))
         effect = get_effect(self.candidate.effect)
         # What pulls at two joints has to help both; anything else the joint that it helps most.
         over_joints = np.min if effect.pulls_on_each else np.max
@@ -242,41 +263,55 @@ class _PlantedEffect:
         )
         return float(accepted.mean())
 
+    def _compare(self, number: int, share: float) -> _Comparison:
+        """Compare the errors without and with the candidate in one kind of folds."""
+        held_out = self.held_out[number]
+        along, cross = self._products_along[number]
+        before = np.maximum(held_out.errors + share**2 * along + 2.0 * share * cross, np.finfo(float).tiny)
+        # As in scoring: no loss counts for more than there was, and no block for more than three usual ones.
+        gain = np.maximum(before - self._errors_after[number], -before)
+        whole = before[:, :, -1]
+        factor = np.minimum(whole, 3.0 * np.median(whole, axis=1, keepdims=True)) / whole
+        own_before, own_gain = before[:, :, :-1], gain[:, :, :-1]
+        drops = np.einsum("ds,dsn->dn", factor, own_gain) / np.einsum("ds,dsn->dn", factor, own_before)
+        return _Comparison(gain[:, :, -1] * factor, drops, own_before.sum(axis=1), own_gain.sum(axis=1))
+
     @cached_property
     def _signs(self) -> FloatArray:
         """Random signs (d, s) of the blocks, the same for every candidate."""
-        return np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(_DRAWS, len(self.errors)))
+        return np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(_DRAWS, len(self.fitted_scores)))
 
     @cached_property
-    def _squares_along(self) -> FloatArray:
-        """Squares (s, n + 1) of the torque of the usual size."""
-        return np.asarray(self.squares @ self.direction @ self.direction)
+    def _products_along(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Squares (s, n + 1) of the torque of the usual size, and its products (d, s, n + 1) with what is left."""
+        return [
+            (kind.squares @ self.direction @ self.direction, self._signs[:, :, None] * (kind.scores @ self.direction))
+            for kind in self.held_out
+        ]
 
     @cached_property
-    def _scores_along(self) -> FloatArray:
-        """Products (d, s, n + 1) of the torque of the usual size with what the model leaves, in each draw."""
-        return np.asarray(self._signs[:, :, None] * (self.scores @ self.direction))
-
-    @cached_property
-    def _errors_after(self) -> FloatArray:
+    def _errors_after(self) -> list[FloatArray]:
         """Squared errors (d, s, n + 1) with the candidate, fitted without the fold of each block.
 
         By how much the fitted parameters miss the planted ones does not depend on these.
         """
+        return [self._fit_held_out(kind) for kind in self.held_out]
+
+    def _fit_held_out(self, kind: _HeldOut) -> FloatArray:
         whole_squares = self.fitted_squares.sum(axis=0)
-        after = np.empty((_DRAWS, *self.errors.shape))
-        for fold in self.folds:
-            left_out = np.ones(len(self.errors), dtype=bool)
+        after = np.empty((_DRAWS, *kind.errors.shape))
+        for fold in kind.folds:
+            left_out = np.ones(len(kind.errors), dtype=bool)
             left_out[fold] = False
             noise = self._signs[:, left_out] @ self.fitted_scores[left_out]
             inverse = np.linalg.pinv(whole_squares - self.fitted_squares[fold].sum(axis=0), rcond=1e-8, hermitian=True)
             miss = noise @ inverse
             products = (miss[:, :, None] * miss[:, None, :]).reshape(_DRAWS, -1)
-            quadratic = products @ self.squares[fold].reshape(-1, products.shape[1]).T
-            cross = miss @ self.scores[fold].reshape(-1, miss.shape[1]).T
-            shape = (_DRAWS, len(fold), self.errors.shape[1])
+            quadratic = products @ kind.squares[fold].reshape(-1, products.shape[1]).T
+            cross = miss @ kind.scores[fold].reshape(-1, miss.shape[1]).T
+            shape = (_DRAWS, len(fold), kind.errors.shape[1])
             after[:, fold] = (
-                self.errors[fold] - 2.0 * self._signs[:, fold, None] * cross.reshape(shape) + quadratic.reshape(shape)
+                kind.errors[fold] - 2.0 * self._signs[:, fold, None] * cross.reshape(shape) + quadratic.reshape(shape)
             )
         return np.maximum(after, 0.0)
 
@@ -301,11 +336,10 @@ def _list_planted(
     blocks = JointBlocks.from_products(rows, np.array(state.base, dtype=np.intp), members)
     total = blocks.sum_products(state.noise)
     fit = FoldFit(total, blocks.portions)
-    folds = tuple(split_data_folds(rows, "interleaved"))
     acting = find_acting_columns(pool)
     fitted_scores = [block.compute_errors(fit).compute_scores() for block in blocks.joints]
     fitted_squares = [compute_block_products(block, fit) for block in blocks.joints]
-    errors, scores, squares = _hold_out(blocks, total, folds, state.noise)
+    kinds = [_hold_out(blocks, total, tuple(split_data_folds(rows, kind)), state.noise) for kind in KINDS]
     weights = 1.0 / state.noise**2
     counts = rows.counts.sum(axis=0)
     for number, portion in enumerate(blocks.portions):
@@ -316,26 +350,16 @@ def _list_planted(
             joints = np.flatnonzero(acting[list(candidate.columns)].any(axis=0))
             if len(candidate.joints) == 1 and not get_effect(candidate.effect).pulls_on_each:
                 # An effect of one joint that acts on others too: the joint that it moves most, in units of the noise.
-                own = [weights[j] * np.trace(squares[j][number][place].sum(axis=0)) for j in joints]
+                own = [weights[j] * np.trace(fitted_squares[j][number][place].sum(axis=0)) for j in joints]
                 joints = joints[[int(np.argmax(own))]]
             every = range(len(weights))
             yield _PlantedEffect(
                 candidate,
                 np.array([usual.get(pool.observation.columns[k].parameter, 0.0) for k in candidate.columns]),
-                np.stack(
-                    [squares[j][number][place] for j in joints]
-                    + [sum(weights[j] * squares[j][number][place] for j in every)],
-                    axis=1,
-                ),
-                np.stack(
-                    [scores[j][:, columns] for j in joints] + [sum(weights[j] * scores[j][:, columns] for j in every)],
-                    axis=1,
-                ),
-                np.stack([errors[j] for j in joints] + [sum(weights[j] * errors[j] for j in every)], axis=1),
+                tuple(kind.take_candidate(number, place, columns, joints, weights) for kind in kinds),
                 np.asarray(sum(weights[j] * fitted_squares[j][number][place] for j in every)),
                 np.asarray(sum(weights[j] * fitted_scores[j][:, columns] for j in every)),
                 np.maximum(counts[joints] * state.floor[joints] ** 2, np.finfo(float).tiny),
-                folds,
                 unit[place],
                 float(separability[place]),
                 final.levels,
@@ -343,10 +367,32 @@ def _list_planted(
             )
 
 
+@dataclass(frozen=True, eq=False)
+class _HeldOutBlocks:
+    """Products of all candidates in one kind of folds: ρᵀρ (s,), Zᵀρ (s, c), ZᵀZ by portion (g, s, k, k) a joint."""
+
+    errors: list[FloatArray]
+    scores: list[FloatArray]
+    squares: list[list[FloatArray]]
+    folds: tuple[IndexArray, ...]
+
+    def take_candidate(
+        self, number: int, place: int, columns: IndexArray, joints: IndexArray, weights: FloatArray
+    ) -> _HeldOut:
+        """Take one candidate of a portion, on some joints and on all together in units of the noise."""
+
+        def stack(each: Sequence[FloatArray]) -> FloatArray:
+            whole = np.asarray(sum(weight * own for weight, own in zip(weights, each, strict=True)))
+            return np.stack([*(each[j] for j in joints), whole], axis=1)
+
+        squares = stack([own[number][place] for own in self.squares])
+        return _HeldOut(squares, stack([own[:, columns] for own in self.scores]), stack(self.errors), self.folds)
+
+
 def _hold_out(
-    blocks: JointBlocks, total: ProductSums, folds: Sequence[IndexArray], noise: FloatArray
-) -> tuple[list[FloatArray], list[FloatArray], list[list[FloatArray]]]:
-    """Return ρᵀρ (s,), Zᵀρ (s, c) and ZᵀZ by portion (g, s, k, k) of each joint, without the fold of each block.
+    blocks: JointBlocks, total: ProductSums, folds: tuple[IndexArray, ...], noise: FloatArray
+) -> _HeldOutBlocks:
+    """Return the products of each block beside the model fitted without its fold.
 
     Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
     seen, and held-out errors show an effect by that.
@@ -365,7 +411,7 @@ def _hold_out(
             errors[j][fold], scores[j][fold] = joint_errors.alone, joint_errors.compute_scores()
             for own, products in zip(squares[j], compute_block_products(block, fit), strict=True):
                 own[:, fold] = products
-    return errors, scores, squares
+    return _HeldOutBlocks(errors, scores, squares, folds)
 
 
 def _build_limit(pool: Pool, planted: _PlantedEffect) -> DetectionLimit:

@@ -96,7 +96,7 @@ def format_limits(limits: Sequence[DetectionLimit], robot: Robot) -> list[tuple[
     list of tuple of str
         The cells of `LIMIT_COLUMNS`.
     """
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for effect in dict.fromkeys(limit.effect for limit in limits):
         own = [limit for limit in limits if limit.effect == effect]
         blind = [name for limit in own if limit.share > 1.0 for name in limit.joints or ("",)]
