@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from dynident.diagnosis.ambiguities import (
 )
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool, build_pool
+from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.changes import (
     add_friction_differences,
     compute_friction_differences,
@@ -30,15 +32,15 @@ from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise
 from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
 from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
-from dynident.diagnosis.reasons import Reason
+from dynident.diagnosis.reasons import Outcome, Reason
 from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, check_candidates
 from dynident.diagnosis.residuals.patterns import build_failure_map, find_unknown_patterns
 from dynident.diagnosis.residuals.resolvable_motion import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import propose_shapes
-from dynident.diagnosis.result import Change, Diagnosis, FrictionDifference, Invisible
+from dynident.diagnosis.result import Change, DetectionLimit, Diagnosis, FrictionDifference, Invisible, RankedEffect
 from dynident.diagnosis.search.contacts import find_contacts
 from dynident.diagnosis.search.detection_limits import add_limits, compute_detection_limits, list_too_large_limits
-from dynident.diagnosis.search.forward_selection import search_findings
+from dynident.diagnosis.search.forward_selection import SearchRecord, search_findings
 from dynident.diagnosis.search.identifiability import compute_part_to_part_ratio, find_invisible
 from dynident.diagnosis.search.outcomes import list_outcomes, list_untried, score_beside_findings
 from dynident.diagnosis.search.refine import RecordedSource, refine_findings
@@ -185,15 +187,8 @@ def examine(
     DynidentError
         For recordings of poses at rest, in which nothing that is missing shows.
     """
-    check_candidates(candidates or ())
+    _check_request(candidates or (), (*recordings, *baseline))
     held_out_ratio = compute_held_out_ratio(identification)
-    if any(has_poses(recording) for recording in (*recordings, *baseline)):
-        raise DynidentError(
-            "poses at rest show only gravity and constant torques, which the model has already; record a motion and "
-            "identify from it to find other effects",
-            pointer="/measurement_ids",
-            title="Poses at rest",
-        )
     recordings, _ = split_friction_tests(recordings)
     since: tuple[str, ...] = ()
     n_later = len(recordings)
@@ -252,12 +247,8 @@ def examine(
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     everything, named = (*contacts, *picks), (*pushes, *recommended)
-    beside_findings = score_beside_findings(record.data, pool, start, everything, first)
-    outcomes, beside = list_outcomes(beside_findings, pool, record, named, first, most_effects)
-    limits = compute_detection_limits(beside_findings, pool, named)
-    outcomes = add_limits(outcomes, limits)
-    findings = rank_findings(everything, named)
-    ranked = (*findings, *rank_rejected(outcomes, first, beside, len(findings)))
+    ranking = _rank_candidates(record, pool, start, everything, named, first, most_effects)
+    ranked, limits = ranking.ranked, ranking.limits
     unknown = (*undisturbed.unexplained_patterns, *unknown)
     changes: tuple[Change, ...] | None = None
     friction: tuple[FrictionDifference, ...] = ()
@@ -272,24 +263,20 @@ def examine(
     verdict = select_verdict(missing, unknown, compute_residual_over_noise(final, floor))
     lasting_effects = [ranked_effect for ranked_effect in ranked if not is_lasting_change(ranked_effect.choice, since)]
     hidden = (*(item for item, _ in undetermined.values()), *find_invisible(first))
-    state = beside_findings.state
-    part_to_part = compute_part_to_part_ratio(record.data.select_for_model(state.base), state)
     conclusion = conclude(
         verdict,
         unknown,
         limits,
-        (held_out_ratio, part_to_part),
+        (held_out_ratio, ranking.part_to_part),
         model.robot.joint_names,
         is_given_up=record.is_undetermined,
     )
     sentences = [
+        *([word_changes(changes, friction)] if changes is not None else []),
         *undisturbed.sentences,
         word_summary(verdict, conclusion, lasting_effects, unknown, residual, floor, model),
+        *([UNDETERMINED] if record.is_undetermined else []),
     ]
-    if record.is_undetermined:
-        sentences.append(UNDETERMINED)
-    if changes is not None:
-        sentences.insert(0, word_changes(changes, friction))
     progress(1.0, "diagnosed")
     diagnosis = Diagnosis(
         verdict=verdict,
@@ -305,10 +292,51 @@ def examine(
         friction=friction,
         detection_limits=limits,
         conclusion=conclusion,
-        outcomes=(*outcomes, *list_untried(outcomes, candidates, model, leads)),
+        outcomes=(*ranking.outcomes, *list_untried(ranking.outcomes, candidates, model, leads)),
     )
     doubts = list_doubts(picks, recommended, hidden, model.robot, first, candidates or ())
     return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
+
+
+def _check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -> None:
+    """Raise `DynidentError` for an unknown effect, and for recordings in which nothing that is missing shows."""
+    check_candidates(candidates)
+    if any(has_poses(recording) for recording in recordings):
+        raise DynidentError(
+            "poses at rest show only gravity and constant torques, which the model has already; record a motion and "
+            "identify from it to find other effects",
+            pointer="/measurement_ids",
+            title="Poses at rest",
+        )
+
+
+class _Ranking(NamedTuple):
+    """All effects beside what was found: ranking, outcomes, detection limits, and how parts predict each other."""
+
+    ranked: tuple[RankedEffect, ...]
+    outcomes: tuple[Outcome, ...]
+    limits: tuple[DetectionLimit, ...]
+    part_to_part: float
+
+
+def _rank_candidates(
+    record: SearchRecord,
+    pool: Pool,
+    start: State,
+    picks: Sequence[Finding],
+    choices: Sequence[EffectChoice],
+    first: Sequence[ScoredCandidate],
+    most_effects: int,
+) -> _Ranking:
+    """Score every candidate once more beside all findings, and say what became of it."""
+    final = score_beside_findings(record.data, pool, start, picks, first)
+    outcomes, beside = list_outcomes(final, pool, record, choices, first, most_effects)
+    limits = compute_detection_limits(final, pool, choices)
+    outcomes = add_limits(outcomes, limits)
+    findings = rank_findings(picks, choices)
+    ranked = (*findings, *rank_rejected(outcomes, first, beside, len(findings)))
+    rows = record.data.select_for_model(final.state.base)
+    return _Ranking(ranked, outcomes, limits, compute_part_to_part_ratio(rows, final.state))
 
 
 def _reidentify_unweighted(identification: Identification) -> Identification:

@@ -178,7 +178,7 @@ def _word_finding(step: int | None, values: Values) -> str:
     return by if step is None else f"step {step} ({by})"
 
 
-def _word_accepted(step: int | None, values: Values) -> str:
+def _word_accepted(step: int | None, _values: Values) -> str:
     return "Accepted." if step is None else f"Accepted as step {step}."
 
 
@@ -193,7 +193,7 @@ def _word_explained(step: int | None, values: Values) -> str:
     )
 
 
-def _word_not_significant(step: int | None, values: Values) -> str:
+def _word_not_significant(_step: int | None, values: Values) -> str:
     if float(values["p"]) > float(values["level"]):
         return f"Not significant: p = {_number(values['p'])}, and the level is {_number(values['level'])}."
     return (
@@ -202,27 +202,27 @@ def _word_not_significant(step: int | None, values: Values) -> str:
     )
 
 
-def _word_too_small(step: int | None, values: Values) -> str:
+def _word_too_small(_step: int | None, values: Values) -> str:
     share = max(float(values["share"]), 0.0)
     measure = _MEASURES[str(values["measure"])]
     return f"Too small: it removes {_percent(share)} of {measure}; {_percent(values['least'])} is required."
 
 
-def _word_not_determined(step: int | None, values: Values) -> str:
+def _word_not_determined(_step: int | None, values: Values) -> str:
     return (
         f"Not determined by this motion: {_percent(values['share'])} of its column is independent of the model; "
         f"{_percent(values['least'])} is required for a gain like this."
     )
 
 
-def _word_impossible(step: int | None, values: Values) -> str:
+def _word_impossible(_step: int | None, values: Values) -> str:
     if "parameter" not in values:
         return "Physically impossible: with it, the joint's friction would drive the motion."
     value = f"{values['parameter']} would be {_number(values['value'])} {values['unit']}"
     return f"Physically impossible: {value}, which is {values['violates']}."
 
 
-def _word_unstable(step: int | None, values: Values) -> str:
+def _word_unstable(_step: int | None, values: Values) -> str:
     return (
         f"Not stable: it comes first in {_percent(values['share'])} of the resampled data; "
         f"{_percent(values['least'])} is required."

@@ -174,13 +174,13 @@ def is_too_small_for_runs(state: State, data: PhasedProducts, scored: ScoredCand
     return rejection is not None and dict(rejection.values).get("measure") == "runs"
 
 
-def _check_visibility(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_visibility(_state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     if scored.separability >= VISIBLE:
         return None
     return Reason.build("not_determined", share=scored.separability, least=VISIBLE)
 
 
-def _check_significance(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_significance(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     """Check that a gain is no chance, among all that was tried and by itself, and large enough to notice."""
     if scored.p > state.level:
         return Reason.build("not_significant", p=scored.p, level=state.level)
@@ -199,13 +199,13 @@ def _check_size(state: State, data: PhasedProducts, scored: ScoredCandidate) -> 
     return build_too_small("noise", gain, least) if gain < least else None
 
 
-def _check_reach(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_reach(_state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     # A column of which little is left needs a gain that is very sure.
     least = _LEAST_REACH / max(scored.t, np.finfo(float).tiny)
     return _check_share(scored, least)
 
 
-def _check_blur(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_blur(_state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     is_first_order = get_effect(scored.candidate.effect).first_order
     return _check_share(scored, _BLURRED) if is_first_order and scored.drop < _DROP_OF_BLURRED else None
 
@@ -236,7 +236,7 @@ def find_least_drop(candidate: Candidate, separability: float, t: float) -> floa
     return SMALLEST_DROP
 
 
-def _check_shadows(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_shadows(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     for finding in state.picks:
         if is_shadowed(scored, finding.judged, state.floor):
             size = compute_explained_error(scored, state.floor) / compute_explained_error(finding.judged, state.floor)
@@ -256,7 +256,7 @@ def _check_each_joint(state: State, data: PhasedProducts, scored: ScoredCandidat
     return build_too_small("joint", float(shares.min()), JOINT_DROP)
 
 
-def _check_runs(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_runs(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     """Check that an effect of some runs alone explains as much of them as it has to."""
     if not scored.candidate.runs:
         return None

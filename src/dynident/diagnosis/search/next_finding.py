@@ -113,7 +113,7 @@ def select_candidate(
         hidden = [*_select_first_order(chosen, unnatural), *_find_larger_rivals(data, pool, state, chosen, judged)]
         stability = _compute_stability(data, pool, state, (chosen, *twins), [*beyond, *hidden])
         if stability >= FOUND_AGAIN:
-            slim = drop_idle_joints(data, pool, state, chosen, judged)
+            slim = drop_idle_joints(data, pool, state, chosen)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
             by_itself = None if whole else find_rejection(state, data, replace(slim, p=chosen.p))
@@ -376,9 +376,7 @@ def find_richer_changes(
     return tuple(scored for scored in richer.values() if not has_larger_gain(scored, chosen))
 
 
-def drop_idle_joints(
-    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
-) -> ScoredCandidate:
+def drop_idle_joints(data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate) -> ScoredCandidate:
     """Take joints out of a group that gain nothing from it, or that only stick: by themselves they slip at once."""
     if len(chosen.candidate.joints) < 2:
         return chosen
