@@ -91,8 +91,14 @@ def compute_detection_limits(
     found: dict[Candidate, DetectionLimit] = {}
     for kinds, members in sets.items():
         rows = final.data.select_for_candidates(final.state.base, np.array(kinds))
+        elsewhere: dict[Candidate, _PlantedEffect] = {}
+        if kinds[0]:
+            # What is judged on rows at reversals has to help where joints move on, too.
+            moving = final.data.select_for_candidates(final.state.base, np.array((False, kinds[1])))
+            elsewhere = {planted.candidate: planted for planted in _list_planted(moving, pool, final, members)}
         for planted in _list_planted(rows, pool, final, members):
-            found[planted.candidate] = _build_limit(pool, planted)
+            whole = replace(planted, moving=elsewhere.get(planted.candidate))
+            found[planted.candidate] = _build_limit(pool, whole)
     return tuple(found[candidate] for _, candidate in best.values() if candidate in found)
 
 
@@ -200,6 +206,12 @@ class _Comparison(NamedTuple):
     removed: FloatArray
 
 
+def _compute_error_drops(sides: Sequence[_Comparison]) -> FloatArray:
+    """Return (d, n): the shares of the error, averaged over the kinds of folds, that a candidate removes."""
+    before, removed = (np.mean([getattr(side, name) for side in sides], axis=0) for name in ("before", "removed"))
+    return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - removed / before, 0.0)))
+
+
 @dataclass(frozen=True, eq=False)
 class _PlantedEffect:
     """What is needed to judge a candidate as if its effect were there in some size.
@@ -229,6 +241,8 @@ class _PlantedEffect:
         What the test asks of it.
     least_t : float
         Least t of its gain.
+    moving : _PlantedEffect, optional
+        The same on the rows where joints move on, for a candidate that is judged on rows at reversals as well.
     """
 
     candidate: Candidate
@@ -241,6 +255,7 @@ class _PlantedEffect:
     separability: float
     levels: FamilywiseLevels
     least_t: float
+    moving: _PlantedEffect | None = None
 
     def compute_power(self, share: float) -> float:
         """Return the share of draws in which an effect of a share of the usual size is accepted."""
@@ -248,8 +263,8 @@ class _PlantedEffect:
         t = compute_evenness(np.mean([side.gains for side in sides], axis=0))
         # The smaller of both kinds of folds, as in scoring; errors are averaged.
         drops = np.min([side.drops for side in sides], axis=0)
-        before, removed = (np.mean(both, axis=0) for both in zip(*((s.before, s.removed) for s in sides), strict=True))
-        error_drops = 1.0 - np.sqrt(np.maximum(1.0 - removed / before, 0.0))
+        removed = np.mean([side.removed for side in sides], axis=0)
+        error_drops = _compute_error_drops(sides)
         effect = get_effect(self.candidate.effect)
         # What pulls at two joints has to help both; anything else the joint that it helps most.
         over_joints = np.min if effect.pulls_on_each else np.max
@@ -261,6 +276,10 @@ class _PlantedEffect:
             & (over_joints(error_drops, axis=1) >= SMALLEST_ERROR_DROP)
             & (over_joints(removed / self.floor, axis=1) >= get_least_gain(effect))
         )
+        if self.moving is not None:
+            kinds = range(len(self.moving.held_out))
+            where_moving = _compute_error_drops([self.moving._compare(number, share) for number in kinds])
+            accepted &= over_joints(where_moving, axis=1) >= SMALLEST_ERROR_DROP
         return float(accepted.mean())
 
     def _compare(self, number: int, share: float) -> _Comparison:
