@@ -108,8 +108,8 @@ class Question:
         data = rows.folded(pool, self.plain)
         start = self._start(data)
         first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
-        picks, _ = search_findings(data, pool, start, first, DEFAULT_MOST_EFFECTS, rows, ignore_progress)
-        return tuple(_told(pick) for pick in picks)
+        found = search_findings(data, pool, start, first, DEFAULT_MOST_EFFECTS, rows, ignore_progress)
+        return tuple(_told(pick) for pick in found.picks)
 
     def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IndexArray:
         """(m, n): whether a joint moves, turns round, stands, or moves beside a halt: each another kind of equation."""

@@ -96,8 +96,10 @@ class DiagnosisOptions(TypedDict, total=False):
     candidates: Sequence[str] | None
     """Ids of the effects to try; the whole catalogue if not given"""
     max_effects: int | None
-    """Largest number of recommended effects"""
+    """Largest number of recommended effects; contacts do not count"""
     name: str | None
+    significance: float
+    """Largest p-value of a finding: the probability that anything is named where nothing is missing"""
 
 
 class DriveGainsOptions(TypedDict, total=False):

@@ -10,7 +10,7 @@ from dynident.diagnosis.candidates.scoring import Score
 from dynident.diagnosis.candidates.significance import ScoredCandidate, combine_scores
 from dynident.diagnosis.result import UnknownPattern
 from dynident.diagnosis.search.state import Finding
-from dynident.diagnosis.summary import ABOVE_NOISE, rank_effects, select_verdict
+from dynident.diagnosis.summary import ABOVE_NOISE, rank_findings, select_verdict
 from dynident.effects import EffectChoice
 
 PEAK = (("delta", 2.0), ("vs", 0.1))
@@ -27,14 +27,14 @@ def explaining(*joints: str) -> ScoredCandidate:
 def test_a_friction_peak_that_may_as_well_be_on_another_passive_joint_is_told_with_it():
     equal = (explaining("forearm"), explaining("rod"), explaining("arm", "forearm", "rod"))
     finding = Finding(explaining("rod"), equal, 0.001)
-    (ranked,) = rank_effects([finding], [], [EffectChoice("stribeck", ("rod",), PEAK)])
+    (ranked,) = rank_findings([finding], [EffectChoice("stribeck", ("rod",), PEAK)])
     assert ranked.joints == ("rod",)
     assert ranked.evidence.endswith("It may equally well act on: forearm.")
 
 
 def test_a_friction_peak_that_is_on_one_joint_alone_is_told_of_that_joint():
     finding = Finding(explaining("rod"), (explaining("rod"), explaining("arm", "rod")), 0.001)
-    (ranked,) = rank_effects([finding], [], [EffectChoice("stribeck", ("rod",), PEAK)])
+    (ranked,) = rank_findings([finding], [EffectChoice("stribeck", ("rod",), PEAK)])
     assert "may equally well act on" not in ranked.evidence
 
 

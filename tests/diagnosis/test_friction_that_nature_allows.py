@@ -8,7 +8,7 @@ from support.hidden_effects import BAND, NAMES, experiment, on_joint
 
 from dynident.diagnosis.candidates.accumulate import gather_products
 from dynident.diagnosis.candidates.pool import build_pool
-from dynident.diagnosis.search.acceptance import is_physically_possible
+from dynident.diagnosis.search.physical_constraints import is_physically_possible
 from dynident.diagnosis.search.state import score_all
 
 LAWS = {

@@ -14,8 +14,9 @@ from support.scored_candidates import judged
 
 from dynident.diagnosis import compare, diagnose
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.reasons import Reason
 from dynident.diagnosis.search import next_finding
-from dynident.diagnosis.search.acceptance import is_acceptable, is_shadowed, is_too_small_for_runs
+from dynident.diagnosis.search.acceptance import find_rejection, is_shadowed, is_too_small_for_runs
 from dynident.diagnosis.search.state import State
 from dynident.diagnosis.search.static_friction import Halts, find_halts, is_extrapolated
 from dynident.effects import CATALOGUE, EffectChoice
@@ -23,6 +24,7 @@ from dynident.identification import extend, identify
 from dynident.recordings import Recording
 
 SCARA = arm("scara")
+SMALL = Reason.build("not_significant", p=1.0, level=0.01)
 EXCESS = 2.5
 
 
@@ -209,7 +211,10 @@ def test_what_nature_forbids_takes_the_name_of_its_own_shadow_alone(monkeypatch,
     gains = np.linspace(1.0, 2.0, 40)
     larger, smaller = judged(2.0 * gains, name=rival), judged(gains, columns=(6,), name=name)
     state = State((), np.ones(1), np.ones(1), ())
-    monkeypatch.setattr(next_finding, "is_acceptable", lambda state, data, item: True)
+    monkeypatch.setattr(next_finding, "find_rejection", lambda state, data, item: None)
+    monkeypatch.setattr(
+        next_finding, "find_impossibility", lambda data, pool, base, noise, item: SMALL if item is larger else None
+    )
     monkeypatch.setattr(
         next_finding, "is_physically_possible", lambda data, pool, base, noise, item: item is not larger
     )
@@ -228,8 +233,9 @@ def test_what_a_payload_of_some_runs_explains_away_is_no_spring_though_the_paylo
     spring, carried = judged(gains, columns=(6,), name="joint_spring"), judged(4.0 * gains, name="payload")
     carried = replace(carried, candidate=replace(carried.candidate, runs=("2",)))
     state = State((), np.ones(1), np.ones(1), ())
-    monkeypatch.setattr(next_finding, "is_acceptable", lambda state, data, item: item is not carried)
+    monkeypatch.setattr(next_finding, "find_rejection", lambda state, data, item: SMALL if item is carried else None)
     monkeypatch.setattr(next_finding, "is_too_small_for_runs", lambda state, data, item: item is carried)
+    monkeypatch.setattr(next_finding, "find_impossibility", lambda data, pool, base, noise, item: None)
     monkeypatch.setattr(next_finding, "is_physically_possible", lambda data, pool, base, noise, item: True)
     monkeypatch.setattr(next_finding, "score_all", lambda *_: [judged(left * gains, columns=(6,), name="joint_spring")])
     found = next_finding.select_candidate(rows_of(turns=False), None, state, [carried, spring])
@@ -244,7 +250,7 @@ def test_what_some_runs_have_is_a_finding_from_half_of_the_error_on_and_below_it
     carried = replace(carried, candidate=replace(carried.candidate, runs=("2",)))
     for drop, p, told, small in ((0.6, 1e-3, True, False), (0.3, 1e-3, False, True), (0.3, 0.5, False, False)):
         item = replace(carried, drop=drop, p=p)
-        assert (is_acceptable(state, data, item), is_too_small_for_runs(state, data, item)) == (told, small)
+        assert (find_rejection(state, data, item) is None, is_too_small_for_runs(state, data, item)) == (told, small)
     everywhere = replace(carried, drop=0.3, candidate=replace(carried.candidate, runs=()))
     assert not is_too_small_for_runs(state, data, everywhere)
 
@@ -254,15 +260,16 @@ def test_what_would_reach_far_beyond_the_data_is_no_finding_though_it_is_no_chan
     state = State((), np.ones(1), 0.1 * np.ones(1), ())
     gains, rows = np.linspace(1.0, 2.0, 40), np.ones((40, 1))
     seen = judged(gains, name="viscous_asymmetric", p=1e-3, t=4.0, drop=0.3, before=2.0 * rows, after=rows)
-    assert is_acceptable(state, data, replace(seen, separability=0.1))
-    assert not is_acceptable(state, data, replace(seen, separability=0.03))
+    assert find_rejection(state, data, replace(seen, separability=0.1)) is None
+    assert find_rejection(state, data, replace(seen, separability=0.03)) is not None
 
 
 def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
     gains = np.linspace(1.0, 2.0, 40)
     worn = judged(gains, name="coulomb")
     worn = replace(worn, candidate=replace(worn.candidate, runs=("later",)))
-    monkeypatch.setattr(next_finding, "is_acceptable", lambda state, data, item: True)
+    monkeypatch.setattr(next_finding, "find_rejection", lambda state, data, item: None)
+    monkeypatch.setattr(next_finding, "find_impossibility", lambda data, pool, base, noise, item: None)
     monkeypatch.setattr(next_finding, "is_physically_possible", lambda data, pool, base, noise, item: True)
     data = rows_of(turns=False)
     state = State((), np.ones(1), np.ones(1), (), ("later",))
@@ -294,7 +301,8 @@ def test_friction_that_remembers_the_path_is_named_where_it_lowers_the_error_of_
         asked.append(kinds)
         return [judged(gains, name="presliding", before=2.0 * rows, after=left * rows)]
 
-    monkeypatch.setattr(next_finding, "is_acceptable", lambda state, data, item: True)
+    monkeypatch.setattr(next_finding, "find_rejection", lambda state, data, item: None)
+    monkeypatch.setattr(next_finding, "find_impossibility", lambda data, pool, base, noise, item: None)
     monkeypatch.setattr(next_finding, "is_physically_possible", lambda data, pool, base, noise, item: True)
     monkeypatch.setattr(next_finding, "score_all", where_it_moves)
     state = State((), np.ones(1), np.ones(1), ())
@@ -323,7 +331,8 @@ def test_what_says_as_much_with_fewer_constants_gives_the_name_though_it_just_mi
     spring = judged(1.01 * gains, name="gravity_compensator", p=0.008)
     offset = judged(gains, columns=(6,), name="offset", p=0.012)
     poor = judged(0.5 * gains, columns=(7,), name="offset", p=0.012)
-    monkeypatch.setattr(next_finding, "is_acceptable", lambda state, data, item: item.p <= 0.01)
+    monkeypatch.setattr(next_finding, "find_rejection", lambda state, data, item: None if item.p <= 0.01 else SMALL)
+    monkeypatch.setattr(next_finding, "find_impossibility", lambda data, pool, base, noise, item: None)
     monkeypatch.setattr(next_finding, "is_physically_possible", lambda data, pool, base, noise, item: True)
     data = rows_of(turns=False)
     state = State((), np.ones(1), np.ones(1), ())
@@ -342,6 +351,6 @@ def test_a_cable_that_helps_one_of_its_two_joints_alone_is_a_function_of_that_jo
             np.ones(40), name="cable_force", joints=(0, 1), before=before, after=before * left, p=1e-3, drop=0.8
         )
 
-    assert is_acceptable(state, data, cable((0.5, 0.1)))
-    assert not is_acceptable(state, data, cable((1.0, 0.1)))
-    assert not is_acceptable(state, data, cable((0.99, 0.1)))
+    assert find_rejection(state, data, cable((0.5, 0.1))) is None
+    assert find_rejection(state, data, cable((1.0, 0.1))) is not None
+    assert find_rejection(state, data, cable((0.99, 0.1))) is not None

@@ -350,12 +350,14 @@ def test_a_large_even_gain_passes_and_a_small_or_uneven_one_does_not():
     before = rng.uniform(0.9, 1.1, (40, 2))
     even = judged_alone(before, 0.9 * before, (0, 1))
     assert even.drop == pytest.approx(0.1)
-    assert even.is_significant
+    assert even.is_significant()
     assert even.share_improved == 1.0
     small = judged_alone(before, 0.98 * before, (0, 1))
     assert small.p < 0.01
-    assert not small.is_significant
-    assert not judged_alone(before, before * np.where(rng.uniform(size=(40, 1)) < 0.5, 1.4, 0.5), (0, 1)).is_significant
+    assert not small.is_significant()
+    assert not judged_alone(
+        before, before * np.where(rng.uniform(size=(40, 1)) < 0.5, 1.4, 0.5), (0, 1)
+    ).is_significant()
 
 
 def test_a_loss_counts_for_no_more_than_there_was():
@@ -364,7 +366,7 @@ def test_a_loss_counts_for_no_more_than_there_was():
     after = 0.3 * before
     after[7] = 1e6
     item = judged_alone(before, after)
-    assert item.is_significant
+    assert item.is_significant()
     assert item.gains.min() == pytest.approx(-before[7, 0], rel=1e-6)
 
 
@@ -372,7 +374,7 @@ def test_a_gain_in_one_kind_of_folds_alone_does_not_pass():
     before = np.random.default_rng(2).uniform(0.9, 1.1, (40, 2))
     item = combine_scores([scored(before, 0.5 * before), scored(before, 1.01 * before)], (0, 1), np.ones(2))
     assert item.drop < 0
-    assert not replace(item, p=0.0).is_significant
+    assert not replace(item, p=0.0).is_significant()
 
 
 def test_one_stretch_with_most_of_the_error_does_not_decide():
@@ -382,7 +384,7 @@ def test_one_stretch_with_most_of_the_error_does_not_decide():
     after[0] = 0.0
     item = judged_alone(before, after)
     assert item.drop < 0.1
-    assert not item.is_significant
+    assert not item.is_significant()
 
 
 def test_a_gain_counts_though_most_stretches_have_no_rows():
@@ -392,7 +394,7 @@ def test_a_gain_counts_though_most_stretches_have_no_rows():
     item = judged_alone(before, 0.2 * before, (0, 1))
     assert item.drop == pytest.approx(0.8)
     assert item.total_gain == pytest.approx(0.8 * before.sum())
-    assert item.is_significant
+    assert item.is_significant()
     loud = before.copy()
     loud[0] = 100.0
     assert judged_alone(loud, np.where(loud > 10.0, 0.0, loud), (0, 1)).drop < 0.2

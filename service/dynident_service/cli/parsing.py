@@ -46,6 +46,40 @@ def parse_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
     return parsed
 
 
+def parse_effect_place(text: str, joint_names: Sequence[str]) -> tuple[str, str]:
+    """Parse `effect@joint`, or the id of an effect alone.
+
+    Parameters
+    ----------
+    text : str
+        What was typed.
+    joint_names : sequence of str
+        The robot's joints.
+
+    Returns
+    -------
+    tuple of (str, str)
+        Id of the effect, and name of the joint; empty where none was typed.
+
+    Raises
+    ------
+    DynidentError
+        Where there is no such effect or joint.
+    """
+    # The catalogue takes a second to load.
+    from dynident.effects import get_effect
+
+    effect, _, joint = (part.strip() for part in text.partition("@"))
+    get_effect(effect, "--why")
+    if joint and joint not in joint_names:
+        raise DynidentError(
+            f"the robot has no joint {joint!r}; its joints are {', '.join(joint_names)}",
+            pointer="--why",
+            title="Unusable option",
+        )
+    return effect, joint
+
+
 def parse_numbers(text: str, option: str) -> list[float]:
     """Parse numbers with commas between."""
     return [parse_number(item, option) for item in _split_items(text)]

@@ -16,11 +16,13 @@ from dynident.identification.study.correlated_and_essential_parameters import Es
 from dynident.identification.study.held_out_gain import find_best_step
 from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
+from dynident.reports.figures.detection_limits import LIMIT_COLUMNS, format_limits
 from dynident.reports.labels import (
     describe_best_step,
     format_hidden_effects,
     format_joints,
     format_standstill_shares,
+    get_effect_title,
     get_step_mark,
 )
 from dynident.reports.number_format import format_number, format_percent
@@ -168,7 +170,14 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
         console.print(f"  {note}")
 
 
-def show_diagnosis(console: Console, diagnosis: Diagnosis, robot: Robot, extend_command: str, n_open: int) -> None:
+def show_diagnosis(
+    console: Console,
+    diagnosis: Diagnosis,
+    robot: Robot,
+    extend_command: str,
+    questions: Sequence[tuple[str, str]] = (),
+    n_open: int = 0,
+) -> None:
     """Print a diagnosis.
 
     Parameters
@@ -181,6 +190,8 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, robot: Robot, extend_
         Its robot.
     extend_command : str
         Command that adds the recommended effects.
+    questions : sequence of (str, str)
+        Effects and joints for which the reason is printed; an empty joint stands for the best place.
     n_open : int
         Number of open questions for which no experiment was looked for.
     """
@@ -191,6 +202,9 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, robot: Robot, extend_
     for item in diagnosis.candidates:
         if item.significant:
             console.print(f"  {item.rank}. {item.evidence}")
+    for effect, joint in questions:
+        place = f" on {joint}" if joint else ""
+        console.print(f"  {get_effect_title(effect)}{place}: {diagnosis.why_not(effect, joint)}")
     if diagnosis.recommended:
         console.print(f"To add what is missing: {extend_command}", soft_wrap=True, markup=False, highlight=False)
     for pattern in diagnosis.unknown:
@@ -198,8 +212,13 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, robot: Robot, extend_
             f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} "
             f"({format_percent(pattern.share, 2)})"
         )
+    if diagnosis.detection_limits:
+        rows = format_limits(diagnosis.detection_limits, robot)
+        console.print(build_table("What these data would have shown", LIMIT_COLUMNS, rows, right_from=1))
     if diagnosis.not_visible:
-        console.print(f"  This data could not show: {format_hidden_effects(diagnosis, robot)}")
+        console.print(f"  This data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
+    if diagnosis.conclusion is not None:
+        console.print(f"  {diagnosis.conclusion.headline} {diagnosis.conclusion.next_step}")
     if n_open:
         are_open = "1 question is open" if n_open == 1 else f"{n_open} questions are open"
         console.print(f"  {are_open}: --next-experiment looks for a motion that decides.")

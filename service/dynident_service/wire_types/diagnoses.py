@@ -27,8 +27,52 @@ class DiagnosisRequest(NamedRequest):
     )
 
 
+class Reason(ViewModel):
+    """Why a candidate is a finding or not."""
+
+    code: Literal[
+        "accepted",
+        "equivalent",
+        "explained",
+        "not_significant",
+        "too_small",
+        "not_determined",
+        "impossible",
+        "unstable",
+        "only_at_reversals",
+        "superfluous",
+        "not_resolved",
+        "harmful",
+        "misnamed",
+        "no_help_once_added",
+        "cannot_be_added",
+        "most_effects",
+        "undetermined_model",
+        "passed_over",
+        "not_tried",
+    ]
+    step: int | None = Field(description="Rank of the finding that it refers to; of a finding its own")
+    values: dict[str, float | str | None] = Field(description="Numbers and names that belong to the code")
+    brief: str = Field(description="The reason in a few words")
+    text: str = Field(description="The reason as a sentence")
+
+
+class Outcome(ViewModel):
+    """What became of an effect on some joints."""
+
+    effect: Annotated[str, SourcePath("choice.effect")]
+    joints: Annotated[list[str], SourcePath("choice.joints")]
+    shape_parameters: Annotated[dict[str, float], SourcePath("choice.shape")] = Field(default={})
+    runs: Annotated[list[str], SourcePath("choice.runs")] = Field(default=[])
+    error_drop: float | None = Field(description="Share of the held-out error that it removes beside all findings")
+    reason: Reason
+
+
 class Candidate(ViewModel):
-    """A family of effects with its best joints and shape constants; errors are relative, held out, on these joints."""
+    """A family of effects with its best joints and shape constants.
+
+    Errors are relative, held out, on these joints, and beside everything that ranks above.
+    """
 
     rank: int
     effect: Annotated[str, SourcePath("choice.effect")]
@@ -46,6 +90,7 @@ class Candidate(ViewModel):
     runs: Annotated[list[str], SourcePath("choice.runs")] = Field(
         default=[], description="Labels of the runs in which it acts; empty: in all of them"
     )
+    reason: Reason | None = Field(default=None, description="Why it is a finding or not")
 
 
 class ChangedValue(ViewModel):
@@ -102,6 +147,35 @@ class NotVisible(ViewModel):
     effect: str
     joints: list[str]
     reason: str
+
+
+class DetectionLimit(ViewModel):
+    """The size of an effect on a joint that these recordings would have shown."""
+
+    effect: str
+    joints: list[str] = Field(description="Empty for an effect of the whole robot")
+    parameter: str = Field(description="The parameter that tells how large the effect is")
+    unit: str
+    size: Annotated[float | None, SourcePath(null=inf)] = Field(
+        description="Smallest size that would have been accepted with 95 %; null if none would"
+    )
+    half_size: Annotated[float | None, SourcePath(null=inf)] = Field(
+        description="The same with 50 %; null if none would"
+    )
+    usual: float = Field(description="Size on arms that have the effect")
+    shape_parameters: Annotated[dict[str, float], SourcePath("shape")] = Field(
+        default={}, description="Shape constants that the sizes are of: the nearest to the usual ones that show"
+    )
+    share: Annotated[float | None, SourcePath(null=inf)] = Field(description="`size` over `usual`")
+
+
+class Conclusion(ViewModel):
+    """What a diagnosis says in all, and the one next thing to do."""
+
+    code: Literal["something_is_missing", "nothing_above_limits", "cannot_tell"]
+    headline: str
+    why: list[str] = Field(description="What it rests on")
+    next_step: str
 
 
 class FailureSpot(ViewModel):
@@ -162,6 +236,13 @@ class DiagnosisResult(ViewModel):
     friction: list[FrictionDifference] = Field(
         default=[], description="Change of the friction of each moving joint from the baseline, significant or not"
     )
+    outcomes: list[Outcome] = Field(
+        default=[], description="What became of every effect on every joint, and why; findings first"
+    )
+    detection_limits: list[DetectionLimit] = Field(
+        default=[], description="The size of each effect on each joint that these recordings would have shown"
+    )
+    conclusion: Conclusion | None = Field(default=None, description="What all this says, and the next thing to do")
 
 
 class Evidence(ViewModel):
@@ -185,7 +266,15 @@ class Evidence(ViewModel):
         description="Mean change of the prediction by the effect, with all parameters fitted again"
     )
     count: list[int]
-    explained: float | None = Field(description="Share of the squared residual on this joint that the effect explains")
+    explained: float | None = Field(
+        description="Share of the squared residual of this joint that the curve removes where it was fitted, beside "
+        "the model alone"
+    )
+    error_drop: float | None = Field(
+        default=None,
+        description="What the effect explains, as in the ranking: share of the held-out error of its joints that it "
+        "removes beside everything that ranks above",
+    )
 
 
 class DiagnosisView(Computed[DiagnosisRequest, DiagnosisResult]):

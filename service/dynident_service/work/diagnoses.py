@@ -30,6 +30,7 @@ def diagnose_model(task: Task) -> Outcome:
         baseline=earlier,
         candidates=choices.candidates,
         most_effects=choices.max_effects,
+        significance=choices.significance,
         progress=scale_progress(task.progress, 0.0, 0.9),
     )
     diagnosis = advise(examined)

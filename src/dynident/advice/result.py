@@ -92,6 +92,12 @@ class AdvisedDiagnosis(Diagnosis):
         What differs from the baseline, empty where nothing does; None where there was no baseline.
     friction : tuple of FrictionDifference
         How much the friction of each joint differs from the baseline's, whether it is among the changes or not.
+    outcomes : tuple of Outcome
+        What became of every effect on every joint, and why.
+    detection_limits : tuple of DetectionLimit
+        The smallest size of each effect on each joint that these recordings would have shown.
+    conclusion : Conclusion, optional
+        What all this says, and the next thing to do.
     next_experiment : NextExperiment, optional
         The proposed experiment; None where a motion decides nothing.
     """

@@ -13,6 +13,8 @@ from dynident.api.model import Model
 from dynident.api.model_identification import as_model
 from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import (
+    Conclusion,
+    DetectionLimit,
     Diagnosis,
     Evidence,
     Examination,
@@ -22,7 +24,8 @@ from dynident.diagnosis import (
     evidence,
     examine,
 )
-from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS
+from dynident.diagnosis.reasons import Outcome, Reason
+from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE
 from dynident.effects import EffectChoice
 from dynident.effects.text_format import format_effect
 from dynident.errors import DynidentError
@@ -41,8 +44,8 @@ class DiagnosedModel(Framed):
 
     `to_frame` has a row for each candidate, best first: rank, effect (its id), joints, constants (in words, with
     units), error_before, error_after and error_drop (relative, fractions, held out), t_value, p_value, significant,
-    recommended, separability (0 to 1), equivalent (ids with commas), evidence, and choice, the text that `Model.extend`
-    takes.
+    recommended, separability (0 to 1), equivalent (ids with commas), evidence, choice (the text that `Model.extend`
+    takes), and reason (why it is a finding or not).
 
     Parameters
     ----------
@@ -99,6 +102,67 @@ class DiagnosedModel(Framed):
         return advise(self.examination)
 
     @property
+    def outcomes(self) -> tuple[Outcome, ...]:
+        """What became of every effect on every joint, and why; findings first."""
+        return self.diagnosis.outcomes
+
+    @property
+    def detection_limits(self) -> tuple[DetectionLimit, ...]:
+        """The smallest size of each effect on each joint that these recordings would have shown with 95 %."""
+        return self.diagnosis.detection_limits
+
+    @property
+    def conclusion(self) -> Conclusion | None:
+        """Whether something is missing, nothing above the limits is, or these data cannot tell; and what to do next."""
+        return self.diagnosis.conclusion
+
+    def plot_detection_limits(self) -> Figure:
+        """Draw the detection limits as a map of effects and joints, in shares of the usual size.
+
+        Returns
+        -------
+        Figure
+            The map.
+
+        Raises
+        ------
+        DynidentError
+            Where the diagnosis has no limits.
+        """
+        from dynident.reports.figures.detection_limits import draw_detection_limits
+
+        if not self.detection_limits:
+            raise DynidentError("nothing to draw: the diagnosis has no detection limits")
+        return join_figures([draw_detection_limits(self.detection_limits, self.model.robot)], "detection limits")
+
+    def why_not(self, effect: str, joint: str = "") -> Reason:
+        """Return why an effect on a joint is a finding or not.
+
+        Parameters
+        ----------
+        effect : str
+            Id of the effect.
+        joint : str
+            Name of the joint; without it, the reason is that of the place where the effect explains most.
+
+        Returns
+        -------
+        Reason
+            Code, values, and the sentence (`str(reason)`).
+
+        Raises
+        ------
+        DynidentError
+            Where there is no such effect or joint.
+
+        Examples
+        --------
+        >>> print(dy.diagnose(model).why_not("backlash", "elbow"))  # doctest: +SKIP
+        Not significant: p = 0.34, and the level is 0.01.
+        """
+        return self.diagnosis.why_not(effect, joint)
+
+    @property
     def next_experiment(self) -> NextExperiment | None:
         """The motion that would tell more, for `design`; None where no motion decides anything."""
         return self.advised_diagnosis.next_experiment
@@ -152,6 +216,7 @@ class DiagnosedModel(Framed):
             ",".join(candidate.equivalent),
             candidate.evidence,
             format_effect(candidate.choice),
+            candidate.reason.text if candidate.reason is not None else "",
         )
 
     def __repr__(self) -> str:
@@ -194,6 +259,7 @@ def diagnose(
     *,
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
+    significance: float = DEFAULT_SIGNIFICANCE,
     progress: Progress = ignore_progress,
 ) -> DiagnosedModel:
     """Name the physics that a model is missing.
@@ -207,7 +273,9 @@ def diagnose(
     candidates : effect ids, optional
         Only these are tried; the whole catalogue otherwise.
     most_effects : int
-        At most so many are recommended.
+        At most so many are recommended; contacts do not count.
+    significance : float
+        Largest p-value of a finding: the probability that anything is named where nothing is missing.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -244,6 +312,7 @@ def diagnose(
         checked_recordings.recordings,
         candidates=candidates,
         most_effects=most_effects,
+        significance=significance,
         progress=progress,
     )
     return DiagnosedModel(desk_model, checked_recordings, examination)
@@ -271,4 +340,5 @@ def check_not_empty(recordings: Recordings, name: str) -> None:
 _FRAME_COLUMNS = (
     "rank", "effect", "joints", "constants", "error_before", "error_after", "error_drop", "t_value", "p_value",
     "significant", "recommended", "separability", "equivalent", "evidence", "choice",
+    "reason",
 )  # fmt: skip

@@ -19,10 +19,13 @@ if TYPE_CHECKING:
     from dynident.diagnosis.comparing.noise import Judgement, LackOfFit, NoiseFloor, RepeatedMotion, floor_of, judge
     from dynident.diagnosis.examination import Examination, diagnose, examine
     from dynident.diagnosis.partial_residuals import Evidence, evidence
+    from dynident.diagnosis.reasons import Outcome, Reason
     from dynident.diagnosis.request import DiagnosisChoices
     from dynident.diagnosis.result import (
         Change,
         ChangedValue,
+        Conclusion,
+        DetectionLimit,
         Diagnosis,
         FailureSpot,
         FrictionDifference,
@@ -36,6 +39,8 @@ __all__ = [
     "Change",
     "ChangedValue",
     "Comparison",
+    "Conclusion",
+    "DetectionLimit",
     "Diagnosis",
     "DiagnosisChoices",
     "Doubt",
@@ -47,7 +52,9 @@ __all__ = [
     "Judgement",
     "LackOfFit",
     "NoiseFloor",
+    "Outcome",
     "RankedEffect",
+    "Reason",
     "RepeatedMotion",
     "ResidualSpectrum",
     "UnknownPattern",

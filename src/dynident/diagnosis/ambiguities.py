@@ -125,7 +125,7 @@ def find_dependent_findings(
         mine = finding.judged
         shares_joint = any(set(picks[k].judged.joints) & set(mine.joints) for k in wrong)
         before = alone.get(mine.candidate)
-        if shares_joint and number not in wrong and before is not None and not before.is_significant:
+        if shares_joint and number not in wrong and before is not None and not before.is_significant():
             dependent.append(number)
     return dependent
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from dynident.diagnosis.ambiguities import (
 )
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool, build_pool
+from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.changes import (
     add_friction_differences,
     compute_friction_differences,
@@ -28,22 +30,27 @@ from dynident.diagnosis.changes import (
 )
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise
+from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
 from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
-from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, check_candidates
+from dynident.diagnosis.reasons import Outcome, Reason
+from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, check_candidates
 from dynident.diagnosis.residuals.patterns import build_failure_map, find_unknown_patterns
 from dynident.diagnosis.residuals.resolvable_motion import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import propose_shapes
-from dynident.diagnosis.result import Change, Diagnosis, FrictionDifference, Invisible
+from dynident.diagnosis.result import Change, DetectionLimit, Diagnosis, FrictionDifference, Invisible, RankedEffect
 from dynident.diagnosis.search.contacts import find_contacts
-from dynident.diagnosis.search.forward_selection import search_findings
-from dynident.diagnosis.search.identifiability import find_invisible, find_too_uncertain
+from dynident.diagnosis.search.detection_limits import add_limits, compute_detection_limits, list_too_large_limits
+from dynident.diagnosis.search.forward_selection import SearchRecord, search_findings
+from dynident.diagnosis.search.identifiability import compute_part_to_part_ratio, find_invisible
+from dynident.diagnosis.search.outcomes import list_outcomes, list_untried, score_beside_findings
 from dynident.diagnosis.search.refine import RecordedSource, refine_findings
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
 from dynident.diagnosis.search.static_friction import find_static_friction
 from dynident.diagnosis.summary import (
     UNDETERMINED,
     compute_residual_over_noise,
-    rank_effects,
+    rank_findings,
+    rank_rejected,
     select_verdict,
     word_summary,
 )
@@ -95,6 +102,7 @@ def diagnose(
     baseline: Sequence[Recording] = (),
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
+    significance: float = DEFAULT_SIGNIFICANCE,
     progress: Progress = ignore_progress,
 ) -> Diagnosis:
     """Find the effects that are missing in an identified model.
@@ -112,7 +120,9 @@ def diagnose(
     candidates : sequence of str, optional
         Ids of the effects to try; the whole catalogue otherwise.
     most_effects : int
-        Largest number of effects that are recommended.
+        Largest number of effects that are recommended, contacts not counted.
+    significance : float
+        Largest p-value of a finding: the probability that anything is named where nothing is missing.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
 
@@ -132,6 +142,7 @@ def diagnose(
         baseline=baseline,
         candidates=candidates,
         most_effects=most_effects,
+        significance=significance,
         progress=progress,
     ).diagnosis
 
@@ -144,6 +155,7 @@ def examine(
     baseline: Sequence[Recording] = (),
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
+    significance: float = DEFAULT_SIGNIFICANCE,
     progress: Progress = ignore_progress,
 ) -> Examination:
     """Find missing effects as `diagnose` does, and keep what advice on the next experiment needs.
@@ -159,7 +171,9 @@ def examine(
     candidates : sequence of str, optional
         Ids of the effects to try; the whole catalogue otherwise.
     most_effects : int
-        Largest number of effects that are recommended.
+        Largest number of effects that are recommended, contacts not counted.
+    significance : float
+        Largest p-value of a finding: the probability that anything is named where nothing is missing.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
 
@@ -173,14 +187,8 @@ def examine(
     DynidentError
         For recordings of poses at rest, in which nothing that is missing shows.
     """
-    check_candidates(candidates or ())
-    if any(has_poses(recording) for recording in (*recordings, *baseline)):
-        raise DynidentError(
-            "poses at rest show only gravity and constant torques, which the model has already; record a motion and "
-            "identify from it to find other effects",
-            pointer="/measurement_ids",
-            title="Poses at rest",
-        )
+    _check_request(candidates or (), (*recordings, *baseline))
+    held_out_ratio = compute_held_out_ratio(identification)
     recordings, _ = split_friction_tests(recordings)
     since: tuple[str, ...] = ()
     n_later = len(recordings)
@@ -203,16 +211,18 @@ def examine(
     # One pass over the recordings for the model and all candidates: every score of the search comes from these
     # products.
     data = rows.gather_products(pool, scale_progress(progress, 0.1, 0.5))
-    start = _build_start_state(data, pool, identification, floor)
+    start = _build_start_state(data, pool, identification, floor, significance)
     first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
     # First the best candidates of a coarse grid, then their shape constants, on all rows.
-    picks, given_up = search_findings(data, pool, start, first, most_effects, rows, scale_progress(progress, 0.5, 0.8))
-    picks, recommended = refine_findings(
-        identification, picks, recordings, reference, resolved, floor, since, scale_progress(progress, 0.8, 0.9)
+    record = search_findings(data, pool, start, first, most_effects, rows, scale_progress(progress, 0.5, 0.8))
+    picks, recommended, dropped = refine_findings(
+        identification, record.picks, recordings, reference, resolved, floor, since, scale_progress(progress, 0.8, 0.9)
     )
+    record.dropped.update(dropped)
     # The findings are put to the test by identifying the model with them. Some cannot be added, or explain nothing any
     # more in that model.
     grown, undetermined = _extend_model(identification, recommended, recordings, scale_progress(progress, 0.9, 1.0))
+    record.dropped.update((picks[k].judged.candidate, reason) for k, (_, reason) in undetermined.items())
     picks, recommended = _drop_findings(picks, recommended, list(undetermined))
     final = _compare_extended(identification, grown, recordings, comparisons)
     unknown = find_unknown_patterns(final)
@@ -220,20 +230,25 @@ def examine(
     # it.
     wrong = find_misnamed(picks, recommended, unknown, final)
     if wrong:
-        picks, recommended = _drop_findings(picks, recommended, [*wrong, *find_dependent_findings(picks, wrong, first)])
+        dependent = find_dependent_findings(picks, wrong, first)
+        record.dropped.update((picks[k].judged.candidate, Reason.build("superfluous")) for k in dependent)
+        record.dropped.update((picks[k].judged.candidate, Reason.build("misnamed")) for k in wrong)
+        picks, recommended = _drop_findings(picks, recommended, [*wrong, *dependent])
         grown, _ = _extend_model(identification, recommended, recordings, ignore_progress)
         final = _compare_extended(identification, grown, recordings, comparisons)
         unknown = find_unknown_patterns(final)
     # Of two days, halts would have to be asked apart.
     if not baseline:
-        grown, final, held = find_static_friction(grown, recordings, final, candidates)
+        grown, final, held = find_static_friction(grown, recordings, final, candidates, significance)
         picks, recommended = (*picks, *held), (*recommended, *(finding.judged.candidate.choice for finding in held))
         unknown = find_unknown_patterns(final) if held else unknown
     residual = _compute_rms(final)
     # Who names the effects to try gets no others.
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
-    ranked = rank_effects((*contacts, *picks), first, (*pushes, *recommended))
+    everything, named = (*contacts, *picks), (*pushes, *recommended)
+    ranking = _rank_candidates(record, pool, start, everything, named, first, most_effects)
+    ranked, limits = ranking.ranked, ranking.limits
     unknown = (*undisturbed.unexplained_patterns, *unknown)
     changes: tuple[Change, ...] | None = None
     friction: tuple[FrictionDifference, ...] = ()
@@ -247,12 +262,21 @@ def examine(
     missing = (*pushes, *(choice for choice in recommended if not is_lasting_change(choice, since)))
     verdict = select_verdict(missing, unknown, compute_residual_over_noise(final, floor))
     lasting_effects = [ranked_effect for ranked_effect in ranked if not is_lasting_change(ranked_effect.choice, since)]
-    hidden = (*undetermined.values(), *find_invisible(first))
-    sentences = [*undisturbed.sentences, word_summary(verdict, lasting_effects, unknown, residual, floor, model)]
-    if given_up:
-        sentences.append(UNDETERMINED)
-    if changes is not None:
-        sentences.insert(0, word_changes(changes, friction))
+    hidden = (*(item for item, _ in undetermined.values()), *find_invisible(first))
+    conclusion = conclude(
+        verdict,
+        unknown,
+        limits,
+        (held_out_ratio, ranking.part_to_part),
+        model.robot.joint_names,
+        is_given_up=record.is_undetermined,
+    )
+    sentences = [
+        *([word_changes(changes, friction)] if changes is not None else []),
+        *undisturbed.sentences,
+        word_summary(verdict, conclusion, lasting_effects, unknown, residual, floor, model),
+        *([UNDETERMINED] if record.is_undetermined else []),
+    ]
     progress(1.0, "diagnosed")
     diagnosis = Diagnosis(
         verdict=verdict,
@@ -262,13 +286,57 @@ def examine(
         candidates=ranked,
         recommended=missing,
         unknown=unknown,
-        not_visible=hidden + find_too_uncertain(data, pool, start.base, picks, hidden),
+        not_visible=hidden + list_too_large_limits(limits, hidden),
         failure_map=build_failure_map(comparisons),
         changes=changes,
         friction=friction,
+        detection_limits=limits,
+        conclusion=conclusion,
+        outcomes=(*ranking.outcomes, *list_untried(ranking.outcomes, candidates, model, leads)),
     )
     doubts = list_doubts(picks, recommended, hidden, model.robot, first, candidates or ())
     return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
+
+
+def _check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -> None:
+    """Raise `DynidentError` for an unknown effect, and for recordings in which nothing that is missing shows."""
+    check_candidates(candidates)
+    if any(has_poses(recording) for recording in recordings):
+        raise DynidentError(
+            "poses at rest show only gravity and constant torques, which the model has already; record a motion and "
+            "identify from it to find other effects",
+            pointer="/measurement_ids",
+            title="Poses at rest",
+        )
+
+
+class _Ranking(NamedTuple):
+    """All effects beside what was found: ranking, outcomes, detection limits, and how parts predict each other."""
+
+    ranked: tuple[RankedEffect, ...]
+    outcomes: tuple[Outcome, ...]
+    limits: tuple[DetectionLimit, ...]
+    part_to_part: float
+
+
+def _rank_candidates(
+    record: SearchRecord,
+    pool: Pool,
+    start: State,
+    picks: Sequence[Finding],
+    choices: Sequence[EffectChoice],
+    first: Sequence[ScoredCandidate],
+    most_effects: int,
+) -> _Ranking:
+    """Score every candidate once more beside all findings, and say what became of it."""
+    final = score_beside_findings(record.data, pool, start, picks, first)
+    outcomes, beside = list_outcomes(final, pool, record, choices, first, most_effects)
+    limits = compute_detection_limits(final, pool, choices)
+    outcomes = add_limits(outcomes, limits)
+    findings = rank_findings(picks, choices)
+    ranked = (*findings, *rank_rejected(outcomes, first, beside, len(findings)))
+    rows = record.data.select_for_model(final.state.base)
+    return _Ranking(ranked, outcomes, limits, compute_part_to_part_ratio(rows, final.state))
 
 
 def _reidentify_unweighted(identification: Identification) -> Identification:
@@ -285,13 +353,15 @@ def _reidentify_unweighted(identification: Identification) -> Identification:
     return reidentify(identification, replace(choices, weigh_turns=False, estimator=estimator))
 
 
-def _build_start_state(data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray) -> State:
+def _build_start_state(
+    data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray, level: float
+) -> State:
     """Return the state that the search starts from: the model with the contacts that disturb it."""
     base, noise = tuple(range(pool.n_base)), identification.noise
     picks = find_contacts(data, pool, base, noise, identification.preprocessing)
     for finding in picks:
         base += finding.columns
-    return State(base, estimate_residual_noise(data, base) if picks else noise, floor, picks, pool.since)
+    return State(base, estimate_residual_noise(data, base) if picks else noise, floor, picks, pool.since, level)
 
 
 def _compute_rms(comparisons: Sequence[Comparison]) -> FloatArray:
@@ -305,13 +375,13 @@ def _extend_model(
     recommended: Sequence[EffectChoice],
     recordings: Sequence[Recording],
     progress: Progress,
-) -> tuple[Identification, dict[int, Invisible]]:
+) -> tuple[Identification, dict[int, tuple[Invisible, Reason]]]:
     """Extend the model by all recommended effects; return also, by number, those that cannot be added or help no more.
 
     First-order effects come one by one: each is about the torque that the model with those before it predicts.
     """
     grown = identification
-    undetermined: dict[int, Invisible] = {}
+    undetermined: dict[int, tuple[Invisible, Reason]] = {}
     for portion in _group_portions(recommended):
         portion_progress = scale_progress(progress, portion[0] / len(recommended), (portion[-1] + 1) / len(recommended))
         if len(portion) > 1:
@@ -324,10 +394,12 @@ def _extend_model(
             try:
                 with_it = extend(grown, [choice], recordings, (), portion_progress)
             except DynidentError as error:
-                undetermined[number] = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
+                invisible = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
+                undetermined[number] = invisible, Reason.build("cannot_be_added", detail=error.detail)
                 continue
             if is_only_helpful_at_first(grown, with_it, choice):
-                undetermined[number] = Invisible(choice.effect, choice.joints, _AT_FIRST)
+                invisible = Invisible(choice.effect, choice.joints, _AT_FIRST)
+                undetermined[number] = invisible, Reason.build("no_help_once_added")
             else:
                 grown = with_it
     return grown, undetermined

@@ -68,7 +68,11 @@ class Evidence:
     count : (k,)
         Number of samples in each bin.
     explained : float
-        Share of the residual's squares that the effect removes.
+        Share of the squares of this joint's residual that the curve removes where it was fitted, beside the model
+        alone: it tells which of an effect's joints the figure is to show.
+    error_drop : float
+        What the effect explains, as the ranking tells it: the share of the held-out error that it removes on its joints
+        beside all that ranks above it.
     """
 
     rank: int
@@ -82,9 +86,10 @@ class Evidence:
     fitted: FloatArray
     count: FloatArray
     explained: float
+    error_drop: float
 
     def __repr__(self) -> str:
-        return f"Evidence({self.effect} on {self.joint} over {self.variable}: explains {self.explained:.1%})"
+        return f"Evidence({self.effect} on {self.joint} over {self.variable}: explains {self.error_drop:.1%})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +194,7 @@ def _bin_for_joint(
         fitted=means[3],
         count=counts,
         explained=1.0 - float(((residual - curve) ** 2).sum()) / total,
+        error_drop=ranked.error_drop,
     )
 
 

@@ -8,7 +8,12 @@ from dataclasses import dataclass
 from dynident.schema.fields import check_ranges, declare_field
 
 DEFAULT_MOST_EFFECTS = 12
-"""Two for each joint of a usual arm: a search ends where nothing more passes, this only bounds how long it takes."""
+"""Two for each joint of a usual arm: a search ends where nothing more passes, this only bounds how long it takes.
+
+Contacts do not count: they are events of a recording, not effects of the arm."""
+
+DEFAULT_SIGNIFICANCE = 0.01
+"""How often anything at all may be named, by chance, in an arm where nothing is missing (`benchmarks/placebo.py`)."""
 
 
 @dataclass(frozen=True)
@@ -20,14 +25,26 @@ class DiagnosisChoices:
     candidates : tuple of str, optional
         Ids of the effects that may be missing; the whole catalogue where left out.
     max_effects : int
-        Largest number of effects that are recommended.
+        Largest number of effects that are recommended, contacts not counted.
+    significance : float
+        Probability that anything at all is named where nothing is missing: the largest p-value of a finding among all
+        that is tried together.
     """
 
     candidates: tuple[str, ...] | None = declare_field(
         "Ids of the effects to try; the whole catalogue if not given", default=None, fewest=1
     )
     max_effects: int = declare_field(
-        "Largest number of recommended effects", default=DEFAULT_MOST_EFFECTS, at_least=1, at_most=100
+        "Largest number of recommended effects; contacts do not count",
+        default=DEFAULT_MOST_EFFECTS,
+        at_least=1,
+        at_most=100,
+    )
+    significance: float = declare_field(
+        "Largest p-value of a finding: the probability that anything is named where nothing is missing",
+        default=DEFAULT_SIGNIFICANCE,
+        at_least=0.001,
+        at_most=0.2,
     )
 
     def __post_init__(self) -> None:

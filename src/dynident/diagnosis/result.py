@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 from dynident.array_types import FloatArray
-from dynident.effects import EffectChoice
+from dynident.diagnosis.reasons import Outcome, Reason, find_outcome
+from dynident.effects import EffectChoice, get_effect
+from dynident.errors import DynidentError
 
 Adequacy = Literal["adequate", "missing_effect", "unexplained"]
 Variable = Literal["position", "velocity", "acceleration", "load", "time", "other_joints"]
@@ -23,11 +27,11 @@ class RankedEffect:
     choice : EffectChoice
         The effect at its best place with its best shape constants, as it can be added to a model.
     error_before : float
-        Relative error on held-out data without it, on the joints that it is about.
+        Relative error on held-out data without it, on the joints that it is about, with all that ranks above it.
     error_after : float
         Relative error on held-out data with it.
     error_drop : float
-        Share of the error that it removes.
+        Share of the error that it removes beside all that ranks above it: what it explains.
     t_value : float
         The t of its gain over the blocks of time.
     p_value : float
@@ -40,6 +44,8 @@ class RankedEffect:
         Ids of effects that the data cannot tell from it.
     separability : float
         Share of its column that is left beside the model, 0 to 1.
+    reason : Reason, optional
+        Why it is a finding or not; None in a diagnosis of an earlier version.
     """
 
     rank: int
@@ -53,6 +59,7 @@ class RankedEffect:
     evidence: str
     equivalent: tuple[str, ...]
     separability: float
+    reason: Reason | None = None
 
     @property
     def effect(self) -> str:
@@ -188,6 +195,85 @@ class Invisible:
 
 
 @dataclass(frozen=True)
+class DetectionLimit:
+    """The size of an effect on a joint that these recordings would have shown.
+
+    Parameters
+    ----------
+    effect : str
+        Id of the effect.
+    joints : tuple of str
+        Name of its joint; none where it belongs to the whole robot.
+    parameter : str
+        The parameter that tells how large it is: of several the one that is usually largest.
+    unit : str
+        Unit of the sizes.
+    size : float
+        Smallest size that the diagnosis would have accepted with a probability of 95 %; infinite where it would have
+        accepted none.
+    half_size : float
+        The same with a probability of a half.
+    usual : float
+        Size of the parameter on arms that have the effect.
+    shape : tuple of (str, float)
+        Shape constants that the sizes are of: of those that the filtered position resolves the nearest to the usual.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    parameter: str
+    unit: str
+    size: float
+    half_size: float
+    usual: float
+    shape: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def share(self) -> float:
+        """The size over the usual size."""
+        return self.size / self.usual
+
+
+ConclusionCode = Literal["something_is_missing", "nothing_above_limits", "cannot_tell"]
+
+_CONCLUSIONS: Mapping[ConclusionCode, str] = MappingProxyType(
+    {
+        "something_is_missing": "Something is missing.",
+        "nothing_above_limits": "Nothing above the detection limits is missing.",
+        "cannot_tell": "These data cannot tell whether something is missing.",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """What a diagnosis says in all, and the one next thing to do.
+
+    Parameters
+    ----------
+    code : {"something_is_missing", "nothing_above_limits", "cannot_tell"}
+        What it says. "cannot_tell": errors on held-out data are far above those of the fit, or the detection limits are
+        above the usual sizes of most effects that arms often have.
+    why : tuple of str
+        What the conclusion rests on, in sentences.
+    next_step : str
+        The next thing to do.
+    """
+
+    code: ConclusionCode
+    why: tuple[str, ...]
+    next_step: str
+
+    @property
+    def headline(self) -> str:
+        """The conclusion in a sentence."""
+        return _CONCLUSIONS[self.code]
+
+    def __str__(self) -> str:
+        return " ".join((self.headline, *self.why, self.next_step))
+
+
+@dataclass(frozen=True)
 class FailureSpot:
     """The bin of a variable in which a joint's residual is largest.
 
@@ -246,6 +332,12 @@ class Diagnosis:
         What differs from the baseline, empty where nothing does; None where there was no baseline.
     friction : tuple of FrictionDifference
         How much the friction of each joint differs from the baseline's, whether it is among the changes or not.
+    outcomes : tuple of Outcome
+        What became of every effect on every joint, and why.
+    detection_limits : tuple of DetectionLimit
+        The smallest size of each effect on each joint that these recordings would have shown.
+    conclusion : Conclusion, optional
+        What all this says, and the next thing to do; None in a diagnosis of an earlier version.
     """
 
     verdict: Adequacy
@@ -259,6 +351,47 @@ class Diagnosis:
     failure_map: tuple[FailureSpot, ...]
     changes: tuple[Change, ...] | None = None
     friction: tuple[FrictionDifference, ...] = ()
+    outcomes: tuple[Outcome, ...] = ()
+    detection_limits: tuple[DetectionLimit, ...] = ()
+    conclusion: Conclusion | None = None
+
+    def why_not(self, effect: str, joint: str = "") -> Reason:
+        """Return why an effect on a joint is a finding or not.
+
+        Parameters
+        ----------
+        effect : str
+            Id of the effect.
+        joint : str
+            Name of the joint; without it, the reason is that of the place where the effect explains most.
+
+        Returns
+        -------
+        Reason
+            Code, values, and the sentence (`str(reason)`).
+
+        Raises
+        ------
+        DynidentError
+            Where there is no such effect or joint, or the diagnosis holds no reasons.
+
+        Examples
+        --------
+        >>> diagnosis.why_not("backlash", "elbow")  # doctest: +SKIP
+        Reason(code='too_small', step=None, values=(('least', 0.04), ('measure', 'squared_error'), ('share', 0.012)))
+        """
+        get_effect(effect, "effect")
+        if not self.outcomes:
+            raise DynidentError("this diagnosis was made by an earlier version and holds no reasons; diagnose again")
+        outcome = find_outcome(self.outcomes, effect, joint)
+        if outcome is not None:
+            return outcome.reason
+        joints = dict.fromkeys(name for outcome in self.outcomes for name in outcome.choice.joints)
+        if joint and joint not in joints:
+            known = ", ".join(joints)
+            raise DynidentError(f"there is no joint {joint!r}; the joints are {known}", pointer="joint")
+        # Inertia is never a candidate: it is the model itself.
+        return Reason.build("not_tried", why="it is part of every model")
 
     def __repr__(self) -> str:
         since = "" if self.changes is None else f", {len(self.changes)} changes"

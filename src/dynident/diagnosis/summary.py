@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.result import Adequacy, RankedEffect, UnknownPattern
+from dynident.diagnosis.reasons import Outcome, Reason
+from dynident.diagnosis.result import Adequacy, Conclusion, RankedEffect, UnknownPattern
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, get_effect
 from dynident.regressors.model import Model
@@ -32,17 +34,13 @@ UNDETERMINED = (
 """What is said where a finding was given up for that."""
 
 
-def rank_effects(
-    picks: Sequence[Finding], first: Sequence[ScoredCandidate], recommended: Sequence[EffectChoice]
-) -> tuple[RankedEffect, ...]:
-    """Rank every effect at its best place: the findings in the order of picking, then the others by their gain.
+def rank_findings(picks: Sequence[Finding], recommended: Sequence[EffectChoice]) -> tuple[RankedEffect, ...]:
+    """Rank the findings in the order of picking.
 
     Parameters
     ----------
     picks, recommended : sequences of equal length
         The findings, and how they are recommended.
-    first : sequence of ScoredCandidate
-        All candidates tried beside the model alone.
 
     Returns
     -------
@@ -60,22 +58,62 @@ def rank_effects(
         if places := _list_other_places(finding, choice):
             why += f" It may equally well act on: {', '.join(places)}."
         scored = _narrow_to_joints(finding.judged, choice)
-        ranked.append(_build_ranked_effect(len(ranked) + 1, scored, choice, finding.p, why, twins))
-    picked = {choice.effect for choice in recommended}
-    best: dict[str, ScoredCandidate] = {}
-    for scored in first:
-        effect = scored.candidate.effect
-        if effect not in picked and (effect not in best or scored.total_gain > best[effect].total_gain):
-            best[effect] = scored
-    for scored in sorted(best.values(), key=lambda judged: -judged.total_gain):
-        # It may have passed on its own at first; what was picked then explained the same part of the residual.
-        better = (
-            "An effect that ranks higher explains the same part of the residual, or its parameters are physically "
-            "impossible."
+        rank = len(ranked) + 1
+        ranked.append(
+            _build_ranked_effect(
+                rank, scored, choice, finding.p, why, equivalent=twins, reason=Reason.build("accepted", rank)
+            )
         )
-        why = better if scored.is_significant else "This is not significant."
-        ranked.append(_build_ranked_effect(len(ranked) + 1, scored, scored.candidate.choice, scored.p, why, None))
     return tuple(ranked)
+
+
+def rank_rejected(
+    outcomes: Sequence[Outcome],
+    first: Sequence[ScoredCandidate],
+    beside: Mapping[Candidate, ScoredCandidate],
+    n_findings: int,
+) -> tuple[RankedEffect, ...]:
+    """Rank the effects that are no findings by what they gain beside the findings, each at its best place.
+
+    The best place is that where the effect gains most by itself: there a finding may explain it.
+
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+        What became of every effect on every joint.
+    first : sequence of ScoredCandidate
+        All candidates tried beside the model alone.
+    beside : mapping of Candidate to ScoredCandidate
+        The same beside everything that was found.
+    n_findings : int
+        Number of findings, which rank above these.
+
+    Returns
+    -------
+    tuple of RankedEffect
+        Effects with the ranks that follow those of the findings.
+    """
+    reasons = {outcome.choice: outcome.reason for outcome in outcomes}
+    accepted = {outcome.choice.effect for outcome in outcomes if outcome.reason.code == "accepted"}
+    best: dict[str, ScoredCandidate] = {}
+    for scored in sorted(first, key=lambda scored: -scored.total_gain):
+        effect = scored.candidate.effect
+        if effect not in accepted and scored.candidate in beside:
+            best.setdefault(effect, scored)
+    # Their numbers are those beside everything that ranks above, as those of a finding are.
+    ordered = sorted((beside[alone.candidate] for alone in best.values()), key=lambda scored: -scored.total_gain)
+    return tuple(
+        _build_ranked_effect(
+            rank,
+            scored,
+            scored.candidate.choice,
+            scored.p,
+            reasons[scored.candidate.choice].text,
+            equivalent=None,
+            reason=reasons[scored.candidate.choice],
+        )
+        for rank, scored in enumerate(ordered, n_findings + 1)
+    )
 
 
 def _list_other_places(finding: Finding, choice: EffectChoice) -> tuple[str, ...]:
@@ -105,7 +143,9 @@ def _build_ranked_effect(
     choice: EffectChoice,
     p: float,
     why: str,
+    *,
     equivalent: tuple[str, ...] | None,
+    reason: Reason,
 ) -> RankedEffect:
     """Return one row of the ranking; `equivalent` is None for what is no finding."""
     joints = scored.reported_joints
@@ -124,6 +164,7 @@ def _build_ranked_effect(
         evidence=_word_evidence(scored, before, after, why),
         equivalent=equivalent or (),
         separability=scored.separability,
+        reason=reason,
     )
 
 
@@ -131,7 +172,7 @@ def _word_evidence(scored: ScoredCandidate, before: float, after: float, why: st
     effect = get_effect(scored.candidate.effect)
     place = ", ".join(scored.candidate.joints) or "the whole robot"
     if after >= before:
-        return f"{effect.title} on {place} does not improve the prediction of blocks left out of the fit."
+        return f"{effect.title} on {place} does not improve the prediction of blocks left out of the fit. {why}"
     return (
         f"{effect.title} on {place} lowers the error on blocks left out of the fit from {before:.2%} to {after:.2%} "
         f"(t = {scored.t:.1f} over {len(scored.gains)} blocks, {scored.share_improved:.0%} of them better). {why}"
@@ -185,6 +226,7 @@ def select_verdict(
 
 def word_summary(
     verdict: Adequacy,
+    conclusion: Conclusion,
     ranked: Sequence[RankedEffect],
     unknown: Sequence[UnknownPattern],
     residual: FloatArray,
@@ -197,6 +239,8 @@ def word_summary(
     ----------
     verdict : Adequacy
         The verdict.
+    conclusion : Conclusion
+        What the diagnosis says in all.
     ranked : sequence of RankedEffect
         The ranking.
     unknown : sequence of UnknownPattern
@@ -223,7 +267,7 @@ def word_summary(
                 "it was recorded, the sensor noise is larger than stated here."
             )
     else:
-        text = "These data show no missing effect."
+        text = " ".join((conclusion.headline, *conclusion.why))
     if unknown:
         parts = "; ".join(f"{p.joint} over {p.variable.replace('_', ' ')} ({p.share:.0%})" for p in unknown[:4])
         text += f" The residual still depends on: {parts}."

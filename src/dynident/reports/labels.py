@@ -15,6 +15,7 @@ from dynident.identification.thresholds import ParameterJudgement
 from dynident.reports.number_format import format_estimate
 from dynident.reports.report_tables import Mark
 from dynident.robot import Robot
+from dynident.robot.joint_names import join_joint_names
 from dynident.robot.json_fields import join_names
 
 if TYPE_CHECKING:
@@ -37,11 +38,9 @@ def format_joints(joints: Sequence[str], all_joints: Sequence[str]) -> str:
     Returns
     -------
     str
-        Their names, or "all joints".
+        Their names; of many joints those that are left out ("all but knee"), left and right together.
     """
-    if len(joints) == len(all_joints) > 1:
-        return "all joints"
-    return ", ".join(joints) or "the whole robot"
+    return join_joint_names(joints, all_joints) if joints else "the whole robot"
 
 
 def format_hidden_effects(diagnosis: Diagnosis, robot: Robot) -> str:

@@ -23,7 +23,7 @@ from dynident.reports.number_format import format_estimate, format_number, forma
 from dynident.reports.report_tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
 from dynident.robot import Robot
 
-CANDIDATE_COLUMNS = ("rank", "effect", "joints", "error before", "after", "drop", "significant")
+CANDIDATE_COLUMNS = ("rank", "effect", "joints", "error before", "after", "drop", "why, or why not")
 
 
 def format_candidates(ranked: Iterable[RankedEffect], robot: Robot) -> list[tuple[str, ...]]:
@@ -49,10 +49,18 @@ def format_candidates(ranked: Iterable[RankedEffect], robot: Robot) -> list[tupl
             format_percent(candidate.error_before),
             format_percent(candidate.error_after),
             format_percent(candidate.error_drop, 2),
-            "yes" if candidate.significant else "no",
+            format_reason(candidate),
         )
         for candidate in ranked
     ]
+
+
+def format_reason(candidate: RankedEffect) -> str:
+    """Return why a candidate is a finding or not, in a few words."""
+    if candidate.reason is not None:
+        return candidate.reason.brief
+    # A diagnosis of an earlier version holds no reasons.
+    return "accepted" if candidate.significant else "not accepted"
 
 
 CHANGE_COLUMNS = ("changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")

@@ -8,7 +8,7 @@ from dynident_client.answers.parts import EffectChoice
 
 
 class Candidate(TypedDict):
-    """A family of effects with its best joints and shape constants; errors are relative, held out, on these joints."""
+    """A family of effects with its best joints and shape constants."""
 
     effect: str
     equivalent: list[str]
@@ -20,6 +20,8 @@ class Candidate(TypedDict):
     joints: list[str]
     p_value: float | None
     rank: int
+    reason: Reason | None
+    """Why it is a finding or not"""
     runs: list[str]
     """Labels of the runs in which it acts; empty: in all of them"""
     separability: float | None
@@ -67,6 +69,16 @@ class ChangedValue(TypedDict):
     """The difference"""
 
 
+class Conclusion(TypedDict):
+    """What a diagnosis says in all, and the one next thing to do."""
+
+    code: Literal["something_is_missing", "nothing_above_limits", "cannot_tell"]
+    headline: str
+    next_step: str
+    why: list[str]
+    """What it rests on"""
+
+
 class Course(TypedDict):
     """One parameter day by day; null if the motion of that day does not determine it."""
 
@@ -82,18 +94,45 @@ class Course(TypedDict):
     """Whether this parameter may differ from day to day; all others are also known from the other days"""
 
 
+class DetectionLimit(TypedDict):
+    """The size of an effect on a joint that these recordings would have shown."""
+
+    effect: str
+    half_size: float | None
+    """The same with 50 %; null if none would"""
+    joints: list[str]
+    """Empty for an effect of the whole robot"""
+    parameter: str
+    """The parameter that tells how large the effect is"""
+    shape_parameters: dict[str, float]
+    """Shape constants that the sizes are of: the nearest to the usual ones that show"""
+    share: float | None
+    """`size` over `usual`"""
+    size: float | None
+    """Smallest size that would have been accepted with 95 %; null if none would"""
+    unit: str
+    usual: float
+    """Size on arms that have the effect"""
+
+
 class DiagnosisResult(TypedDict):
     """What is missing in a model."""
 
     candidates: list[Candidate]
     changes: list[Change] | None
     """Differences from the baseline; empty: none; null: there was no baseline"""
+    conclusion: Conclusion | None
+    """What all this says, and the next thing to do"""
+    detection_limits: list[DetectionLimit]
+    """The size of each effect on each joint that these recordings would have shown"""
     failure_map: list[FailureSpot]
     friction: list[FrictionDifference]
     """Change of the friction of each moving joint from the baseline, significant or not"""
     next_experiment: NextExperiment | None
     noise_floor: list[float | None]
     not_visible: list[NotVisible]
+    outcomes: list[Outcome]
+    """What became of every effect on every joint, and why; findings first"""
     recommended: list[EffectChoice]
     residual_rms: list[float | None]
     summary: str
@@ -107,8 +146,11 @@ class Evidence(TypedDict):
     count: list[int]
     effect: str
     effort_unit: str
+    error_drop: float | None
+    """What the effect explains, as in the ranking: share of the held-out error of its joints that it removes beside
+    everything that ranks above"""
     explained: float | None
-    """Share of the squared residual on this joint that the effect explains"""
+    """Share of the squared residual of this joint that the curve removes where it was fitted, beside the model alone"""
     fitted: list[float]
     """Mean change of the prediction by the effect, with all parameters fitted again"""
     joint: str
@@ -173,6 +215,52 @@ class NotVisible(TypedDict):
     effect: str
     joints: list[str]
     reason: str
+
+
+class Outcome(TypedDict):
+    """What became of an effect on some joints."""
+
+    effect: str
+    error_drop: float | None
+    """Share of the held-out error that it removes beside all findings"""
+    joints: list[str]
+    reason: Reason
+    runs: list[str]
+    shape_parameters: dict[str, float]
+
+
+class Reason(TypedDict):
+    """Why a candidate is a finding or not."""
+
+    brief: str
+    """The reason in a few words"""
+    code: Literal[
+        "accepted",
+        "equivalent",
+        "explained",
+        "not_significant",
+        "too_small",
+        "not_determined",
+        "impossible",
+        "unstable",
+        "only_at_reversals",
+        "superfluous",
+        "not_resolved",
+        "harmful",
+        "misnamed",
+        "no_help_once_added",
+        "cannot_be_added",
+        "most_effects",
+        "undetermined_model",
+        "passed_over",
+        "not_tried",
+    ]
+    step: int | None
+    """Rank of the finding that it refers to; of a finding its own"""
+    text: str
+    """The reason as a sentence"""
+    values: dict[str, float | str | None]
+    """Numbers and names that belong to the code"""
 
 
 class Separation(TypedDict):

@@ -122,6 +122,16 @@ def diagnose(
             show_default=False,
         ),
     ] = None,
+    why: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--why",
+            metavar="EFFECT@JOINT",
+            help="Print why this effect on this joint is a finding or not; may be repeated. Without @JOINT, its best "
+            "place.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Name the physical effects that a model lacks.
 
@@ -129,10 +139,11 @@ def diagnose(
     """
     from dynident.diagnosis import examine
     from dynident_service.adapters.diagnoses import describe_diagnosis
-    from dynident_service.cli import inputs, output, result_tables
+    from dynident_service.cli import inputs, output, parsing, result_tables
 
     identification = inputs.load_model(model)
     robot = identification.model.robot
+    questions = [parsing.parse_effect_place(text, robot.joint_names) for text in why or ()]
     choices = request_options.build_request(DiagnosisChoices)
     with inputs.read_recordings("diagnose", measurements, robot, reading, share=0.3) as data:
         examined = examine(
@@ -140,6 +151,7 @@ def diagnose(
             data.recordings,
             candidates=choices.candidates,
             most_effects=choices.max_effects,
+            significance=choices.significance,
             progress=data.progress,
         )
         if next_experiment or (next_experiment is None and (result.out is not None or result.as_json)):
@@ -155,7 +167,7 @@ def diagnose(
         result,
         "diagnosis",
         lambda: describe_diagnosis(diagnosis, robot.name),
-        lambda console: result_tables.show_diagnosis(console, diagnosis, robot, extend_command, n_open),
+        lambda console: result_tables.show_diagnosis(console, diagnosis, robot, extend_command, questions, n_open),
     )
 
 

@@ -241,9 +241,12 @@ class FoldFit:
         Parameters of the model.
     projection : (b, c)
         What the model says of every candidate column.
+    portions : tuple of Batch
+        The candidates, by number of columns.
     """
 
     def __init__(self, sums: ProductSums, portions: Sequence[Batch]) -> None:
+        self.portions = tuple(portions)
         scale = np.sqrt(np.maximum(np.diag(sums.ww), np.finfo(float).tiny))
         # Columns are scaled to one, since parameters have different units; the small ridge keeps columns that a fold
         # lacks solvable.

@@ -70,6 +70,9 @@ class Pool:
         Labels of the later runs, where changes between them and the others are looked for.
     faint : frozenset[Candidate]
         Candidates that are tried only once something was found on their joint.
+    probes : tuple of Candidate
+        Candidates of usual shape constants that nothing in the residual suggests: they are not tried, and stand for
+        their effect where it is asked from which size on it would have shown.
     """
 
     observation: Observation
@@ -77,6 +80,7 @@ class Pool:
     candidates: tuple[Candidate, ...]
     since: tuple[str, ...] = ()
     faint: frozenset[Candidate] = frozenset()
+    probes: tuple[Candidate, ...] = ()
 
     @property
     def initial_candidates(self) -> list[Candidate]:
@@ -387,6 +391,43 @@ def _list_groups(effect: Effect, model: Model, free: list[int]) -> list[EffectCh
         grid = effect.grid(robot, free[0])
     names = tuple(robot.joint_names[j] for j in free)
     return [EffectChoice(effect.id, names, _sort_shape(shape)) for shape in grid]
+
+
+def explain_absence(effect: Effect, joint: str, model: Model, leads: ShapeProposals) -> str:
+    """Return why an effect is no candidate on a joint, in words; the joint is empty for one of the whole robot.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    joint : str
+        Name of the joint.
+    model : Model
+        The model in which something may be missing.
+    leads : ShapeProposals
+        What recordings and residual suggest.
+    """
+    if _is_in_model(effect, model, joint):
+        return "the model contains it"
+    names = model.robot.tree.joint_names
+    if effect.scope == "joint" and joint not in {names[j] for j in find_places(effect, model.robot)}:
+        return "it cannot act on this joint"
+    if effect.needs_temperature and not leads.has_temperature:
+        return "the recordings have no temperature"
+    if effect.needs_session and leads.session < _SHORTEST_SESSION:
+        return f"the recordings span less than {_SHORTEST_SESSION:.0f} s of one clock"
+    if effect.in_some_runs:
+        return "there are no separate runs of which some could have it" if not leads.run_groups else _OTHER_LINK
+    if effect.proposal == "angle_spectrum":
+        return "no line stands out in the residual over the angle of this joint"
+    if effect.proposal == "time_spectrum":
+        return "no line stands out in the residual over time"
+    if effect.is_transient:
+        return "no span of time stands out in the residual"
+    return "its torque is zero, equals that of another candidate, or is not resolved by the filtered position"
+
+
+_OTHER_LINK = "it is looked for on the last link, and moved to another link once it is found"
 
 
 def _is_in_model(effect: Effect, model: Model, joint: str) -> bool:

@@ -17,6 +17,7 @@ from scipy.special import stdtrit
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.scoring import Score
+from dynident.diagnosis.request import DEFAULT_SIGNIFICANCE
 from dynident.diagnosis.residuals.time_blocks import compute_median_error, compute_t
 from dynident.effects import CATALOGUE
 
@@ -28,7 +29,30 @@ _SEED = 20
 _TOGETHER = 64
 
 
+@dataclass(frozen=True)
+class FamilywiseLevels:
+    """What the two statistics of a candidate have to exceed to pass the family-wise test.
+
+    Parameters
+    ----------
+    gains : float
+        Least t of the signed roots of its gains (`compute_evenness`).
+    scores : float
+        Least size of its scores, on the scale of `standardise_size`.
+    """
+
+    gains: float
+    scores: float
+
+
 def compute_familywise_p(gains: FloatArray, scores: Sequence[FloatArray]) -> FloatArray:
+    """Return the p-values (c,) of `run_familywise_test`."""
+    return run_familywise_test(gains, scores)[0]
+
+
+def run_familywise_test(
+    gains: FloatArray, scores: Sequence[FloatArray], level: float | None = None
+) -> tuple[FloatArray, FamilywiseLevels]:
     """Return how often the best of all candidates would look as good by chance as each of them does.
 
     Of two statistics the one that says more, at half the level each (Bonferroni): the scores see what little a single
@@ -40,25 +64,30 @@ def compute_familywise_p(gains: FloatArray, scores: Sequence[FloatArray]) -> Flo
         Gain of each candidate in each block that it was not fitted to, in squared units of the noise.
     scores : sequence of (s, k)
         What each block adds to the scores of the k parameters of a candidate (`compute_contributions`).
+    level : float, optional
+        Largest p-value of a finding; by default that of tests that no request sets.
 
     Returns
     -------
-    (c,)
-        p-value of each candidate.
+    (c,), FamilywiseLevels
+        p-value of each candidate, and what the statistics have to exceed for a p-value of `level`.
     """
     count, n_stretches = gains.shape
     # With a single block there is nothing whose signs could be changed: nothing is significant.
     if not count or n_stretches < 2:
-        return np.ones(count)
+        return np.ones(count), FamilywiseLevels(np.inf, np.inf)
     # The same random signs for all candidates: those that resemble each other stay alike in every draw.
     signs = _draw_signs(n_stretches)
-    by_gains, by_scores = _test_gains(gains, signs), _test_scores(scores, signs)
-    return np.asarray(np.minimum(1.0, 2.0 * np.minimum(by_gains, by_scores)))
+    (by_gains, largest_gains), (by_scores, largest_scores) = _test_gains(gains, signs), _test_scores(scores, signs)
+    # Half of the level for each statistic.
+    quantile = 1.0 - (ALPHA if level is None else level) / 2.0
+    levels = FamilywiseLevels(float(np.quantile(largest_gains, quantile)), float(np.quantile(largest_scores, quantile)))
+    return np.asarray(np.minimum(1.0, 2.0 * np.minimum(by_gains, by_scores))), levels
 
 
 def compute_single_p(gains: FloatArray) -> float:
     """Return how often chance would look as good as the gains (s,) of one candidate, with nothing else tried."""
-    return float(_test_gains(gains[None], _draw_signs(len(gains)))[0])
+    return float(_test_gains(gains[None], _draw_signs(len(gains)))[0][0])
 
 
 def _draw_signs(n_stretches: int) -> FloatArray:
@@ -70,18 +99,19 @@ def _draw_signs(n_stretches: int) -> FloatArray:
     return signs
 
 
-def _test_gains(gains: FloatArray, signs: FloatArray) -> FloatArray:
-    """Return (c,): the share of draws in which any candidate gains as evenly."""
+def _test_gains(gains: FloatArray, signs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (c,): the share of draws in which any candidate gains as evenly; and the most even of each draw."""
     values = _compute_signed_roots(gains)
     n_stretches = values.shape[1]
     mean = signs @ values.T / n_stretches
     # Signs change the mean of the values and leave their squares: the variance follows without another product.
     variance = np.maximum((values**2).mean(axis=1) - mean**2, np.finfo(float).tiny) * n_stretches / (n_stretches - 1)
-    return _compute_share_reached(compute_evenness(gains), (mean / np.sqrt(variance / n_stretches)).max(axis=1))
+    largest = (mean / np.sqrt(variance / n_stretches)).max(axis=1)
+    return _compute_share_reached(compute_evenness(gains), largest), largest
 
 
-def _test_scores(scores: Sequence[FloatArray], signs: FloatArray) -> FloatArray:
-    """Return (c,): the share of draws in which the scores of any candidate sum up to as much."""
+def _test_scores(scores: Sequence[FloatArray], signs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (c,): the share of draws in which the scores of any candidate sum up to as much; and the largest sums."""
     own, largest = np.full(len(scores), -np.inf), np.full(len(signs), -np.inf)
     # Candidates of equally many parameters are handled together, some at a time.
     for width in {each.shape[1] for each in scores}:
@@ -91,7 +121,7 @@ def _test_scores(scores: Sequence[FloatArray], signs: FloatArray) -> FloatArray:
             values = _standardise_scores(np.array([scores[k] for k in batch]), signs)
             own[batch] = values[0]
             largest = np.maximum(largest, values.max(axis=1))
-    return _compute_share_reached(own, largest)
+    return _compute_share_reached(own, largest), largest
 
 
 def _compute_share_reached(own: FloatArray, largest: FloatArray) -> FloatArray:
@@ -100,21 +130,31 @@ def _compute_share_reached(own: FloatArray, largest: FloatArray) -> FloatArray:
 
 
 def _standardise_scores(scores: FloatArray, signs: FloatArray) -> FloatArray:
-    """Return (draws, g): the size of the sums of scores (g, s, k) with random signs, on one scale whatever k.
+    """Return (draws, g): the size of the sums of scores (g, s, k) with random signs, on one scale whatever k."""
+    g, s, k = scores.shape
+    sums = (signs @ scores.transpose(1, 0, 2).reshape(s, g * k)).reshape(-1, g, k)
+    return standardise_size((sums**2).sum(axis=2), scores.transpose(0, 2, 1) @ scores)
 
-    Their squares are about those of so many normal variables as agree with their first two moments (Satterthwaite
-    1946); the cube root of that is about normal (Wilson and Hilferty 1931).
+
+def standardise_size(squares: FloatArray, spread: FloatArray) -> FloatArray:
+    """Return squared sums of scores as values that are about normal, whatever the number of parameters.
+
+    They are about the squares of so many normal variables as agree with their first two moments (Satterthwaite 1946);
+    the cube root of that is about normal (Wilson and Hilferty 1931).
+
+    Parameters
+    ----------
+    squares : (…, g)
+        Squared sums.
+    spread : (g, k, k)
+        Products of the scores, summed over the blocks.
     """
-    spread = scores.transpose(0, 2, 1) @ scores
     mean = np.einsum("gkk->g", spread)
     # Candidates for which only their gains may speak have scores of zero.
     silent = mean <= np.finfo(float).tiny
     mean = np.where(silent, 1.0, mean)
     freedom = np.where(silent, 1.0, mean**2 / np.where(silent, 1.0, (spread**2).sum(axis=(1, 2))))
-    g, s, k = scores.shape
-    sums = (signs @ scores.transpose(1, 0, 2).reshape(s, g * k)).reshape(-1, g, k)
-    root = np.cbrt((sums**2).sum(axis=2) / mean)
-    return np.asarray((root - (1.0 - 2.0 / (9.0 * freedom))) / np.sqrt(2.0 / (9.0 * freedom)))
+    return np.asarray((np.cbrt(squares / mean) - (1.0 - 2.0 / (9.0 * freedom))) / np.sqrt(2.0 / (9.0 * freedom)))
 
 
 def compute_evenness(gains: FloatArray) -> FloatArray:
@@ -131,8 +171,8 @@ def _compute_signed_roots(gains: FloatArray) -> FloatArray:
     return np.asarray(np.sign(gains) * np.sqrt(np.abs(gains)))
 
 
-ALPHA = 0.01
-"""How often anything at all may be named, by chance, in an arm where nothing is missing (`benchmarks/placebo.py`)."""
+ALPHA = DEFAULT_SIGNIFICANCE
+"""The level of tests that no request sets."""
 
 SMALLEST_ERROR_DROP = 0.02
 """Share of the held-out error, in N m, that an effect must remove where it is said to be: less nobody would notice."""
@@ -151,6 +191,11 @@ SMALLEST_GAIN_AT_REVERSALS = 0.3
 _CAP = 3.0
 # Share of its gain by which a candidate beats a simpler one however unevenly, or does not however evenly.
 _MUCH_MORE, _HARDLY_MORE = 0.2, 0.02
+
+
+def compute_least_t(blocks: int, level: float) -> float:
+    """Return the t of a gain over so many blocks that chance reaches with a probability, for one candidate alone."""
+    return float(stdtrit(blocks - 1, 1.0 - level))
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,14 +290,18 @@ class ScoredCandidate:
         before, after = float(self.before[:, joints].sum()), float(self.after[:, joints].sum())
         return 1.0 - float(np.sqrt(after / before)) if before > 0 else 0.0
 
-    @property
-    def is_significant(self) -> bool:
-        """Whether the improvement is large enough to matter, and no chance: among all that was tried, and by itself.
+    def is_significant(self, level: float = ALPHA) -> bool:
+        """Return whether the improvement is large enough to matter, and no chance among all that was tried.
 
         By itself, what it gains where it was not fitted has to be above zero: scores alone are of the data that it was.
+
+        Parameters
+        ----------
+        level : float
+            Largest p-value.
         """
         matters = self.drop >= SMALLEST_DROP and self.error_drop >= SMALLEST_ERROR_DROP
-        return matters and self.p <= ALPHA and self.t >= float(stdtrit(len(self.gains) - 1, 1.0 - ALPHA))
+        return matters and self.p <= level and self.t >= compute_least_t(len(self.gains), level)
 
     def is_still_helpful(self, least_drop: float, least_t: float) -> bool:
         """Return whether it still improves the prediction beside all that was found.

@@ -28,7 +28,7 @@ from dynident.diagnosis.search.identifiability import is_determined
 from dynident.diagnosis.search.next_finding import select_candidate
 from dynident.diagnosis.search.pruning import prune_findings
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
-from dynident.diagnosis.summary import rank_effects
+from dynident.diagnosis.summary import rank_findings
 from dynident.effects import get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import build_weighted_factor, statistics, weighted
@@ -179,7 +179,7 @@ def monitor_days(measure: Measure, days: Sequence[Day], progress: Progress = ign
         statistics(reduction, solution),
     )
     choices = [pick.judged.candidate.choice for pick in picks]
-    ranked = rank_effects(picks, (), choices)
+    ranked = rank_findings(picks, choices)
     dated_changes: list[SeriesChange] = []
     for pick, ranked_effect in zip(picks, ranked, strict=True):
         if pool.is_change(pick.judged.candidate):

@@ -1,28 +1,28 @@
-"""Conditions for a candidate besides significance: gain above noise, physical constraints, and stable selection.
+"""The rules that a candidate has to pass, each of which gives its reason; and stable selection.
 
-Physical constraints: friction takes energy, a mass or a compliance is above zero. Stability: the same name is found
-where blocks of time are drawn anew, and where each run is left out.
+Stability: the same name is found where blocks of time are drawn anew, and where each run is left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
-from dynident.diagnosis.candidates.blocks import JointBlocks
-from dynident.diagnosis.candidates.pool import Pool
-from dynident.diagnosis.candidates.products import Products
-from dynident.diagnosis.candidates.scoring import compute_deviations
+from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.significance import (
+    SMALLEST_DROP,
+    SMALLEST_ERROR_DROP,
     SMALLEST_GAIN_AT_REVERSALS,
     SMALLEST_GAIN_OVER_NOISE,
     ScoredCandidate,
+    compute_least_t,
 )
+from dynident.diagnosis.reasons import Reason, build_too_small, describe_choice
 from dynident.diagnosis.search.state import State
-from dynident.effects import Effect, Estimate, get_effect, get_spec
+from dynident.effects import Effect, get_effect
 from dynident.effects.effect_columns import is_lasting_change
 
 FOUND_AGAIN = 0.9
@@ -95,140 +95,6 @@ def _compute_margin(chosen: ScoredCandidate, rival: ScoredCandidate) -> FloatArr
     return np.asarray(chosen.gains - rival.gains)
 
 
-# Share of the work that friction may give back: filters and other errors make some of it.
-_GIVEN_BACK = 0.1
-# A parameter of the wrong sign counts from so many standard deviations on; filtered rows are worth a tenth each.
-_DEVIATIONS, _CORRELATION = 2.0, 10.0
-
-
-def is_physically_possible(
-    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
-) -> bool:
-    """Return whether a candidate beside a model is physically possible with the amplitudes that the data ask for.
-
-    Parameters
-    ----------
-    data : PhasedProducts
-        Products of all columns.
-    pool : Pool
-        Model and candidates.
-    base : tuple of int
-        Columns of the model.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
-    scored : ScoredCandidate
-        The candidate.
-    """
-    columns = np.array(base + scored.candidate.columns, dtype=np.intp)
-    rows = data.select_for_model(columns)
-    values, doubts = _fit_columns(rows, columns, noise)
-    if get_effect(scored.candidate.effect).is_friction and not _is_dissipative(rows, pool, columns, values, scored):
-        return False
-    estimates = _build_estimates(values, doubts)
-    if get_effect(scored.candidate.effect).is_friction and not _keeps_friction_sign(pool, base, estimates, scored):
-        return False
-    own = estimates[len(base) :]
-    if pool.is_change(scored.candidate):
-        # Filtered rows of two days differ more than those of one: what they tell of a difference says its own doubt.
-        difference_deviations = compute_deviations(
-            JointBlocks.from_products(rows, columns[: len(base)], [scored.candidate]), 1, noise
-        )[0]
-        return _is_possible_change(pool, base, scored, _build_estimates(values[len(base) :], difference_deviations))
-    return all(
-        get_effect(scored.candidate.effect).is_plausible(known) for _, known in _group_by_link(pool, scored, own)
-    )
-
-
-def _build_estimates(values: FloatArray, deviations: FloatArray) -> list[Estimate]:
-    return [
-        Estimate(float(value), float(_DEVIATIONS * deviation))
-        for value, deviation in zip(values, deviations, strict=True)
-    ]
-
-
-def _group_by_link(
-    pool: Pool, scored: ScoredCandidate, own: Sequence[Estimate]
-) -> Iterable[tuple[str, Mapping[str, Estimate]]]:
-    """Return a candidate's parameters by name, on each joint that it acts on."""
-    by_link: dict[str, dict[str, Estimate]] = {}
-    for k, estimate in zip(scored.candidate.columns, own, strict=True):
-        # An effect on several joints has to be possible on each of them.
-        column = pool.observation.columns[k]
-        by_link.setdefault(column.link, {})[column.parameter] = estimate
-    return by_link.items()
-
-
-def _is_possible_change(pool: Pool, base: tuple[int, ...], scored: ScoredCandidate, own: Sequence[Estimate]) -> bool:
-    """Return whether the later days may differ in this way: by less, too, where there is something to lose.
-
-    Friction wears in, a mass is taken off; what the other days do not have can only be added.
-    """
-    effect = get_effect(scored.candidate.effect)
-    columns = [pool.observation.columns[k] for k in base]
-    # Where the model has the effect on all days, the later days may have less of it.
-    had = {column.link for column in columns if column.effect == effect.id}
-    return all(
-        effect.is_plausible_change(known) and (link in had or effect.is_plausible(known))
-        for link, known in _group_by_link(pool, scored, own)
-    )
-
-
-def _keeps_friction_sign(
-    pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], scored: ScoredCandidate
-) -> bool:
-    """Return whether the friction that the model has on a candidate's joints keeps its sign beside it.
-
-    A large power of the velocity less a large multiple of the velocity fits a bend, and says nothing of other speeds.
-    """
-    joints = {pool.observation.robot.joint_names[j] for j in scored.joints}
-    for k, estimate in zip(base, estimates, strict=False):
-        column = pool.observation.columns[k]
-        effect = get_effect(column.effect)
-        if effect.is_friction and column.link in joints:
-            spec = get_spec(column)
-            if spec is not None and not spec.admits(estimate):
-                return False
-    return True
-
-
-def _is_dissipative(
-    data: Products, pool: Pool, columns: IndexArray, values: FloatArray, scored: ScoredCandidate
-) -> bool:
-    """Return whether friction still takes energy from every joint on the whole, the candidate's friction included.
-
-    The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
-    """
-    for j in scored.joints:
-        where = data.position[j]
-        coulomb = columns[pool.is_dry[columns] & (where[columns] >= 0)]
-        friction = np.flatnonzero(pool.is_friction[columns] & (where[columns] >= 0))
-        # Without a Coulomb column there is no sign of the velocity to measure the work against.
-        if not len(coulomb) or not len(friction):
-            continue
-        places = where[columns[friction]]
-        work = data.take_products(j, where[coulomb[:1]], places) @ values[friction]
-        if float(np.minimum(work, 0.0).sum()) < -_GIVEN_BACK * float(np.abs(work).sum()):
-            return False
-    return True
-
-
-def _fit_columns(data: Products, columns: IndexArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the parameters (k,) of columns, fitted to all blocks, and their standard deviations (k,)."""
-    k = len(columns)
-    normal, right = np.zeros((k, k)), np.zeros(k)
-    for joint, (where, sigma) in enumerate(zip(data.position, noise, strict=True)):
-        have = np.flatnonzero(where[columns] >= 0)
-        places = where[columns[have]]
-        total = data.sum_products(joint, np.append(places, -1)) / sigma**2
-        normal[np.ix_(have, have)] += total[:-1, :-1]
-        right[have] += total[:-1, -1]
-    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-    # The pseudo-inverse leaves undetermined parameters at zero, which no check of signs takes offence at.
-    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10, hermitian=True)
-    deviations = np.sqrt(_CORRELATION * np.maximum(np.diag(inverse), 0.0)) / scale
-    return np.asarray(inverse @ (right / scale) / scale), np.asarray(deviations)
-
-
 VISIBLE = 0.02
 """Share of a column that has to be left beside the model for the data to show its effect at all."""
 
@@ -266,8 +132,8 @@ LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5
 """Where it gains this share of its error, a smaller t will do."""
 
 
-def is_acceptable(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
-    """Return whether a candidate is a finding.
+def find_rejection(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+    """Return the first rule that a candidate fails, as a reason; None where it passes them all.
 
     Parameters
     ----------
@@ -278,7 +144,17 @@ def is_acceptable(state: State, data: PhasedProducts, scored: ScoredCandidate) -
     scored : ScoredCandidate
         The candidate.
     """
-    return _is_surely_there(state, data, scored) and _explains_enough_of_runs(state, scored)
+    rules = (
+        _check_visibility,
+        _check_significance,
+        _check_size,
+        _check_reach,
+        _check_blur,
+        _check_shadows,
+        _check_each_joint,
+        _check_runs,
+    )
+    return next((reason for rule in rules if (reason := rule(state, data, scored)) is not None), None)
 
 
 def is_too_small_for_runs(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
@@ -293,35 +169,100 @@ def is_too_small_for_runs(state: State, data: PhasedProducts, scored: ScoredCand
     scored : ScoredCandidate
         The candidate.
     """
-    return (
-        bool(scored.candidate.runs)
-        and not _explains_enough_of_runs(state, scored)
-        and _is_surely_there(state, data, scored)
-    )
+    rejection = find_rejection(state, data, scored)
+    # The size in its runs is checked last: all other rules passed where that is what a candidate fails.
+    return rejection is not None and dict(rejection.values).get("measure") == "runs"
 
 
-def _explains_enough_of_runs(state: State, scored: ScoredCandidate) -> bool:
-    """Return whether a candidate explains as much as one of some runs alone has to."""
-    if not scored.candidate.runs:
-        return True
-    return scored.drop >= (
-        _LEAST_OF_CHANGE if is_lasting_change(scored.candidate.choice, state.since) else _LEAST_OF_RUNS
-    )
+def _check_visibility(_state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+    if scored.separability >= VISIBLE:
+        return None
+    return Reason.build("not_determined", share=scored.separability, least=VISIBLE)
 
 
-def _is_surely_there(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
-    effect = get_effect(scored.candidate.effect)
-    if scored.separability < VISIBLE or not scored.is_significant or is_too_small(state, data, scored):
-        return False
+def _check_significance(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+    """Check that a gain is no chance, among all that was tried and by itself, and large enough to notice."""
+    if scored.p > state.level:
+        return Reason.build("not_significant", p=scored.p, level=state.level)
+    if scored.drop < SMALLEST_DROP:
+        return build_too_small("squared_error", scored.drop, SMALLEST_DROP)
+    if scored.error_drop < SMALLEST_ERROR_DROP:
+        return build_too_small("error", scored.error_drop, SMALLEST_ERROR_DROP)
+    least_t = compute_least_t(len(scored.gains), state.level)
+    if scored.t < least_t:
+        return Reason.build("not_significant", p=scored.p, level=state.level, t=scored.t, least_t=least_t)
+    return None
+
+
+def _check_size(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+    gain, least = _compute_largest_gain(state, data, scored), get_least_gain(get_effect(scored.candidate.effect))
+    return build_too_small("noise", gain, least) if gain < least else None
+
+
+def _check_reach(_state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     # A column of which little is left needs a gain that is very sure.
-    if scored.separability * scored.t < _LEAST_REACH:
-        return False
-    if effect.first_order and scored.separability < _BLURRED and scored.drop < _DROP_OF_BLURRED:
-        return False
-    if any(is_shadowed(scored, finding.judged, state.floor) for finding in state.picks):
-        return False
-    # What pulls at two joints, and explains one of them alone, is a function of that joint.
-    return not effect.pulls_on_each or all(has_gain_on_joint(state, data, scored, j) for j in scored.joints)
+    least = _LEAST_REACH / max(scored.t, np.finfo(float).tiny)
+    return _check_share(scored, least)
+
+
+def _check_blur(_state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+    is_first_order = get_effect(scored.candidate.effect).first_order
+    return _check_share(scored, _BLURRED) if is_first_order and scored.drop < _DROP_OF_BLURRED else None
+
+
+def _check_share(scored: ScoredCandidate, least: float) -> Reason | None:
+    if scored.separability >= least:
+        return None
+    return Reason.build("not_determined", share=scored.separability, least=min(least, 1.0))
+
+
+def find_least_drop(candidate: Candidate, separability: float, t: float) -> float:
+    """Return the share of the squared error that a candidate has to remove; infinite where no share is enough.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        The candidate.
+    separability : float
+        Share of its column that is left beside the model.
+    t : float
+        t of its gain.
+    """
+    if separability < VISIBLE or separability * t < _LEAST_REACH:
+        return np.inf
+    effect = get_effect(candidate.effect)
+    if effect.first_order and separability < _BLURRED:
+        return _DROP_OF_BLURRED
+    return SMALLEST_DROP
+
+
+def _check_shadows(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+    for finding in state.picks:
+        if is_shadowed(scored, finding.judged, state.floor):
+            size = compute_explained_error(scored, state.floor) / compute_explained_error(finding.judged, state.floor)
+            return Reason.build("explained", by=describe_choice(finding.judged.candidate.choice), left=size)
+    return None
+
+
+def _check_each_joint(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+    """Check that what pulls at two joints explains both: what explains one alone is a function of that joint."""
+    if not get_effect(scored.candidate.effect).pulls_on_each:
+        return None
+    idle = [joint for joint in scored.joints if not has_gain_on_joint(state, data, scored, joint)]
+    if not idle:
+        return None
+    before = scored.before[:, idle].sum(axis=0)
+    shares = 1.0 - scored.after[:, idle].sum(axis=0) / np.maximum(before, np.finfo(float).tiny)
+    return build_too_small("joint", float(shares.min()), JOINT_DROP)
+
+
+def _check_runs(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+    """Check that an effect of some runs alone explains as much of them as it has to."""
+    if not scored.candidate.runs:
+        return None
+    is_lasting = is_lasting_change(scored.candidate.choice, state.since)
+    least = _LEAST_OF_CHANGE if is_lasting else _LEAST_OF_RUNS
+    return build_too_small("runs", scored.drop, least) if scored.drop < least else None
 
 
 def is_too_small(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
@@ -336,8 +277,11 @@ def is_too_small(state: State, data: PhasedProducts, scored: ScoredCandidate) ->
     scored : ScoredCandidate
         The candidate.
     """
-    most = max(compute_gain_over_floor(scored, j, state.floor, data) for j in scored.joints)
-    return most < get_least_gain(get_effect(scored.candidate.effect))
+    return _check_size(state, data, scored) is not None
+
+
+def _compute_largest_gain(state: State, data: PhasedProducts, scored: ScoredCandidate) -> float:
+    return max(compute_gain_over_floor(scored, j, state.floor, data) for j in scored.joints)
 
 
 def has_gain_on_joint(state: State, data: PhasedProducts, scored: ScoredCandidate, joint: int) -> bool:

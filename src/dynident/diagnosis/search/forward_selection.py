@@ -6,16 +6,17 @@ Later findings lead back to earlier ones: waves get another name, and two findin
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.search.acceptance import is_physically_possible
+from dynident.diagnosis.reasons import Reason
 from dynident.diagnosis.search.identifiability import is_determined, is_main_explanation
 from dynident.diagnosis.search.model_comparison import build_finer_pool, compare_names, explains_as_much, list_starts
 from dynident.diagnosis.search.next_finding import select_candidate
+from dynident.diagnosis.search.physical_constraints import is_physically_possible
 from dynident.diagnosis.search.pruning import prune_findings
 from dynident.diagnosis.search.refine import split_groups
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
@@ -203,6 +204,69 @@ def _share_a_joint(first: Finding, second: Finding) -> bool:
 _FEW_WAVES = 6.0
 
 
+@dataclass(frozen=True)
+class Loss:
+    """The finding beside which a candidate lost most of its gain.
+
+    Parameters
+    ----------
+    finding : Finding
+        The finding.
+    gain : float
+        What the candidate lost when this was added, in units of the noise.
+    """
+
+    finding: Finding
+    gain: float
+
+
+@dataclass(eq=False)
+class SearchRecord:
+    """What a search found, and what became of the candidates that it did not choose.
+
+    Parameters
+    ----------
+    picks : tuple of Finding
+        The findings.
+    data : PhasedProducts
+        Products of all columns, with the torque that the last model predicts.
+    is_undetermined : bool
+        Whether a finding was given up because the motion does not determine the model.
+    rejections : dict of Candidate to Reason
+        Why candidates were not chosen in the last round.
+    dropped : dict of Candidate to Reason
+        Why findings were dropped again.
+    losses : dict of Candidate to Loss
+        Which finding took most of each candidate's gain.
+    """
+
+    picks: tuple[Finding, ...]
+    data: PhasedProducts
+    is_undetermined: bool = False
+    rejections: dict[Candidate, Reason] = field(default_factory=dict)
+    dropped: dict[Candidate, Reason] = field(default_factory=dict)
+    losses: dict[Candidate, Loss] = field(default_factory=dict)
+
+    def record_losses(
+        self, finding: Finding, before: Sequence[ScoredCandidate], after: Sequence[ScoredCandidate]
+    ) -> None:
+        """Record what each candidate lost by a finding; one that is no candidate any more lost all.
+
+        Parameters
+        ----------
+        finding : Finding
+            The finding that was added.
+        before, after : sequence of ScoredCandidate
+            The candidates, scored without it and beside it.
+        """
+        gains = {scored.candidate: scored.total_gain for scored in after}
+        for scored in before:
+            lost = scored.total_gain - gains.get(scored.candidate, 0.0)
+            known = self.losses.get(scored.candidate)
+            if lost > 0.0 and (known is None or lost > known.gain):
+                self.losses[scored.candidate] = Loss(finding, lost)
+
+
 def search_findings(
     data: PhasedProducts,
     pool: Pool,
@@ -211,7 +275,7 @@ def search_findings(
     most: int,
     rows: ProductSource,
     progress: Progress,
-) -> tuple[tuple[Finding, ...], bool]:
+) -> SearchRecord:
     """Add the best effect that passes all tests, again and again, until none does; then drop what became superfluous.
 
     After an effect that is a first-order sensitivity all columns are made anew: those of the plain model are about
@@ -234,7 +298,7 @@ def search_findings(
     first : list of ScoredCandidate
         All candidates, scored beside that model.
     most : int
-        Largest number of findings.
+        Largest number of findings, contacts not counted.
     rows : ProductSource
         Gives products of further columns.
     progress : Progress
@@ -242,15 +306,18 @@ def search_findings(
 
     Returns
     -------
-    tuple of Finding, bool
-        The findings, and whether one was given up because the motion does not determine the model.
+    SearchRecord
+        The findings, and what became of the other candidates.
     """
+    record = SearchRecord(state.picks, data)
     firm = is_determined(data.select_for_model(state.base), state)
-    judged, undetermined, contacts = first, False, state.picks
+    judged, contacts = first, state.picks
     remaining, asleep = [scored.candidate for scored in first], pool.faint
-    while len(state.picks) < most:
-        progress(len(state.picks) / most, f"{len(state.picks)} effects found, {len(remaining)} candidates")
-        choice = select_candidate(data, pool, state, judged)
+    # Contacts are events of a recording, not effects of the arm: they do not count.
+    while (number := len(state.picks) - len(contacts)) < most:
+        progress(number / most, f"{number} effects found, {len(remaining)} candidates")
+        record.rejections.clear()
+        choice = select_candidate(data, pool, state, judged, record.rejections)
         if choice is None:
             break
         # The grid is coarse: before a name is settled, its rivals are tried with finer constants.
@@ -263,8 +330,9 @@ def search_findings(
         # What one run has and the others have not keeps the plain model from predicting a part of it, too.
         grown = replace(state, base=base, noise=estimate_residual_noise(data, base), picks=contacts)
         firm = firm or is_determined(data.select_for_model(base), grown)
-        undetermined = not firm and not is_main_explanation(data, state, chosen)
-        if undetermined:
+        if not firm and not is_main_explanation(data, state, chosen):
+            record.is_undetermined = True
+            record.rejections[chosen.candidate] = Reason.build("undetermined_model")
             break
         state = replace(grown, picks=(*state.picks, finding))
         reached = [pool.observation.robot.joint_names[j] for j in chosen.joints]
@@ -275,13 +343,19 @@ def search_findings(
         remaining, asleep = remaining + awake, asleep.difference(awake)
         # What the chosen effect says is no candidate on its joints any more.
         remaining = [c for c in remaining if not _is_superseded(c, chosen.candidate, reached)]
+        before, judged = judged, score_all(data, pool, state.base, remaining, state.noise)
+        record.record_losses(finding, before, judged)
         if not remaining:
             break
-        judged = score_all(data, pool, state.base, remaining, state.noise)
     # The order matters: names are settled before findings of one name are merged, and only then is anything dropped or
     # split.
     state = merge_findings(rows, data, pool, revisit_findings(rows, data, pool, state))
-    return split_groups(data, pool, prune_findings(data, pool, state)).picks, undetermined
+    pruned = prune_findings(data, pool, state)
+    lasting = {finding.judged.candidate for finding in pruned.picks}
+    superfluous = {finding.judged.candidate for finding in state.picks} - lasting
+    record.dropped.update(dict.fromkeys(superfluous, Reason.build("superfluous")))
+    record.picks, record.data = split_groups(data, pool, pruned).picks, data
+    return record
 
 
 def _is_superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str]) -> bool:

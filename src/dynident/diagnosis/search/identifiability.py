@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from dynident.array_types import BoolArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
-from dynident.diagnosis.candidates.blocks import JointBlocks
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products, find_present
-from dynident.diagnosis.candidates.scoring import compute_deviations, compute_fitted_errors, compute_held_out_errors
+from dynident.diagnosis.candidates.scoring import compute_fitted_errors, compute_held_out_errors
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.acceptance import VISIBLE
-from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise
-from dynident.effects import get_effect
-
-SEEN = 5.0
-"""Standard deviations that an effect has to have to be found nearly always: the largest of some hundred candidates
-reaches four by chance in one arm of a hundred (`significance.ALPHA`); what has one more falls short of
-that in one of six."""
-_DIGITS = 2
+from dynident.diagnosis.search.state import Finding, State
 
 Key = tuple[str, tuple[str, ...]]
 
@@ -55,45 +47,20 @@ def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
     )
 
 
-def find_too_uncertain(
-    data: PhasedProducts, pool: Pool, base: tuple[int, ...], picks: Sequence[Finding], hidden: Sequence[Invisible]
-) -> tuple[Invisible, ...]:
-    """Find effects on a joint that would not show even in the size that they usually have.
+def list_columns_with_findings(pool: Pool, base: tuple[int, ...], picks: Sequence[Finding]) -> tuple[int, ...]:
+    """List the columns of a model with its findings, at the shape constants of the pool nearest to theirs.
 
     Parameters
     ----------
-    base : tuple of int
-        Columns of the model as it was diagnosed.
-    picks : sequence of Finding
-        What was found, beside which everything else would have to show.
-    hidden : sequence of Invisible
-        What could not have shown for other reasons.
-    data : PhasedProducts
-        Products of all columns.
     pool : Pool
         Model and candidates.
-
-    Returns
-    -------
-    tuple of Invisible
-        Effects with the uncertainty of their surest parameter.
+    base : tuple of int
+        Columns of the model.
+    picks : sequence of Finding
+        What was found.
     """
-    whole = tuple(
-        dict.fromkeys((*base, *(column for finding in picks for column in _find_pool_columns(finding, pool))))
-    )
-    known_hidden = {(invisible.effect, invisible.joints) for invisible in hidden}
-    named = {
-        (scored.candidate.effect, joint)
-        for finding in picks
-        for scored in (finding.judged, *finding.equal)
-        for joint in scored.candidate.joints or pool.observation.robot.tree.joint_names
-    }
-    return tuple(
-        invisible
-        for invisible in _yield_too_uncertain(data, pool, whole)
-        if (invisible.effect, invisible.joints) not in known_hidden
-        and not {(invisible.effect, joint) for joint in invisible.joints} & named
-    )
+    own = (column for finding in picks for column in _find_pool_columns(finding, pool))
+    return tuple(dict.fromkeys((*base, *own)))
 
 
 def _find_pool_columns(finding: Finding, pool: Pool) -> tuple[int, ...]:
@@ -113,62 +80,6 @@ def _find_pool_columns(finding: Finding, pool: Pool) -> tuple[int, ...]:
     return min(alike, key=distance).columns if alike else ()
 
 
-def _yield_too_uncertain(data: PhasedProducts, pool: Pool, base: tuple[int, ...]) -> Iterator[Invisible]:
-    """Yield effects that would not show even in their usual size."""
-    # The surest parameter of the effect, over all of its shape constants, decides whether it would have shown.
-    best: dict[Key, tuple[float, Invisible]] = {}
-    for candidate, spreads in _yield_deviations(data, pool, base):
-        key = (candidate.effect, candidate.joints)
-        for size, invisible in _compare_typical_sizes(pool, candidate, spreads):
-            # An effect shows if any of its parameters does, with any of its shape constants.
-            if key not in best or size > best[key][0]:
-                best[key] = size, invisible
-    yield from (invisible for size, invisible in best.values() if size < SEEN)
-
-
-def _yield_deviations(
-    data: PhasedProducts, pool: Pool, base: tuple[int, ...]
-) -> Iterator[tuple[Candidate, Sequence[float]]]:
-    """Yield the standard deviations of the parameters of every candidate on one joint, each beside the model alone."""
-    base_columns = set(base)
-    alone = [
-        candidate
-        for candidate in pool.initial_candidates
-        if len(candidate.joints) == 1 and not candidate.runs and not base_columns & set(candidate.columns)
-    ]
-    sets: dict[tuple[bool, bool], list[Candidate]] = {}
-    for candidate in alone:
-        sets.setdefault(data.find_row_kinds(candidate.columns), []).append(candidate)
-    # What was found is among these columns: the noise is what is left beside it.
-    noise = estimate_residual_noise(data, base)
-    for kinds, members in sets.items():
-        rows = data.select_for_candidates(base, np.array(kinds))
-        blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), members)
-        yield from zip(members, compute_deviations(blocks, len(members), noise), strict=True)
-
-
-def _compare_typical_sizes(
-    pool: Pool, candidate: Candidate, spreads: Sequence[float]
-) -> Iterator[tuple[float, Invisible]]:
-    """Yield how many standard deviations the usual size of each parameter is, and the same in words."""
-    robot = pool.observation.robot.tree
-    joint = robot.joint_names.index(candidate.joints[0])
-    usual = get_effect(candidate.effect).usual(robot, joint)
-    for place, spread in zip(candidate.columns, spreads, strict=True):
-        column = pool.observation.columns[place]
-        size = abs(usual.values.get(column.parameter, 0.0)) if usual is not None else 0.0
-        if size > 0 and spread > 0:
-            if not np.isfinite(spread):
-                why = f"these data do not determine {column.name} together with the model and the findings"
-                yield 0.0, Invisible(candidate.effect, candidate.joints, why, f"{column.name} undetermined")
-                continue
-            unit = "" if column.unit == "-" else f" {column.unit}"
-            known = f"{column.name} is known only to ±{spread:.{_DIGITS}g}{unit}"
-            why = f"an arm with this effect has about {size:.{_DIGITS}g}{unit}, which these data may not show"
-            brief = f"{column.name} ±{spread:.{_DIGITS}g} of {size:.{_DIGITS}g}{unit}"
-            yield size / spread, Invisible(candidate.effect, candidate.joints, f"{known}; {why}", brief)
-
-
 MOST_FROM_PART_TO_PART = 1.6
 """Error on a fifth of the motion in a row that was left out over that on every fifth stretch: 1.0-1.25 on sound data,
 1.6-3 where the motion is too poor to determine the model."""
@@ -182,8 +93,23 @@ On a clean delta robot, what passed the gate explained 0.03 of it; friction hidd
 def is_determined(rows: Products, state: State) -> bool:
     """Return whether the model that the search starts from predicts parts of the motion from the others.
 
-    Where the motion does not determine it, what a candidate gains is what it happens to hold the model by. Stretches
-    with what was found already, a contact, do not count: it happened once, no other part of the motion tells of it.
+    Where the motion does not determine it, what a candidate gains is what it happens to hold the model by.
+
+    Parameters
+    ----------
+    rows : Products
+        Rows that are equations for the model.
+    state : State
+        The model so far and what was found.
+    """
+    return compute_part_to_part_ratio(rows, state) <= MOST_FROM_PART_TO_PART
+
+
+def compute_part_to_part_ratio(rows: Products, state: State) -> float:
+    """Return the error on a fifth of the motion that is left out in a row, over that on every fifth block.
+
+    Stretches with what was found already, a contact, do not count: it happened once, no other part of the motion tells
+    of it.
 
     Parameters
     ----------
@@ -201,7 +127,7 @@ def is_determined(rows: Products, state: State) -> bool:
         float((compute_held_out_errors(rows, columns, state.noise, kind)[usual] / state.noise**2).sum())
         for kind in ("interleaved", "contiguous")
     )
-    return ahead <= MOST_FROM_PART_TO_PART**2 * inside
+    return float(np.sqrt(ahead / max(inside, np.finfo(float).tiny)))
 
 
 def is_main_explanation(data: PhasedProducts, state: State, scored: ScoredCandidate) -> bool:

@@ -9,24 +9,24 @@ from dynident.array_types import IndexArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.significance import (
-    ALPHA,
     SMALLEST_ERROR_DROP,
     ScoredCandidate,
     has_larger_gain,
     select_simplest,
 )
+from dynident.diagnosis.reasons import Reason, describe_choice
 from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.search.acceptance import (
     FOUND_AGAIN,
     VISIBLE,
     compute_stability,
+    find_rejection,
     has_gain_on_joint,
-    is_acceptable,
     is_other_name,
-    is_physically_possible,
     is_too_small,
     is_too_small_for_runs,
 )
+from dynident.diagnosis.search.physical_constraints import find_impossibility, is_physically_possible
 from dynident.diagnosis.search.state import State, score_all
 from dynident.effects import get_effect
 from dynident.effects.effect_columns import is_lasting_change
@@ -44,7 +44,11 @@ _NEARLY, _DECIDED = 0.97, 1.5
 
 
 def select_candidate(
-    data: PhasedProducts, pool: Pool, state: State, judged: Sequence[ScoredCandidate]
+    data: PhasedProducts,
+    pool: Pool,
+    state: State,
+    judged: Sequence[ScoredCandidate],
+    rejections: dict[Candidate, Reason] | None = None,
 ) -> tuple[ScoredCandidate, tuple[ScoredCandidate, ...]] | None:
     """Select the next effect to add and its equals on this data; None where nothing passes.
 
@@ -61,17 +65,31 @@ def select_candidate(
         The model so far and what was found.
     judged : sequence of ScoredCandidate
         Candidates, scored beside the model so far.
+    rejections : dict of Candidate to Reason, optional
+        Filled with the reason of every candidate that is rejected.
 
     Returns
     -------
     tuple of ScoredCandidate, tuple of ScoredCandidate, or None
         The effect, and what the data cannot tell from it.
     """
-    large = [scored for scored in judged if is_acceptable(state, data, scored)]
+    reasons = {} if rejections is None else rejections
+    large = []
+    for scored in judged:
+        rejection = find_rejection(state, data, scored)
+        if rejection is None:
+            large.append(scored)
+        else:
+            reasons[scored.candidate] = rejection
     # Physics is checked last and once for each, since it takes a fit of the model with the candidate.
-    natural = {id(scored) for scored in large if is_physically_possible(data, pool, state.base, state.noise, scored)}
-    passing = [scored for scored in large if id(scored) in natural]
-    unnatural = [scored for scored in large if id(scored) not in natural]
+    passing, unnatural = [], []
+    for scored in large:
+        impossibility = find_impossibility(data, pool, state.base, state.noise, scored)
+        if impossibility is None:
+            passing.append(scored)
+        else:
+            unnatural.append(scored)
+            reasons[scored.candidate] = impossibility
     doubted: list[ScoredCandidate] = []
     shy = [scored for scored in judged if is_too_small_for_runs(state, data, scored)]
     while passing:
@@ -93,19 +111,26 @@ def select_candidate(
         beyond = [scored for scored in others if all(scored is not twin for twin in twins)]
         equal = (*(scored for scored in equal if scored is not chosen), *(twin for twin in twins if twin not in equal))
         hidden = [*_select_first_order(chosen, unnatural), *_find_larger_rivals(data, pool, state, chosen, judged)]
-        if _is_stable(data, pool, state, (chosen, *twins), [*beyond, *hidden]):
+        stability = _compute_stability(data, pool, state, (chosen, *twins), [*beyond, *hidden])
+        if stability >= FOUND_AGAIN:
             slim = drop_idle_joints(data, pool, state, chosen)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
-            by_itself = whole or is_acceptable(state, data, replace(slim, p=chosen.p))
-            shows = by_itself and _helps_where_joints_move(data, pool, state, slim)
-            if shows and not _is_shadow_of_run_effect(data, pool, state, slim, shy):
+            by_itself = None if whole else find_rejection(state, data, replace(slim, p=chosen.p))
+            rejection = (
+                by_itself
+                or _check_moving_joints(data, pool, state, slim)
+                or _check_run_effects(data, pool, state, slim, shy)
+            )
+            if rejection is None:
                 equivalents = equal + _find_confused(slim, judged, equal)
                 return replace(slim, p=chosen.p), equivalents + find_richer_changes(state, slim, passing, equivalents)
         else:
+            rejection = Reason.build("unstable", share=stability, least=FOUND_AGAIN)
             # What takes its place in other draws would be no surer a name for want of it.
             doubted.append(best)
         # The best one has no sure name; the search goes on with the others.
+        reasons[best.candidate] = rejection
         passing = [scored for scored in passing if scored is not best]
     return None
 
@@ -134,9 +159,9 @@ def _find_plainer(
         for scored in judged
         if scored.candidate.joints == chosen.candidate.joints
         and scored.freedom < chosen.freedom
-        and scored.p > ALPHA
+        and scored.p > state.level
         and not has_larger_gain(chosen, scored)
-        and is_acceptable(state, data, replace(scored, p=chosen.p))
+        and find_rejection(state, data, replace(scored, p=chosen.p)) is None
         and is_physically_possible(data, pool, state.base, state.noise, scored)
     ]
     return max((replace(scored, p=chosen.p) for scored in plainer), key=lambda scored: scored.total_gain, default=None)
@@ -178,22 +203,24 @@ def _select_first_order(chosen: ScoredCandidate, others: Sequence[ScoredCandidat
     return [scored for scored in others if get_effect(scored.candidate.effect).first_order]
 
 
-def _helps_where_joints_move(data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate) -> bool:
-    """Return whether what remembers the path also lowers the error where joints move on, not only where they reverse.
+def _check_moving_joints(data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate) -> Reason | None:
+    """Check that what remembers the path also lowers the error where joints move on, not only where they reverse.
 
     There soft gears and clocks leave something like it, and the error that is told is that of the other rows.
     """
     turns, starts = data.find_row_kinds(chosen.candidate.columns)
     if not turns:
-        return True
+        return None
     (scored,) = score_all(data, pool, state.base, [chosen.candidate], state.noise, kinds=(False, starts))
-    return scored.error_drop >= SMALLEST_ERROR_DROP
+    if scored.error_drop >= SMALLEST_ERROR_DROP:
+        return None
+    return Reason.build("only_at_reversals", share=max(scored.error_drop, 0.0), least=SMALLEST_ERROR_DROP)
 
 
-def _is_shadow_of_run_effect(
+def _check_run_effects(
     data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, shy: Sequence[ScoredCandidate]
-) -> bool:
-    """Return whether something of some runs gains clearly more, and beside it the chosen one, of all runs, is nothing.
+) -> Reason | None:
+    """Check that nothing of some runs gains clearly more, beside which the chosen one, of all runs, is nothing.
 
     A payload leaves what a spring says in part. That it is too small to be told makes no spring of it.
     """
@@ -208,8 +235,9 @@ def _is_shadow_of_run_effect(
     for scored in sorted(larger, key=lambda scored: -scored.total_gain)[:_SHADOWS]:
         (rescored,) = score_all(data, pool, state.base + scored.candidate.columns, [chosen.candidate], state.noise)
         if rescored.total_gain < _STILL * chosen.total_gain:
-            return True
-    return False
+            left = max(rescored.total_gain, 0.0) / chosen.total_gain
+            return Reason.build("explained", by=describe_choice(scored.candidate.choice), left=left)
+    return None
 
 
 def _find_larger_rivals(
@@ -225,7 +253,7 @@ def _find_larger_rivals(
         if scored.candidate.joints == chosen.candidate.joints
         and scored.candidate.runs == chosen.candidate.runs
         and scored.total_gain > chosen.total_gain
-        and scored.is_significant
+        and scored.is_significant(state.level)
         and scored.separability >= VISIBLE
         and is_too_small(state, data, scored)
         and data.find_row_kinds(scored.candidate.columns) == data.find_row_kinds(chosen.candidate.columns)
@@ -264,24 +292,25 @@ def _is_seldom(scored: ScoredCandidate) -> bool:
     return get_effect(scored.candidate.effect).seldom_changes
 
 
-def _is_stable(
+def _compute_stability(
     data: PhasedProducts, pool: Pool, state: State, names: Sequence[ScoredCandidate], passing: Sequence[ScoredCandidate]
-) -> bool:
-    """Return whether the same finding, by any of its names, is made in resampled data.
+) -> float:
+    """Return the share of resampled data in which the same finding, by any of its names, is made.
 
     Another finding beside it is none that could take its place.
     """
     others = [scored for scored in passing if all(is_other_name(name, scored) for name in names)]
     run, chosen = data.moving.run, names[0]
-    if compute_stability(names, others, run) >= FOUND_AGAIN:
-        return True
+    share = compute_stability(names, others, run)
+    if share >= FOUND_AGAIN:
+        return share
     base = state.base + chosen.candidate.columns
     # Only names of the same thing are rivals: beside the chosen effect nothing of them is left.
     rescored = score_all(data, pool, base, [scored.candidate for scored in others], state.noise)
     rivals = [
         before for before, after in zip(others, rescored, strict=True) if after.total_gain < _STILL * before.total_gain
     ]
-    return compute_stability(names, rivals, run) >= FOUND_AGAIN
+    return compute_stability(names, rivals, run)
 
 
 def _find_best_alone(effect: str, judged: Sequence[ScoredCandidate]) -> dict[str, ScoredCandidate]:

@@ -20,9 +20,9 @@ from dynident.diagnosis.search.acceptance import (
     LARGE_DROP,
     compute_gain_over_floor,
     get_least_gain,
-    is_physically_possible,
     is_shadowed,
 )
+from dynident.diagnosis.search.physical_constraints import is_physically_possible
 from dynident.diagnosis.search.state import Finding, State, score_one
 from dynident.effects import get_effect
 
@@ -98,7 +98,7 @@ def _is_harmful(before: FloatArray, after: FloatArray) -> bool:
 
 
 # Share of the error that a finding has to remove beside all others to stay, and t of its gain.
-_PRUNE_DROP, _PRUNE_T = 0.03, 2.5
+PRUNE_DROP, PRUNE_T = 0.03, 2.5
 _STAYS_T = 1.0
 """t from which on a joint stays in a group that most joints are in. It came in by JOINT_T, before the rest was known:
 what is asked here is whether the prediction is better with it, and five of six such gains are none of chance."""
@@ -139,7 +139,7 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
         weak = [
             (scored, finding)
             for scored, finding in judged
-            if not scored.is_still_helpful(_PRUNE_DROP, _PRUNE_T)
+            if not scored.is_still_helpful(PRUNE_DROP, PRUNE_T)
             or not _is_still_possible(data, pool, state, scored)
             or any(is_shadowed(scored, other, state.floor) for other, pick in judged if pick is not finding)
         ]

@@ -19,6 +19,7 @@ from dynident.diagnosis.candidates.pool import (
     select_columns_on,
 )
 from dynident.diagnosis.candidates.significance import ScoredCandidate, are_indistinguishable
+from dynident.diagnosis.reasons import Reason, ReasonCode
 from dynident.diagnosis.residuals.resolvable_motion import Resolution
 from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.search.acceptance import compute_explained_error
@@ -306,7 +307,7 @@ def refine_findings(
     floor: FloatArray,
     since: tuple[str, ...],
     progress: Progress,
-) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
+) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...], dict[Candidate, Reason]]:
     """Refine the shape constants of the findings; drop those that only made up for the coarse constants of another.
 
     A peak of friction whose best width is below what the data resolve made up for sticking, not for Stribeck friction.
@@ -332,19 +333,27 @@ def refine_findings(
 
     Returns
     -------
-    tuple of Finding, tuple of EffectChoice
-        The remaining findings, and what each has become.
+    tuple of Finding, tuple of EffectChoice, dict of Candidate to Reason
+        The remaining findings, what each has become, and why each of the others was dropped.
     """
     findings = locate_findings(identification, picks, recordings, reference)
     choices = tuple(finding.judged.candidate.choice for finding in findings)
+    dropped: dict[Candidate, Reason] = {}
+
+    def select(kept: Sequence[int], code: ReasonCode) -> tuple[Finding, ...]:
+        """Return the findings of these indices; note the reason of the others."""
+        gone = [findings[i].judged.candidate for i in range(len(findings)) if i not in kept]
+        dropped.update(dict.fromkeys(gone, Reason.build(code)))
+        return tuple(findings[i] for i in kept)
+
     if not choices:
-        return (), ()
+        return (), (), dropped
     model, preprocessing = identification.model, identification.preprocessing
     choices = refine_shapes(model, choices, recordings, preprocessing, reference, scale_progress(progress, 0.0, 0.5))
     findings, choices = merge_alike(findings, choices, model.robot, resolved)
     # Refining may lead to constants that the data cannot resolve.
     visible = [i for i, choice in enumerate(choices) if is_width_resolved(choice, model.robot, resolved)]
-    findings, choices = tuple(findings[i] for i in visible), tuple(choices[i] for i in visible)
+    findings, choices = select(visible, "not_resolved"), tuple(choices[i] for i in visible)
     while choices:
         reference = improve_reference(model, choices, recordings, preprocessing, reference)
         lean = _RefinedModel.from_choices(model, findings, choices, since, recordings, preprocessing, reference)
@@ -352,10 +361,10 @@ def refine_findings(
         # Refining the constants of fewer effects may make others superfluous, so this goes on until nothing changes.
         if slimmer == choices:
             break
-        findings = tuple(findings[i] for i in needed)
+        findings = select(needed, "superfluous")
         choices = refine_shapes(model, slimmer, recordings, preprocessing, reference)
     if not choices:
-        return (), ()
+        return (), (), dropped
     resolved_indices = [
         i for i in _find_independent(model, choices) if is_width_resolved(choices[i], model.robot, resolved)
     ]
@@ -363,7 +372,10 @@ def refine_findings(
     lasting = lean.select_harmless(
         sorted(resolved_indices, key=lambda i: -compute_explained_error(findings[i].judged, floor))
     )
-    return tuple(findings[i] for i in lasting), tuple(choices[i] for i in lasting)
+    remaining = select(lasting, "harmful")
+    # What cannot be resolved, or depends on the others, was not tried for harm.
+    select(resolved_indices, "not_resolved")
+    return remaining, tuple(choices[i] for i in lasting), dropped
 
 
 def improve_reference(

@@ -15,10 +15,12 @@ from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import compute_block_contributions, compute_held_out_errors, score_blocks
 from dynident.diagnosis.candidates.significance import (
+    ALPHA,
     BaselineErrors,
+    FamilywiseLevels,
     ScoredCandidate,
     combine_scores,
-    compute_familywise_p,
+    run_familywise_test,
 )
 from dynident.effects import get_effect
 from dynident.estimation.least_squares import floor_noise
@@ -78,6 +80,8 @@ class State:
         What was found.
     since : tuple of str
         Labels of the later runs, where there is a baseline.
+    level : float
+        Largest p-value of a finding.
     """
 
     base: tuple[int, ...]
@@ -85,6 +89,7 @@ class State:
     floor: FloatArray
     picks: tuple[Finding, ...]
     since: tuple[str, ...] = ()
+    level: float = ALPHA
 
 
 def score_all(
@@ -123,6 +128,54 @@ def score_all(
     list of ScoredCandidate
         The candidates in their order, with the p-value of the family-wise test.
     """
+    return list(score_family(data, pool, base, candidates, noise, kinds=kinds).scored)
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredFamily:
+    """Candidates that were scored and tested together.
+
+    Parameters
+    ----------
+    scored : tuple of ScoredCandidate
+        The candidates.
+    levels : FamilywiseLevels
+        What the test asks of each of them.
+    """
+
+    scored: tuple[ScoredCandidate, ...]
+    levels: FamilywiseLevels
+
+
+def score_family(
+    data: PhasedProducts,
+    pool: Pool,
+    base: tuple[int, ...],
+    candidates: Sequence[Candidate],
+    noise: FloatArray,
+    *,
+    kinds: tuple[bool, bool] | None = None,
+    level: float = ALPHA,
+) -> ScoredFamily:
+    """Score candidates as `score_all` does, and return what the test asks of each of them as well.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    candidates : sequence of Candidate
+        Candidates to score.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    kinds : tuple of (bool, bool) or None
+        Kinds of rows that count, as in `score_all`.
+    level : float
+        Largest p-value of a finding.
+    """
     # There are four sets at most: with or without rows at reversals, with or without rows beside halts.
     sets: dict[tuple[bool, bool], list[int]] = {}
     for k, candidate in enumerate(candidates):
@@ -139,15 +192,14 @@ def score_all(
         for k, scored_candidate in zip(members, _score_same_rows(rows, blocks, total, pool, own, noise), strict=True):
             judged[k] = scored_candidate
         for k, each in zip(members, compute_block_contributions(blocks, total, len(own), noise), strict=True):
-            by_scores = pool.is_change(candidates[k]) or _may_use_scores(candidates[k])
+            by_scores = pool.is_change(candidates[k]) or may_use_scores(candidates[k])
             # Zeros are the scores of a candidate that explains nothing, so that its gains decide.
             scores[k] = each if by_scores else np.zeros_like(each)
     whole = [scored_candidate for scored_candidate in judged if scored_candidate is not None]
-    if not whole:
-        return []
     # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
-    p = compute_familywise_p(np.array([scored_candidate.gains for scored_candidate in whole]), scores)
-    return [replace(scored_candidate, p=float(value)) for scored_candidate, value in zip(whole, p, strict=True)]
+    gains = np.array([scored_candidate.gains for scored_candidate in whole]).reshape(len(whole), -1)
+    p, levels = run_familywise_test(gains, scores, level)
+    return ScoredFamily(tuple(replace(scored, p=float(value)) for scored, value in zip(whole, p, strict=True)), levels)
 
 
 def score_one(
@@ -173,11 +225,16 @@ def score_one(
     return _score_same_rows(rows, blocks, blocks.sum_products(noise), pool, [candidate], noise)[0]
 
 
-def _may_use_scores(candidate: Candidate) -> bool:
+def may_use_scores(candidate: Candidate) -> bool:
     """Return whether scores may speak for a candidate; else its gains alone do.
 
     Filters, clocks and halts leave in every row a little of what looks like a delay or a soft joint, and at reversals
     of what looks like presliding: scores find it on any arm. They do so on every day alike: of what changed they tell.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        The candidate.
     """
     effect = get_effect(candidate.effect)
     return not effect.first_order and all(spec.resolved_by != "displacement" for spec in effect.shapes)

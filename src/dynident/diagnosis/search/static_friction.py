@@ -152,7 +152,11 @@ def find_halts(comparisons: Sequence[Comparison], joint: int) -> Halts:
 
 
 def find_static_friction(
-    grown: Identification, recordings: Sequence[Recording], final: Sequence[Comparison], asked: Sequence[str] | None
+    grown: Identification,
+    recordings: Sequence[Recording],
+    final: Sequence[Comparison],
+    asked: Sequence[str] | None,
+    level: float = ALPHA,
 ) -> tuple[Identification, list[Comparison], tuple[Finding, ...]]:
     """Add the static friction that the halts ask for to a model.
 
@@ -169,6 +173,8 @@ def find_static_friction(
         Ids of the effects that may be found; None for all.
     recordings : sequence of Recording
         Recordings that the search learns from.
+    level : float
+        Largest p-value of a finding.
 
     Returns
     -------
@@ -187,7 +193,7 @@ def find_static_friction(
             continue
         # Bonferroni over the joints.
         p = min(1.0, len(names) * _combine_p_values(halts.compute_p(noise), candidate.p))
-        if p > ALPHA:
+        if p > level:
             continue
         try:
             larger = extend(grown, [candidate.candidate.choice], recordings)

@@ -58,8 +58,8 @@ def draw_evidence(panel_data: Sequence[Evidence], robot: Robot) -> Markup:
         axes.set_axis_off()
     grid[0][0].legend(fontsize=8, frameon=False, loc="best")
     words = [
-        f"{get_effect(panel.effect).title} on {panel.joint} explains {format_percent(panel.explained, 2)} of "
-        f"its squares"
+        f"{get_effect(panel.effect).title} on {panel.joint}: explains {format_percent(panel.error_drop, 2)} of the "
+        "held-out error"
         for panel in panel_data
     ]
     return to_svg(
@@ -80,12 +80,12 @@ def _draw_evidence_panel(axes: Axes, evidence: Evidence, effort: str) -> None:
     axes.plot(
         evidence.x, evidence.residual, color=RESIDUAL, marker=".", markersize=4, linewidth=0, label="mean residual"
     )
-    axes.plot(evidence.x, evidence.fitted, color=PREDICTED, linewidth=1.4, label="what the effect explains")
+    axes.plot(evidence.x, evidence.fitted, color=PREDICTED, linewidth=1.4, label="fitted effect")
     axes.axhline(0, color="#777777", linewidth=0.6)
     axes.set_xlabel(f"{evidence.variable} ({evidence.unit})", fontsize=8)
     title = get_effect(evidence.effect).title
     set_panel_title(
-        axes, f"{shorten_name(evidence.joint)} ({effort}), {title}: explains {format_percent(evidence.explained, 2)}"
+        axes, f"{shorten_name(evidence.joint)} ({effort}), {title}: explains {format_percent(evidence.error_drop, 2)}"
     )
 
 

@@ -14,6 +14,7 @@ from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.reports.figures.candidates import draw_candidates, draw_evidence
 from dynident.reports.figures.changes import draw_changes, draw_friction_differences
+from dynident.reports.figures.detection_limits import LIMIT_COLUMNS, draw_detection_limits, format_limits
 from dynident.reports.labels import format_joints, format_shape_constants, get_effect_title
 from dynident.reports.number_format import format_number, format_p_value, format_percent, format_range
 from dynident.reports.report_data import Section
@@ -23,6 +24,7 @@ from dynident.reports.result_rows import (
     FrictionCells,
     format_change,
     format_friction_difference,
+    format_reason,
 )
 from dynident.reports.sections.summary import is_recommendation_added
 from dynident.robot import Robot
@@ -49,6 +51,7 @@ class CandidateRow:
     separability: str
     shape: str
     equivalent: str
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,11 @@ class DiagnosisContent:
     unknown: tuple[tuple[UnknownPattern, str], ...]
     invisible: tuple[InvisibleRow, ...]
     spots: tuple[SpotRow, ...]
+    next_step: str
+    is_good: bool
+    limit_columns: tuple[str, ...]
+    limits: tuple[tuple[str, ...], ...]
+    limits_figure: Markup | None
     next_experiment: NextExperiment | None
 
     @property
@@ -141,7 +149,7 @@ def build_diagnosis_section(
     robot = identification.model.robot
     content = DiagnosisContent(
         diagnosis.verdict,
-        VERDICTS[diagnosis.verdict],
+        _word_headline(diagnosis),
         diagnosis.summary,
         draw_candidates(diagnosis.candidates[:_MOST_BARS]) if diagnosis.candidates else None,
         _draw_evidence(identification, diagnosis, recordings),
@@ -156,9 +164,26 @@ def build_diagnosis_section(
         tuple((pattern, format_percent(pattern.share, 2)) for pattern in diagnosis.unknown),
         tuple(_build_invisible_rows(diagnosis, robot)),
         tuple(_build_spot_row(spot, robot) for spot in diagnosis.failure_map[:_MOST_SPOTS]),
+        diagnosis.conclusion.next_step if diagnosis.conclusion is not None else "",
+        diagnosis.verdict == "adequate" and not is_undecided(diagnosis),
+        LIMIT_COLUMNS,
+        tuple(format_limits(diagnosis.detection_limits, robot)),
+        draw_detection_limits(diagnosis.detection_limits, robot) if diagnosis.detection_limits else None,
         diagnosis.next_experiment if isinstance(diagnosis, AdvisedDiagnosis) else None,
     )
     return Section("diagnosis", "Diagnosis", "diagnosis", content)
+
+
+def is_undecided(diagnosis: Diagnosis) -> bool:
+    """Return whether a diagnosis concludes that its data cannot tell."""
+    return diagnosis.conclusion is not None and diagnosis.conclusion.code == "cannot_tell"
+
+
+def _word_headline(diagnosis: Diagnosis) -> str:
+    """Return the headline: of a model in which nothing was found, what that is worth."""
+    if diagnosis.conclusion is not None and (diagnosis.verdict == "adequate" or is_undecided(diagnosis)):
+        return diagnosis.conclusion.headline.rstrip(".")
+    return VERDICTS[diagnosis.verdict]
 
 
 def _draw_evidence(
@@ -194,6 +219,7 @@ def _build_candidate_row(item: RankedEffect, robot: Robot) -> CandidateRow:
         format_percent(item.separability, 2),
         format_shape_constants(item.choice),
         ", ".join(get_effect_title(name) for name in item.equivalent),
+        format_reason(item),
     )
 
 

@@ -12,7 +12,8 @@ export function evidenceOf(model, one, signal) {
   const figure = h("div", { class: "chart" });
   const rivals = one.equivalent.map((id) => titleOf(model.effects, id)).join(", ");
   drawEvidence(figure, model.diagnosis, one.rank, signal);
-  const words = [h("p", {}, one.evidence), rivals ? h("p", { class: "box warning" }, `This data cannot distinguish it from: ${rivals}.`) : null];
+  const share = one.error_drop > 0 ? h("p", {}, `It explains ${percent(one.error_drop)} of the held-out error of its joints, beside everything that ranks above it.`) : null;
+  const words = [h("p", {}, one.evidence), share, rivals ? h("p", { class: "box warning" }, `This data cannot distinguish it from: ${rivals}.`) : null];
   return { words, figure, about: aboutEffect(model.effects, one.effect, formula) };
 }
 
@@ -49,6 +50,5 @@ function draw(target, found, until) {
       { label: "fitted effect", values: fitted, stroke: colour("predicted"), width: 2 },
     ],
   }, until);
-  const words = found.explained === null ? "" : `It explains ${percent(Math.max(0, found.explained), 2)} of the squared residual on ${found.joint}, on the data of its fit. `;
-  target.append(h("p", { class: "note" }, `${words}The residual is that of the model without the effect; the shaded band is its spread.`));
+  target.append(h("p", { class: "note" }, `The residual is that of the model without the effect; the shaded band is its spread.`));
 }

@@ -8,6 +8,7 @@ import { choiceInWords, placeOf, shapeInWords, titleOf } from "./catalogue.js";
 import { nextBox } from "./design/proposals.js";
 import { announce, figures, h, listed, put, section } from "./dom.js";
 import { percent } from "./format.js";
+import { detectionLimits } from "./detection_limits.js";
 import { effectCards } from "./effect_cards.js";
 import { awaited } from "./jobs.js";
 import { nextRung } from "./next_rung.js";
@@ -19,6 +20,9 @@ const HEADLINES = {
   unexplained: "Something is missing that the catalogue does not explain",
 };
 
+/** The headline of a diagnosis: where nothing was found, what that is worth. */
+const headline = (result) => (result.conclusion && (result.verdict === "adequate" || result.conclusion.code === "cannot_tell") ? result.conclusion.headline : `${HEADLINES[result.verdict]}.`);
+
 /** Follows the diagnosis; Diagnose asks for a new one. */
 export function missingSection(model, signal) {
   const button = h("button", { type: "button", class: "main", id: "diagnose", onclick: () => runPressed(post("/diagnoses", { identification_id: model.id })) }, "Diagnose");
@@ -29,7 +33,7 @@ export function missingSection(model, signal) {
   const run = async (diagnosis) => {
     const found = await awaited("/diagnoses", await diagnosis, "Diagnosing", said, signal);
     model.setDiagnosis(found);
-    announce(`${HEADLINES[found.result.verdict]}. ${found.result.summary}`);
+    announce(`${headline(found.result)} ${found.result.summary}`);
   };
   const runPressed = (diagnosis) => pressed(button, () => run(diagnosis), (error) => put(said, problemBox(error)), signal);
 
@@ -80,6 +84,7 @@ function shown(model, add, signal) {
     candidatesTable(model, result, add, signal),
     unknown(result),
     nextExperiment(model, result),
+    detectionLimits(model, result),
     invisible(model, result),
   ];
 }
@@ -95,8 +100,9 @@ function verdict(model, result, add) {
       : h("button", { type: "button", class: "small", onclick: () => add([one], said), "aria-label": `Add ${words}` }, "Add");
     return h("li", {}, h("strong", {}, titleOf(model.effects, one.effect)), ` on ${placeOf(model.effects, one, model.joints)}${shape ? `, ${shape}` : ""} `, button);
   });
-  return h("div", { class: result.verdict === "adequate" ? "box good" : "box warning", id: "verdict", "data-verdict": result.verdict },
-    h("p", {}, h("strong", {}, `${HEADLINES[result.verdict]}. `), result.summary),
+  return h("div", { class: result.verdict === "adequate" && result.conclusion?.code !== "cannot_tell" ? "box good" : "box warning", id: "verdict", "data-verdict": result.verdict, "data-conclusion": result.conclusion?.code ?? "" },
+    h("p", {}, h("strong", {}, `${headline(result)} `), result.summary),
+    result.conclusion ? h("p", {}, h("strong", {}, "Next: "), result.conclusion.next_step) : null,
     items.length ? [h("p", {}, "Recommended, in this order:"), h("ol", {}, items)] : null,
     left.length ? h("p", {}, h("button", { type: "button", class: "main", id: "add-recommended", onclick: () => add(left, said) }, left.length > 1 ? `Add all ${left.length} recommended effects` : "Add the recommended effect")) : null,
     said,
@@ -123,7 +129,7 @@ function invisible(model, result) {
   const columns = [["effect", (one) => titleOf(model.effects, one.effect)], ["where", (one) => placeOf(model.effects, one, model.joints)], ["why", (one) => one.reason]];
   return h("details", {},
     h("summary", {}, `Not visible in this data (${result.not_visible.length})`),
-    h("p", { class: "note" }, "The robot may have these effects: this data cannot show them."),
+    h("p", { class: "note" }, "The robot may have these effects: this data cannot show them in their usual size."),
     listed("Effects that this data cannot show", columns, result.not_visible),
   );
 }

@@ -1,0 +1,114 @@
+"""The conclusion of a diagnosis: something is missing, nothing above the limits is, or these data cannot tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.diagnosis.result import Adequacy, Conclusion, DetectionLimit, UnknownPattern
+from dynident.effects import get_effect
+from dynident.identification import Identification
+from dynident.robot.joint_names import join_joint_names
+
+FAR_ABOVE_FIT = 1.6
+"""Error on held-out data over that of the fit from which on the motion of the fit does not determine the model.
+
+As for parts of a motion that predict each other (`identifiability.MOST_FROM_PART_TO_PART`): 1.0-1.25 on sound data."""
+
+MOST_BLIND = 0.5
+"""Share of the effects that most arms have, and joints, whose limit may be above the usual size: if more than half of
+what is usually missing would not have shown, that nothing was found says little."""
+
+
+def compute_held_out_ratio(identification: Identification) -> float:
+    """Return the error on held-out data over that of the fit, where joints move, each joint in units of its fit.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model.
+
+    Returns
+    -------
+    float
+        NaN where there are no held-out data.
+    """
+    held_out, fit = identification.held_out_moving, identification.fit_moving
+    if held_out is None:
+        return math.nan
+    known = (held_out.counts > 0) & (fit.counts > 0) & (fit.rms > 0)
+    return float(np.sqrt(np.mean((held_out.rms[known] / fit.rms[known]) ** 2))) if known.any() else math.nan
+
+
+def conclude(
+    verdict: Adequacy,
+    unknown: Sequence[UnknownPattern],
+    limits: Sequence[DetectionLimit],
+    ratios: tuple[float, float],
+    joint_names: Sequence[str],
+    *,
+    is_given_up: bool,
+) -> Conclusion:
+    """Conclude what a diagnosis says in all, and the one next thing to do.
+
+    Parameters
+    ----------
+    verdict : {"adequate", "missing_effect", "unexplained"}
+        Whether effects are recommended, or a residual is left that no effect explains.
+    unknown : sequence of UnknownPattern
+        Dependences in the residual that no effect explains.
+    limits : sequence of DetectionLimit
+        The detection limits.
+    ratios : tuple of (float, float)
+        Error on held-out recordings over that of the fit (NaN where there are none), and error on parts of the motion
+        that were left out in a row over that on blocks between others.
+    joint_names : sequence of str
+        Names of the joints.
+    is_given_up : bool
+        Whether an effect was not named because the motion does not determine the model.
+    """
+    if verdict == "missing_effect":
+        return Conclusion("something_is_missing", (), "Add the recommended effects, and diagnose the extended model.")
+    held_out, part_to_part = ratios
+    # A comparison with NaN is false: without held-out data there is nothing to be far above the fit.
+    is_far, is_poor = held_out > FAR_ABOVE_FIT, part_to_part > FAR_ABOVE_FIT or is_given_up
+    common = [limit for limit in limits if get_effect(limit.effect).often_missed is not None]
+    blind = [limit for limit in common if limit.share > 1.0]
+    is_blind = len(blind) > MOST_BLIND * len(common)
+    if verdict == "adequate" and not (is_far or is_poor or is_blind):
+        median = float(np.median([limit.share for limit in common])) if common else math.inf
+        words = f"Half of the effects that arms often have would have shown from {median:.0%} of their usual size on."
+        known = (words,) if math.isfinite(median) else ()
+        return Conclusion("nothing_above_limits", known, "Validate the model on a motion of its use.")
+    if verdict == "unexplained" and not (is_far or is_poor):
+        what = (
+            f"{unknown[0].joint} over {unknown[0].variable.replace('_', ' ')}" if unknown else "the residual over time"
+        )
+        return Conclusion(
+            "something_is_missing",
+            (),
+            f"Look at {what} for what the catalogue lacks, and add it as an effect of your own.",
+        )
+    why = []
+    if is_far:
+        why.append(f"The error on held-out data is {held_out:.1f} times that of the fit.")
+    if is_poor:
+        why.append("The motion does not determine the model: parts of it do not predict each other.")
+    if is_blind:
+        why.append(_word_blind(blind, joint_names))
+    experiment = "Record a longer or richer motion, identify the model from it, and diagnose again."
+    return Conclusion("cannot_tell", tuple(why), experiment)
+
+
+def _word_blind(blind: Sequence[DetectionLimit], joint_names: Sequence[str]) -> str:
+    """Word which common effects would not have shown in their usual size, a group of joints an effect."""
+    places: dict[str, list[str]] = {}
+    for limit in blind:
+        places.setdefault(limit.effect, []).extend(limit.joints)
+    texts = [
+        f"{get_effect(effect).title}{f' on {join_joint_names(joints, joint_names)}' if joints else ''}"
+        for effect, joints in places.items()
+    ]
+    return f"These effects would not have shown in their usual size: {'; '.join(texts)}."

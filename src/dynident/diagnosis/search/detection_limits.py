@@ -1,0 +1,470 @@
+"""The smallest size of each effect that the recordings would have shown.
+
+An effect of a known size is planted into the products that the search has: its torque beside the model is Z β, with Z
+what the model leaves of its columns. What the model leaves of the torque stays as it is, with the signs of whole blocks
+drawn anew (a wild bootstrap by clusters): samples of one block may be correlated as they like, and what is left of a
+small effect that is really there is broken up. On these draws the rules of the search decide, with the level that
+they have among all its candidates.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.diagnosis.candidates.block_products import compute_block_products
+from dynident.diagnosis.candidates.blocks import JointBlocks
+from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.products import Products, split_data_folds
+from dynident.diagnosis.candidates.significance import (
+    SMALLEST_ERROR_DROP,
+    FamilywiseLevels,
+    compute_evenness,
+    compute_least_t,
+    standardise_size,
+)
+from dynident.diagnosis.reasons import Outcome, Reason
+from dynident.diagnosis.result import DetectionLimit, Invisible
+from dynident.diagnosis.search.acceptance import VISIBLE, find_least_drop, get_least_gain
+from dynident.diagnosis.search.outcomes import FinalScores
+from dynident.diagnosis.search.pruning import PRUNE_T
+from dynident.diagnosis.search.state import KINDS, find_acting_columns, may_use_scores
+from dynident.effects import EffectChoice, get_effect
+
+SURE, HALF = 0.95, 0.5
+"""Shares of the draws in which an effect of the size of the limit, and of the half limit, is accepted."""
+
+LARGEST = 100.0
+"""Times the usual size above which no limit is looked for: no arm has an effect of that size."""
+_SMALLEST = 0.003
+
+# Draws of the blocks' signs: a share of 0.95 is then known to within 0.02. The search for a size halves its interval in
+# the logarithm so often: a limit is known to within 3 %.
+_DRAWS, _HALVINGS = 100, 9
+_SEED = 43
+
+
+def compute_detection_limits(
+    final: FinalScores, pool: Pool, choices: Sequence[EffectChoice]
+) -> tuple[DetectionLimit, ...]:
+    """Compute the detection limit of each effect on each joint, beside the model with everything that was found.
+
+    Parameters
+    ----------
+    final : FinalScores
+        All candidates beside that model.
+    pool : Pool
+        Model and candidates.
+    choices : sequence of EffectChoice
+        What the findings have become: for these, and what the data cannot tell from them, there is no limit.
+
+    Returns
+    -------
+    tuple of DetectionLimit
+        One for each effect and joint that was tried and has a usual size, in the order of the candidates.
+    """
+    base = set(final.state.base)
+    best: dict[tuple[str, tuple[str, ...]], tuple[float, Candidate]] = {}
+    for candidate in (*pool.initial_candidates, *pool.probes):
+        if len(candidate.joints) > 1 or candidate.runs or base & set(candidate.columns):
+            continue
+        distance = _compute_distance_from_usual(pool, candidate)
+        key = candidate.effect, candidate.joints
+        if distance is not None and (key not in best or distance < best[key][0]):
+            best[key] = distance, candidate
+    sets: dict[tuple[bool, bool], list[Candidate]] = {}
+    named = [
+        ({choice.effect, *(scored.candidate.effect for scored in finding.equal)}, set(choice.joints))
+        for finding, choice in zip(final.state.picks, choices, strict=True)
+    ]
+    for (effect, joints), (_, candidate) in best.items():
+        # What was found, by whichever name, is no longer hidden.
+        if not any(effect in names and set(joints) <= places for names, places in named):
+            sets.setdefault(final.data.find_row_kinds(candidate.columns), []).append(candidate)
+    found: dict[Candidate, DetectionLimit] = {}
+    for kinds, members in sets.items():
+        rows = final.data.select_for_candidates(final.state.base, np.array(kinds))
+        elsewhere: dict[Candidate, _PlantedEffect] = {}
+        if kinds[0]:
+            # What is judged on rows at reversals has to help where joints move on, too.
+            moving = final.data.select_for_candidates(final.state.base, np.array((False, kinds[1])))
+            elsewhere = {planted.candidate: planted for planted in _list_planted(moving, pool, final, members)}
+        for planted in _list_planted(rows, pool, final, members):
+            whole = replace(planted, moving=elsewhere.get(planted.candidate))
+            found[planted.candidate] = _build_limit(pool, whole)
+    return tuple(found[candidate] for _, candidate in best.values() if candidate in found)
+
+
+def _compute_distance_from_usual(pool: Pool, candidate: Candidate) -> float | None:
+    """Return how far a candidate's shape constants are from the usual ones; None where no size is usual."""
+    values, shape = _get_usual(pool, candidate)
+    if not any(values.values()):
+        return None
+    pairs = [(shape[name], value) for name, value in candidate.shape if name in shape]
+    return sum(abs(a - b) / max(abs(a), abs(b), 1e-12) for a, b in pairs)
+
+
+def _get_usual(pool: Pool, candidate: Candidate) -> tuple[Mapping[str, float], Mapping[str, float]]:
+    """Return the usual parameters and shape constants of a candidate's effect on its joint, by name."""
+    robot = pool.observation.robot.tree
+    joint = robot.joint_names.index(candidate.joints[0]) if candidate.joints else 0
+    usual = get_effect(candidate.effect).usual(robot, joint)
+    return (usual.values, usual.shape) if usual is not None else ({}, {})
+
+
+_SMALL = ("not_significant", "too_small")
+"""Codes of reasons that a larger effect would not have had."""
+
+
+def add_limits(outcomes: Sequence[Outcome], limits: Sequence[DetectionLimit]) -> tuple[Outcome, ...]:
+    """Add the detection limit to the reason of every effect that was too small to be accepted.
+
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+        What became of every effect on every joint.
+    limits : sequence of DetectionLimit
+        The detection limits.
+    """
+    sizes = {(limit.effect, limit.joints): limit for limit in limits if math.isfinite(limit.size)}
+    return tuple(
+        replace(outcome, reason=_add_limit(outcome.reason, limit))
+        if outcome.reason.code in _SMALL and (limit := sizes.get((outcome.choice.effect, outcome.choice.joints)))
+        else outcome
+        for outcome in outcomes
+    )
+
+
+def _add_limit(reason: Reason, limit: DetectionLimit) -> Reason:
+    return Reason.build(reason.code, reason.step, **{**dict(reason.values), "limit": limit.size, "unit": limit.unit})
+
+
+def list_too_large_limits(limits: Sequence[DetectionLimit], hidden: Sequence[Invisible]) -> tuple[Invisible, ...]:
+    """List the effects that would not show even in their usual size.
+
+    Parameters
+    ----------
+    limits : sequence of DetectionLimit
+        The detection limits.
+    hidden : sequence of Invisible
+        What could not have shown for other reasons, and is not repeated.
+    """
+    known = {(invisible.effect, invisible.joints) for invisible in hidden}
+    return tuple(
+        _build_invisible(limit) for limit in limits if limit.share > 1.0 and (limit.effect, limit.joints) not in known
+    )
+
+
+def _build_invisible(limit: DetectionLimit) -> Invisible:
+    unit = "" if limit.unit == "-" else f" {limit.unit}"
+    usual = f"an arm with this effect has about {limit.usual:.2g}{unit}"
+    if not math.isfinite(limit.size):
+        return Invisible(limit.effect, limit.joints, f"these data would show it in no size; {usual}", "in no size")
+    shown = f"{limit.parameter} would have shown from {limit.size:.2g}{unit} on"
+    brief = f"{limit.parameter}: from {limit.size:.2g} on, usual {limit.usual:.2g}{unit}"
+    return Invisible(limit.effect, limit.joints, f"{shown}; {usual}", brief)
+
+
+@dataclass(frozen=True, eq=False)
+class _HeldOut:
+    """Products of one candidate beside the model fitted without the fold of each block, in one kind of folds.
+
+    Parameters
+    ----------
+    squares : (s, n + 1, k, k)
+        ZᵀZ by block and joint.
+    scores : (s, n + 1, k)
+        Zᵀρ of what the model leaves.
+    errors : (s, n + 1)
+        Squares of what the model leaves.
+    folds : tuple of (f,)
+        Numbers of the blocks that are left out together.
+    """
+
+    squares: FloatArray
+    scores: FloatArray
+    errors: FloatArray
+    folds: tuple[IndexArray, ...]
+
+
+class _Comparison(NamedTuple):
+    """Errors of each draw without and with a candidate.
+
+    `gains` (d, s) of all joints in units of the noise; `drops`, and squared errors `before` and `removed`, (d, n) each.
+    """
+
+    gains: FloatArray
+    drops: FloatArray
+    before: FloatArray
+    removed: FloatArray
+
+
+def _compute_error_drops(sides: Sequence[_Comparison]) -> FloatArray:
+    """Return (d, n): the shares of the error, averaged over the kinds of folds, that a candidate removes."""
+    before, removed = (np.mean([getattr(side, name) for side in sides], axis=0) for name in ("before", "removed"))
+    return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - removed / before, 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class _PlantedEffect:
+    """What is needed to judge a candidate as if its effect were there in some size.
+
+    Joints are the n that the candidate is reported on and a last one that stands for all joints together, in units of
+    the noise.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        The candidate.
+    direction : (k,)
+        Its parameters at the usual size.
+    held_out : tuple of _HeldOut
+        The products beside the model fitted without the fold of each block, for each kind of folds.
+    fitted_squares : (s, k, k)
+        ZᵀZ over all joints, of the model fitted to all blocks.
+    fitted_scores : (s, k)
+        The same of Zᵀρ.
+    floor : (n,)
+        Squares of the sensors' noise in all rows that count.
+    unit : (k, k)
+        Directions of the parameters in which ZᵀZ is one.
+    separability : float
+        Share of its columns that is left beside the model.
+    levels : FamilywiseLevels
+        What the test asks of it.
+    least_t : float
+        Least t of its gain.
+    moving : _PlantedEffect, optional
+        The same on the rows where joints move on, for a candidate that is judged on rows at reversals as well.
+    """
+
+    candidate: Candidate
+    direction: FloatArray
+    held_out: tuple[_HeldOut, ...]
+    fitted_squares: FloatArray
+    fitted_scores: FloatArray
+    floor: FloatArray
+    unit: FloatArray
+    separability: float
+    levels: FamilywiseLevels
+    least_t: float
+    moving: _PlantedEffect | None = None
+
+    def compute_power(self, share: float) -> float:
+        """Return the share of draws in which an effect of a share of the usual size is accepted."""
+        sides = [self._compare(number, share) for number in range(len(self.held_out))]
+        t = compute_evenness(np.mean([side.gains for side in sides], axis=0))
+        # The smaller of both kinds of folds, as in scoring; errors are averaged.
+        drops = np.min([side.drops for side in sides], axis=0)
+        removed = np.mean([side.removed for side in sides], axis=0)
+        error_drops = _compute_error_drops(sides)
+        effect = get_effect(self.candidate.effect)
+        # What pulls at two joints has to help both; anything else the joint that it helps most.
+        over_joints = np.min if effect.pulls_on_each else np.max
+        least_drop = np.array([find_least_drop(self.candidate, self.separability, value) for value in t])
+        accepted = (
+            ((t >= self.levels.gains) | self._test_scores(share))
+            & (t >= self.least_t)
+            & (over_joints(drops, axis=1) >= least_drop)
+            & (over_joints(error_drops, axis=1) >= SMALLEST_ERROR_DROP)
+            & (over_joints(removed / self.floor, axis=1) >= get_least_gain(effect))
+        )
+        if self.moving is not None:
+            kinds = range(len(self.moving.held_out))
+            where_moving = _compute_error_drops([self.moving._compare(number, share) for number in kinds])
+            accepted &= over_joints(where_moving, axis=1) >= SMALLEST_ERROR_DROP
+        return float(accepted.mean())
+
+    def _compare(self, number: int, share: float) -> _Comparison:
+        """Compare the errors without and with the candidate in one kind of folds."""
+        held_out = self.held_out[number]
+        along, cross = self._products_along[number]
+        before = np.maximum(held_out.errors + share**2 * along + 2.0 * share * cross, np.finfo(float).tiny)
+        # As in scoring: no loss counts for more than there was, and no block for more than three usual ones.
+        gain = np.maximum(before - self._errors_after[number], -before)
+        whole = before[:, :, -1]
+        factor = np.minimum(whole, 3.0 * np.median(whole, axis=1, keepdims=True)) / whole
+        own_before, own_gain = before[:, :, :-1], gain[:, :, :-1]
+        drops = np.einsum("ds,dsn->dn", factor, own_gain) / np.einsum("ds,dsn->dn", factor, own_before)
+        return _Comparison(gain[:, :, -1] * factor, drops, own_before.sum(axis=1), own_gain.sum(axis=1))
+
+    @cached_property
+    def _signs(self) -> FloatArray:
+        """Random signs (d, s) of the blocks, the same for every candidate."""
+        return np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(_DRAWS, len(self.fitted_scores)))
+
+    @cached_property
+    def _products_along(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Squares (s, n + 1) of the torque of the usual size, and its products (d, s, n + 1) with what is left."""
+        return [
+            (kind.squares @ self.direction @ self.direction, self._signs[:, :, None] * (kind.scores @ self.direction))
+            for kind in self.held_out
+        ]
+
+    @cached_property
+    def _errors_after(self) -> list[FloatArray]:
+        """Squared errors (d, s, n + 1) with the candidate, fitted without the fold of each block.
+
+        By how much the fitted parameters miss the planted ones does not depend on these.
+        """
+        return [self._fit_held_out(kind) for kind in self.held_out]
+
+    def _fit_held_out(self, kind: _HeldOut) -> FloatArray:
+        whole_squares = self.fitted_squares.sum(axis=0)
+        after = np.empty((_DRAWS, *kind.errors.shape))
+        for fold in kind.folds:
+            left_out = np.ones(len(kind.errors), dtype=bool)
+            left_out[fold] = False
+            noise = self._signs[:, left_out] @ self.fitted_scores[left_out]
+            inverse = np.linalg.pinv(whole_squares - self.fitted_squares[fold].sum(axis=0), rcond=1e-8, hermitian=True)
+            miss = noise @ inverse
+            products = (miss[:, :, None] * miss[:, None, :]).reshape(_DRAWS, -1)
+            quadratic = products @ kind.squares[fold].reshape(-1, products.shape[1]).T
+            cross = miss @ kind.scores[fold].reshape(-1, miss.shape[1]).T
+            shape = (_DRAWS, len(fold), kind.errors.shape[1])
+            after[:, fold] = (
+                kind.errors[fold] - 2.0 * self._signs[:, fold, None] * cross.reshape(shape) + quadratic.reshape(shape)
+            )
+        return np.maximum(after, 0.0)
+
+    def _test_scores(self, share: float) -> BoolArray:
+        """Return (d,): whether the scores are larger than chance makes them, where they may speak."""
+        if not may_use_scores(self.candidate):
+            return np.zeros(_DRAWS, dtype=bool)
+        noise, pushed = self.fitted_scores @ self.unit, share * (self.fitted_squares @ self.direction) @ self.unit
+        # Of each draw: sums over the blocks, and the sum of squares. The squares of the noise have no sign.
+        sums = self._signs @ noise + pushed.sum(axis=0)
+        mixed = self._signs @ (noise[:, :, None] * pushed[:, None, :]).reshape(len(noise), -1)
+        mixed = mixed.reshape(_DRAWS, *self.unit.shape)
+        spread = noise.T @ noise + pushed.T @ pushed + mixed + mixed.transpose(0, 2, 1)
+        return np.asarray(standardise_size((sums**2).sum(axis=1), spread) >= self.levels.scores)
+
+
+def _list_planted(
+    rows: Products, pool: Pool, final: FinalScores, members: Sequence[Candidate]
+) -> Iterator[_PlantedEffect]:
+    """Yield what is needed to plant each of some candidates that are about the same rows."""
+    state = final.state
+    blocks = JointBlocks.from_products(rows, np.array(state.base, dtype=np.intp), members)
+    total = blocks.sum_products(state.noise)
+    fit = FoldFit(total, blocks.portions)
+    acting = find_acting_columns(pool)
+    fitted_scores = [block.compute_errors(fit).compute_scores() for block in blocks.joints]
+    fitted_squares = [compute_block_products(block, fit) for block in blocks.joints]
+    kinds = [_hold_out(blocks, total, tuple(split_data_folds(rows, kind)), state.noise) for kind in KINDS]
+    weights = 1.0 / state.noise**2
+    counts = rows.counts.sum(axis=0)
+    for number, portion in enumerate(blocks.portions):
+        unit, separability = fit.compute_unit_directions(number), fit.compute_separability(number)
+        for place, (member, columns) in enumerate(zip(portion.members, portion.columns, strict=True)):
+            candidate = members[member]
+            usual, _ = _get_usual(pool, candidate)
+            joints = np.flatnonzero(acting[list(candidate.columns)].any(axis=0))
+            if len(candidate.joints) == 1 and not get_effect(candidate.effect).pulls_on_each:
+                # An effect of one joint that acts on others too: the joint that it moves most, in units of the noise.
+                own = [weights[j] * np.trace(fitted_squares[j][number][place].sum(axis=0)) for j in joints]
+                joints = joints[[int(np.argmax(own))]]
+            every = range(len(weights))
+            yield _PlantedEffect(
+                candidate,
+                np.array([usual.get(pool.observation.columns[k].parameter, 0.0) for k in candidate.columns]),
+                tuple(kind.take_candidate(number, place, columns, joints, weights) for kind in kinds),
+                np.asarray(sum(weights[j] * fitted_squares[j][number][place] for j in every)),
+                np.asarray(sum(weights[j] * fitted_scores[j][:, columns] for j in every)),
+                np.maximum(counts[joints] * state.floor[joints] ** 2, np.finfo(float).tiny),
+                unit[place],
+                float(separability[place]),
+                final.levels,
+                max(compute_least_t(rows.n_stretches, state.level), PRUNE_T),
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class _HeldOutBlocks:
+    """Products of all candidates in one kind of folds: ρᵀρ (s,), Zᵀρ (s, c), ZᵀZ by portion (g, s, k, k) a joint."""
+
+    errors: list[FloatArray]
+    scores: list[FloatArray]
+    squares: list[list[FloatArray]]
+    folds: tuple[IndexArray, ...]
+
+    def take_candidate(
+        self, number: int, place: int, columns: IndexArray, joints: IndexArray, weights: FloatArray
+    ) -> _HeldOut:
+        """Take one candidate of a portion, on some joints and on all together in units of the noise."""
+
+        def stack(each: Sequence[FloatArray]) -> FloatArray:
+            whole = np.asarray(sum(weight * own for weight, own in zip(weights, each, strict=True)))
+            return np.stack([*(each[j] for j in joints), whole], axis=1)
+
+        squares = stack([own[number][place] for own in self.squares])
+        return _HeldOut(squares, stack([own[:, columns] for own in self.scores]), stack(self.errors), self.folds)
+
+
+def _hold_out(
+    blocks: JointBlocks, total: ProductSums, folds: tuple[IndexArray, ...], noise: FloatArray
+) -> _HeldOutBlocks:
+    """Return the products of each block beside the model fitted without its fold.
+
+    Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
+    seen, and held-out errors show an effect by that.
+    """
+    s, c, n = blocks.n_stretches, blocks.n_extra, len(blocks.joints)
+    errors, scores = [np.zeros(s) for _ in range(n)], [np.zeros((s, c)) for _ in range(n)]
+    squares = [
+        [np.zeros((len(portion.members), s, portion.width, portion.width)) for portion in blocks.portions]
+        for _ in range(n)
+    ]
+    for fold in folds:
+        here = blocks.select_stretches(fold)
+        fit = FoldFit(total.subtract(here.sum_products(noise)), blocks.portions)
+        for j, block in enumerate(here.joints):
+            joint_errors = block.compute_errors(fit)
+            errors[j][fold], scores[j][fold] = joint_errors.alone, joint_errors.compute_scores()
+            for own, products in zip(squares[j], compute_block_products(block, fit), strict=True):
+                own[:, fold] = products
+    return _HeldOutBlocks(errors, scores, squares, folds)
+
+
+def _build_limit(pool: Pool, planted: _PlantedEffect) -> DetectionLimit:
+    candidate = planted.candidate
+    main = int(np.argmax(np.abs(planted.direction)))
+    column = pool.observation.columns[candidate.columns[main]]
+    usual = abs(float(planted.direction[main]))
+    least = _find_least_noticeable(pool, planted)
+    sure, half = (max(_find_share(planted, power), least) for power in (SURE, HALF))
+    return DetectionLimit(
+        candidate.effect, candidate.joints, column.name, column.unit, sure * usual, half * usual, usual, candidate.shape
+    )
+
+
+def _find_share(planted: _PlantedEffect, power: float) -> float:
+    """Return the smallest share of the usual size that is accepted so often; infinite where none is."""
+    if planted.separability < VISIBLE or planted.compute_power(LARGEST) < power:
+        return math.inf
+    low, high = math.log(_SMALLEST), math.log(LARGEST)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if planted.compute_power(math.exp(middle)) >= power:
+            high = middle
+        else:
+            low = middle
+    return math.exp(high)
+
+
+def _find_least_noticeable(pool: Pool, planted: _PlantedEffect) -> float:
+    """Return the share of the usual size below which nobody would notice the effect, by its specification."""
+    specs = {spec.name: spec.least for spec in get_effect(planted.candidate.effect).parameters}
+    shares = [
+        specs[pool.observation.columns[k].parameter] / abs(value)
+        for k, value in zip(planted.candidate.columns, planted.direction, strict=True)
+        if value and specs.get(pool.observation.columns[k].parameter, 0.0) > 0.0
+    ]
+    return min(shares, default=0.0)

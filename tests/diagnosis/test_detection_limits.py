@@ -1,0 +1,128 @@
+"""What the recordings would have shown: sizes that are found, and the conclusion that is drawn from them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from support.hidden_effects import NAMES, ROBOT, WITH_OFFSET, experiment, on_joint
+
+from dynident.diagnosis import Diagnosis, diagnose
+from dynident.diagnosis.conclusion import conclude
+from dynident.diagnosis.result import DetectionLimit, UnknownPattern
+from dynident.effects import get_effect
+from dynident.reports.figures.detection_limits import draw_detection_limits, format_limits, format_share
+from dynident.robot.joint_names import join_joint_names
+
+HIDDEN = ("joint_spring", "viscous_asymmetric")
+
+
+@pytest.fixture(scope="module")
+def clean() -> Diagnosis:
+    run = experiment()
+    return diagnose(run.identification, [run.training], candidates=[*HIDDEN, "backlash", "coulomb_asymmetric"])
+
+
+def find_limit(diagnosis: Diagnosis, effect: str, joint: int) -> DetectionLimit:
+    return next(item for item in diagnosis.detection_limits if (item.effect, item.joints) == (effect, (NAMES[joint],)))
+
+
+def test_every_effect_that_was_tried_has_a_limit_on_every_joint_in_the_unit_of_its_parameter(clean):
+    for joint in range(ROBOT.n):
+        limit = find_limit(clean, "joint_spring", joint)
+        assert (limit.parameter, limit.unit) == (f"ks{joint + 1}", "N m/rad")
+        usual = get_effect("joint_spring").usual(ROBOT, joint)
+        assert usual is not None
+        assert limit.usual == pytest.approx(usual.values["ks"])
+        assert 0 < limit.half_size <= limit.size
+        assert limit.share == pytest.approx(limit.size / limit.usual)
+
+
+def test_what_the_model_says_itself_shows_in_no_size(clean):
+    # The model has an offset, which is the same function.
+    assert math.isinf(find_limit(clean, "coulomb_asymmetric", 0).size)
+
+
+@pytest.mark.parametrize(("factor", "shows"), [(0.3, False), (2.0, True)])
+@pytest.mark.parametrize(("effect", "joint"), [("joint_spring", 0), ("viscous_asymmetric", 4)])
+def test_twice_the_limit_is_found_and_a_third_of_the_half_limit_is_not(clean, effect, joint, factor, shows):
+    limit = find_limit(clean, effect, joint)
+    size = factor * (limit.size if shows else limit.half_size)
+    laws = {
+        "joint_spring": lambda q, v, load: size * (q - 1.0 / 3.0),
+        "viscous_asymmetric": lambda q, v, load: size * np.abs(v),
+    }
+    run = experiment(on_joint(joint, laws[effect]), WITH_OFFSET)
+    found = diagnose(run.identification, [run.training], candidates=[*HIDDEN, "backlash", "coulomb_asymmetric"])
+    named = [(choice.effect, choice.joints) for choice in found.recommended]
+    assert named == ([(effect, (NAMES[joint],))] if shows else [])
+    if shows:
+        # What was found is no longer hidden.
+        assert (effect, (NAMES[joint],)) not in {(item.effect, item.joints) for item in found.detection_limits}
+
+
+def test_a_clean_arm_lacks_nothing_above_the_limits(clean):
+    assert clean.verdict == "adequate"
+    assert clean.conclusion is not None
+    assert clean.conclusion.code == "nothing_above_limits"
+    assert clean.conclusion.headline in clean.summary
+
+
+def test_what_is_too_small_is_told_with_the_size_that_would_have_shown(clean):
+    reason = clean.why_not("joint_spring", NAMES[0])
+    assert dict(reason.values)["limit"] == find_limit(clean, "joint_spring", 0).size
+    assert "These recordings would show it from" in reason.text
+
+
+def limit_of(effect: str, joint: str, share: float) -> DetectionLimit:
+    return DetectionLimit(effect, (joint,), "Fst1", "N m", share, 0.8 * share, 1.0)
+
+
+SEEN = [limit_of("stribeck", name, 0.2) for name in ("left_knee", "right_knee", "waist")]
+BLIND = [limit_of("stribeck", name, 5.0) for name in ("left_knee", "right_knee")] + SEEN[2:]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "limits", "ratios", "code"),
+    [
+        ("adequate", SEEN, (1.1, 1.1), "nothing_above_limits"),
+        ("adequate", SEEN, (math.nan, 1.1), "nothing_above_limits"),
+        ("adequate", SEEN, (14.5, 1.1), "cannot_tell"),
+        ("adequate", SEEN, (math.nan, 2.5), "cannot_tell"),
+        ("adequate", BLIND, (1.1, 1.1), "cannot_tell"),
+        ("unexplained", SEEN, (1.1, 1.1), "something_is_missing"),
+        ("unexplained", SEEN, (14.5, 1.1), "cannot_tell"),
+        ("missing_effect", BLIND, (14.5, 2.5), "something_is_missing"),
+    ],
+)
+def test_the_conclusion_is_threefold_and_names_one_next_thing_to_do(verdict, limits, ratios, code):
+    joints = ("left_knee", "right_knee", "waist")
+    unknown = (UnknownPattern("waist", "velocity", 0.3),)
+    conclusion = conclude(verdict, unknown, limits, ratios, joints, is_given_up=False)
+    assert conclusion.code == code
+    assert conclusion.next_step.endswith(".")
+    if code == "cannot_tell":
+        assert conclusion.why
+    if limits is BLIND and code == "cannot_tell":
+        assert "Stribeck friction on left/right_knee" in conclusion.why[-1]
+
+
+def test_many_joints_are_told_in_groups():
+    joints = [f"{side}_{name}" for side in ("left", "right") for name in ("hip", "knee", "ankle", "toe")]
+    assert join_joint_names(joints, joints) == "all joints"
+    assert join_joint_names([j for j in joints if "knee" not in j], joints) == "all but left/right_knee"
+    assert join_joint_names(["left_hip", "right_hip", "left_toe"], joints) == "left/right_hip, left_toe"
+    assert join_joint_names([], joints) == ""
+
+
+def test_the_figure_has_all_effects_and_the_table_one_row_an_effect(clean):
+    svg = draw_detection_limits(clean.detection_limits, ROBOT)
+    assert "Joint spring" in svg
+    assert "would have shown in their usual size" in svg
+    rows = format_limits(clean.detection_limits, ROBOT)
+    assert [row[0] for row in rows] == list(
+        dict.fromkeys(get_effect(item.effect).title for item in clean.detection_limits)
+    )
+    shares = {0.123: "12 %", 1.0: "1 x", 3.21: "3.2 x", 45.6: "46 x", math.inf: "–"}
+    assert {share: format_share(share) for share in shares} == shares
