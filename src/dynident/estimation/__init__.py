@@ -2,23 +2,27 @@
 
 from dynident.estimation.backward_elimination import Elimination, EliminationPath, eliminate_parameters
 from dynident.estimation.block_bootstrap import Bootstrap, Drawing, bootstrap_estimates
+from dynident.estimation.errors import (
+    Errors,
+    PhaseErrors,
+    compute_errors,
+    compute_moving_errors,
+    compute_phase_errors,
+)
 from dynident.estimation.factors import (
     EquationFactors,
     FactorAccumulator,
     Reduction,
     concatenate_reductions,
-    merge_reversal_equations,
+    merge_phase_equations,
 )
 from dynident.estimation.instrumental_variables import InstrumentalSolution, solve_instrumental
 from dynident.estimation.least_squares import (
-    Errors,
     EstimationError,
     Solution,
     build_weighted_factor,
     compute_condition_number,
     compute_equilibrated_condition_number,
-    compute_errors,
-    compute_moving_errors,
     compute_noise_levels,
     compute_relative_change,
     compute_row_noise,
@@ -30,6 +34,7 @@ from dynident.estimation.outlying_spans import OutlyingSpan, OutlyingSpans, find
 from dynident.estimation.prior_information import PriorInformation, build_prior
 from dynident.estimation.residual_correlation import compute_correlation_factor, count_effective_rows
 from dynident.estimation.rest_and_reversal_rows import (
+    BlockRows,
     RestRowAccumulator,
     RestRows,
     ReversalRows,
@@ -41,6 +46,7 @@ from dynident.estimation.shape_constant_uncertainty import LinearisedSolution, l
 from dynident.estimation.uncertainty import CovarianceName, Statistics, compute_row_freedom, statistics
 
 __all__ = [
+    "BlockRows",
     "Bootstrap",
     "CovarianceName",
     "Drawing",
@@ -54,6 +60,7 @@ __all__ = [
     "LinearisedSolution",
     "OutlyingSpan",
     "OutlyingSpans",
+    "PhaseErrors",
     "PriorInformation",
     "Reduction",
     "RestRowAccumulator",
@@ -72,6 +79,7 @@ __all__ = [
     "compute_errors",
     "compute_moving_errors",
     "compute_noise_levels",
+    "compute_phase_errors",
     "compute_relative_change",
     "compute_row_freedom",
     "compute_row_noise",
@@ -81,7 +89,7 @@ __all__ = [
     "estimate_reversal_weights",
     "find_outlying_spans",
     "linearise_constants",
-    "merge_reversal_equations",
+    "merge_phase_equations",
     "ordinary",
     "solve",
     "solve_instrumental",

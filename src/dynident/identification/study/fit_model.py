@@ -413,8 +413,8 @@ def identify_model(
     data = ReducedData(
         training.equations,
         training.torque,
-        # Held-out errors count every row alike, so that they can be compared between models with other weights.
-        None if held_out is None else held_out.torque.with_fixed_weights,
+        # Nothing weights these rows: held-out errors count every row alike, in all models.
+        None if held_out is None else held_out.torque,
         None,
         preprocessing,
         tuple(recording.name for recording in recordings),

@@ -380,6 +380,15 @@ class Identification:
         return None if self.data.held_out is None else compute_moving_errors(self.data.held_out, self.values)
 
     @property
+    def held_out_judged(self) -> Errors | None:
+        """The held-out errors that models are judged and compared by: where each joint moves.
+
+        Where no joint moves in the held-out data, or they are poses, those of all rows.
+        """
+        moving = self.held_out_moving
+        return moving if moving is not None and moving.counts.any() else self.held_out
+
+    @property
     def converged(self) -> bool:
         """Whether the iterations of the estimator have settled."""
         return self.estimate.solution.converged
