@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import ReversalRows, RowGroup
+from dynident.estimation import ReversalRows
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
 from dynident.identification.study import result
 from dynident.recordings import Preprocessing

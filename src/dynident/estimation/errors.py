@@ -67,7 +67,7 @@ class Errors:
 
 
 @dataclass(frozen=True, eq=False)
-class PhaseErrors:
+class ErrorsByPhase:
     """Errors by what the joint of a row does.
 
     Parameters
@@ -94,7 +94,23 @@ class PhaseErrors:
         return self.moving + self.reversing + self.standing
 
 
-def compute_phase_errors(reduction: Reduction, values: FloatArray) -> PhaseErrors:
+def select_judged_errors(moving: Errors, all_rows: Errors) -> Errors:
+    """Select the errors that a model is judged and compared by.
+
+    Parameters
+    ----------
+    moving, all_rows : Errors
+        Errors where each joint moves, and on all rows.
+
+    Returns
+    -------
+    Errors
+        Those where each joint moves; those on all rows where no joint ever moves, as in poses at rest.
+    """
+    return moving if moving.counts.any() else all_rows
+
+
+def compute_errors_by_phase(reduction: Reduction, values: FloatArray) -> ErrorsByPhase:
     """Return the residual of parameters on the rows of a data set, by what the joint does.
 
     Parameters
@@ -104,7 +120,7 @@ def compute_phase_errors(reduction: Reduction, values: FloatArray) -> PhaseError
 
     Returns
     -------
-    PhaseErrors
+    ErrorsByPhase
         Sums of squares and numbers of rows of every equation.
     """
     fitted = compute_fitted_errors(reduction, values)
@@ -119,7 +135,7 @@ def compute_phase_errors(reduction: Reduction, values: FloatArray) -> PhaseError
         standing[:, k] = rest_rows.sum_standing_squares(own), rest_rows.standing_measured_squares, rest_rows.n_standing
     # Differences of sums of squares may fall below zero by rounding.
     moving = np.maximum(np.array([fitted.squares, fitted.measured, fitted.counts]) - reversing - starting, 0.0)
-    return PhaseErrors(Errors(*moving), Errors(*reversing), Errors(*starting), Errors(*standing))
+    return ErrorsByPhase(Errors(*moving), Errors(*reversing), Errors(*starting), Errors(*standing))
 
 
 def compute_errors(reduction: Reduction, values: FloatArray) -> Errors:
@@ -133,9 +149,9 @@ def compute_errors(reduction: Reduction, values: FloatArray) -> Errors:
     Returns
     -------
     Errors
-        Sums of squares and numbers of rows of every equation, as in `PhaseErrors.all_rows`.
+        Sums of squares and numbers of rows of every equation, as in `ErrorsByPhase.all_rows`.
     """
-    return compute_phase_errors(reduction, values).all_rows
+    return compute_errors_by_phase(reduction, values).all_rows
 
 
 def compute_moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
@@ -149,9 +165,9 @@ def compute_moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
     Returns
     -------
     Errors
-        Sums of squares and numbers of rows of every equation, as in `PhaseErrors.moving`.
+        Sums of squares and numbers of rows of every equation, as in `ErrorsByPhase.moving`.
     """
-    return compute_phase_errors(reduction, values).moving
+    return compute_errors_by_phase(reduction, values).moving
 
 
 def compute_fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:

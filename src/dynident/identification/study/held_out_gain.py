@@ -8,11 +8,10 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-from scipy import stats
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import get_effect
-from dynident.estimation import Reduction, compute_moving_errors, compute_phase_errors
+from dynident.estimation import Reduction, compute_errors_by_phase, compute_moving_errors
 from dynident.identification.study.result import Identification
 from dynident.regressors.row_phases import remembers_path, shows_at_starts
 
@@ -27,8 +26,8 @@ IN_PASSING = 0.1
 joints and disturbs another; what is right changes other joints' parameters a little."""
 
 _SAME = 1.005
-"""Ratio of the errors where joints move up to which nobody would notice a difference: what an effect gains at the other
-rows that it claims may then decide."""
+"""Ratio of the errors where joints move up to which nobody would notice a difference: then it decides whether held-out
+data confirm what was added, and otherwise the model with fewer effects is better."""
 
 # Blocks from which a spread can be told.
 _FEWEST = 4
@@ -83,11 +82,11 @@ def list_addition_warnings(grown: Identification) -> tuple[str, ...]:
         return ()
     titles = " and ".join(dict.fromkeys(get_effect(choice.effect).title for choice in grown.step.added))
     sentences = []
-    if not list_confirming_rows(gains):
+    if not _select_confirming_rows(gains):
         # The kind of rows that speaks most for the addition.
         best = max(gains, key=lambda gain: gain.t if gain.after < gain.before else -np.inf)
-        errors = "; ".join(f"{_WORDS[gain.rows]} from {gain.before:.2%} to {gain.after:.2%}" for gain in gains)
-        errors = f"on held-out recordings the error changes {errors}"
+        changes = "; ".join(f"{_WORDS[gain.rows]} from {gain.before:.2%} to {gain.after:.2%}" for gain in gains)
+        errors = f"on held-out recordings the error changes {changes}"
         if best.after >= best.before or best.t < _CHANCE:
             by_chance = ", no more than by chance" if best.t > -_CHANCE else ""
             sentences.append(
@@ -135,21 +134,25 @@ def compute_step_gains(grown: Identification) -> tuple[HeldOutGain, ...]:
     return tuple(gain for gain in gains if gain is not None)
 
 
-def list_confirming_rows(gains: Sequence[HeldOutGain]) -> tuple[ClaimedRows, ...]:
-    """List the kinds of held-out rows that confirm an addition.
-
-    Reversals and starts confirm what makes moving rows no worse.
+def list_confirming_rows(grown: Identification) -> tuple[ClaimedRows, ...] | None:
+    """List the kinds of held-out rows that confirm what the last step of a ladder added.
 
     Parameters
     ----------
-    gains : sequence of HeldOutGain
-        From `compute_step_gains`.
+    grown : Identification
+        With the step from the model that was added to.
 
     Returns
     -------
-    tuple of str
-        Kinds of rows; none where nothing confirms it.
+    tuple of str or None
+        Kinds of rows; none of them where nothing confirms it; None where nothing was added, or nothing is held out.
     """
+    gains = compute_step_gains(grown)
+    return _select_confirming_rows(gains) if gains else None
+
+
+def _select_confirming_rows(gains: Sequence[HeldOutGain]) -> tuple[ClaimedRows, ...]:
+    """Select the kinds of rows that confirm an addition: reversals and starts do where moving rows get no worse."""
     harmless = all(gain.after <= _SAME * gain.before for gain in gains if gain.rows == "moving")
     return tuple(gain.rows for gain in gains if gain.is_sure and harmless)
 
@@ -195,7 +198,7 @@ class _StepComparison:
     def compute_gain(self, rows: ClaimedRows, joints: BoolArray) -> HeldOutGain | None:
         """Return the gain on one kind of rows of these joints (n,); None where there are no such rows."""
         before, after = (
-            getattr(compute_phase_errors(self.data, values), rows).select(joints)
+            getattr(compute_errors_by_phase(self.data, values), rows).select(joints)
             for values in (self.before, self.after)
         )
         if not before.counts.any():
@@ -222,14 +225,12 @@ def _list_worse_joints(grown: Identification) -> list[str]:
     # An addition may help on the whole and hurt a joint, which a total hides.
     old, new = (compute_moving_errors(compared.data, values).relative for values in (compared.before, compared.after))
     drops = compared.compute_block_drops("moving")
-    # Bonferroni: as many joints are looked at.
-    chance = float(stats.norm.isf(stats.norm.sf(SURE_T) / len(drops)))
     return [
         f"{name} ({old[j]:.2%} to {new[j]:.2%})"
         for j, name in enumerate(grown.model.robot.joint_names)
         if new[j] > _WORSE * old[j]
         and -drops[j].sum() > IN_PASSING * drops.sum()
-        and (drops.shape[1] < _FEWEST or compute_t(-drops[j]) >= chance)
+        and (drops.shape[1] < _FEWEST or compute_t(-drops[j]) >= SURE_T)
     ]
 
 
@@ -264,20 +265,20 @@ def find_best_step(models: Sequence[Identification]) -> BestStep | None:
     """
     errors = [model.held_out_judged for model in models]
     totals = [error.relative_total for error in errors if error is not None]
-    confirmed = [bool(list_confirming_rows(compute_step_gains(model))) for model in models]
-    return find_best_of_errors(totals, confirmed) if len(totals) == len(models) else None
+    preferred = [bool(list_confirming_rows(model) or model.step.removed) for model in models]
+    return find_best_of_errors(totals, preferred) if len(totals) == len(models) else None
 
 
-def find_best_of_errors(totals: Sequence[float], confirmed: Sequence[bool] = ()) -> BestStep | None:
+def find_best_of_errors(totals: Sequence[float], preferred: Sequence[bool]) -> BestStep | None:
     """Return the best step by the held-out errors of a ladder's models, over all joints; None where there are none.
 
     Parameters
     ----------
     totals : sequence of float
         Held-out errors where joints move, the first model's first.
-    confirmed : sequence of bool, optional
-        Whether held-out data confirm what each model adds to the one before. Such a model is also better than that one
-        where they are the same where joints move.
+    preferred : sequence of bool
+        Whether each model is better than the one before if their errors are the same: it adds what held-out data
+        confirm, or it has fewer effects.
 
     Returns
     -------
@@ -288,8 +289,8 @@ def find_best_of_errors(totals: Sequence[float], confirmed: Sequence[bool] = ())
         return None
     best = 0
     for k, total in enumerate(totals):
-        is_better_elsewhere = k == best + 1 and any(confirmed[k : k + 1]) and total <= _SAME * totals[best]
-        if total < totals[best] or is_better_elsewhere:
+        # What lowers the error by less than anybody would notice, and is not confirmed, is no better.
+        if total * _SAME < totals[best] or (k > 0 and preferred[k] and total <= _SAME * totals[best]):
             best = k
     return BestStep(best, tuple(k for k in range(best + 1, len(totals)) if totals[k] > _ROUNDING * totals[best]))
 
