@@ -188,3 +188,28 @@ def compute_weighted_squares(reduction: Reduction, values: FloatArray) -> FloatA
     """Return the squared residual (n,) of parameters χ (c,) in every equation, its rows as they are weighted there."""
     rests = (e.joint_factor[:, -1] - e.joint_factor[:, :-1] @ values[e.columns] for e in reduction.equations)
     return np.array([float(rest @ rest) for rest in rests])
+
+
+def compute_evenness(gains: FloatArray) -> FloatArray:
+    """Return t of the mean over blocks of time of the signed roots of gains.
+
+    Of the roots, since a gain is a square: else one block that shows an effect well hides that the others do, too.
+
+    Parameters
+    ----------
+    gains : (c, s)
+        Drop of the squared error in every block, of c models or effects.
+
+    Returns
+    -------
+    (c,) array
+        0 where all blocks gain the same.
+    """
+    values = compute_signed_roots(gains)
+    spread = values.std(axis=-1, ddof=1) / np.sqrt(values.shape[-1])
+    return np.asarray(np.divide(values.mean(axis=-1), spread, out=np.zeros_like(spread), where=spread > 0))
+
+
+def compute_signed_roots(gains: FloatArray) -> FloatArray:
+    """Return the roots of the sizes of gains, of any shape, with their signs."""
+    return np.asarray(np.sign(gains) * np.sqrt(np.abs(gains)))

@@ -19,6 +19,7 @@ from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.scoring import Score
 from dynident.diagnosis.residuals.time_blocks import compute_median_error, compute_t
 from dynident.effects import CATALOGUE
+from dynident.estimation.errors import compute_evenness, compute_signed_roots
 
 DRAWS = 2000
 """Turns of the signs: a p of 0.01 is then known to within a fifth of itself."""
@@ -72,7 +73,7 @@ def _draw_signs(n_stretches: int) -> FloatArray:
 
 def _test_gains(gains: FloatArray, signs: FloatArray) -> FloatArray:
     """Return (c,): the share of draws in which any candidate gains as evenly."""
-    values = _compute_signed_roots(gains)
+    values = compute_signed_roots(gains)
     n_stretches = values.shape[1]
     mean = signs @ values.T / n_stretches
     # Signs change the mean of the values and leave their squares: the variance follows without another product.
@@ -115,20 +116,6 @@ def _standardise_scores(scores: FloatArray, signs: FloatArray) -> FloatArray:
     sums = (signs @ scores.transpose(1, 0, 2).reshape(s, g * k)).reshape(-1, g, k)
     root = np.cbrt((sums**2).sum(axis=2) / mean)
     return np.asarray((root - (1.0 - 2.0 / (9.0 * freedom))) / np.sqrt(2.0 / (9.0 * freedom)))
-
-
-def compute_evenness(gains: FloatArray) -> FloatArray:
-    """Return (c,): t of the mean over the blocks of the signed roots of gains (c, s).
-
-    Of the roots, since a gain is a square: else one stretch that shows an effect well hides that the others do, too.
-    """
-    values = _compute_signed_roots(gains)
-    spread = values.std(axis=-1, ddof=1) / np.sqrt(values.shape[-1])
-    return np.asarray(np.divide(values.mean(axis=-1), spread, out=np.zeros_like(spread), where=spread > 0))
-
-
-def _compute_signed_roots(gains: FloatArray) -> FloatArray:
-    return np.asarray(np.sign(gains) * np.sqrt(np.abs(gains)))
 
 
 ALPHA = 0.01

@@ -12,7 +12,7 @@ from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, select_columns_on
 from dynident.diagnosis.candidates.products import can_leave_out_runs
 from dynident.diagnosis.candidates.scoring import compute_held_out_errors
-from dynident.diagnosis.candidates.significance import ScoredCandidate, compute_evenness
+from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.search.acceptance import (
     JOINT_DROP,
     JOINT_T,
@@ -25,6 +25,7 @@ from dynident.diagnosis.search.acceptance import (
 )
 from dynident.diagnosis.search.state import Finding, State, score_one
 from dynident.effects import get_effect
+from dynident.estimation.errors import compute_evenness
 from dynident.identification.study.held_out_gain import IN_PASSING
 
 _CHANCE = 3.5

@@ -12,6 +12,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import get_effect
 from dynident.estimation import Reduction, compute_errors_by_phase, compute_moving_errors
+from dynident.estimation.errors import compute_evenness
 from dynident.identification.study.result import Identification
 from dynident.regressors.row_phases import remembers_path, shows_at_starts
 
@@ -50,7 +51,7 @@ class HeldOutGain:
     before, after : float
         Relative error of these rows without the step and with it.
     t : float
-        Mean gain over blocks of time, all joints in units of their noise, over its standard error.
+        t of the gain over blocks of time, all joints in units of their noise (`compute_evenness`).
     """
 
     rows: ClaimedRows
@@ -203,9 +204,9 @@ class _StepComparison:
         )
         if not before.counts.any():
             return None
-        squares = self.compute_block_drops(rows)[joints]
+        drops = self.compute_block_drops(rows)[joints]
         # Without blocks to compare, the total error alone decides.
-        t = compute_t(squares.sum(axis=0)) if squares.shape[1] >= _FEWEST else SURE_T
+        t = float(compute_evenness(drops.sum(axis=0)[None])[0]) if drops.shape[1] >= _FEWEST else SURE_T
         return HeldOutGain(rows, before.relative_total, after.relative_total, t)
 
     def compute_block_drops(self, rows: ClaimedRows) -> FloatArray:
@@ -230,7 +231,7 @@ def _list_worse_joints(grown: Identification) -> list[str]:
         for j, name in enumerate(grown.model.robot.joint_names)
         if new[j] > _WORSE * old[j]
         and -drops[j].sum() > IN_PASSING * drops.sum()
-        and (drops.shape[1] < _FEWEST or compute_t(-drops[j]) >= SURE_T)
+        and (drops.shape[1] < _FEWEST or compute_evenness(-drops[j][None])[0] >= SURE_T)
     ]
 
 
