@@ -345,7 +345,7 @@ def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None
     assert "No held-out data was given" in page.text["torque"]
     assert "Record another motion, and hold it out." in page.text["summary"]
     assert "was made without the checks" in page.text["data"]
-    assert page.data_values["ladder"] == [alone.fit.relative_total]
+    assert page.data_values["ladder"] == [alone.fit_moving.relative_total]
 
 
 def test_what_to_do_next_is_told_of_a_model_that_has_all_that_was_recommended() -> None:
