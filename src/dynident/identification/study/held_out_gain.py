@@ -86,8 +86,7 @@ def list_addition_warnings(grown: Identification) -> tuple[str, ...]:
     if not _select_confirming_rows(gains):
         # The kind of rows that speaks most for the addition.
         best = max(gains, key=lambda gain: gain.t if gain.after < gain.before else -np.inf)
-        changes = "; ".join(f"{_WORDS[gain.rows]} from {gain.before:.2%} to {gain.after:.2%}" for gain in gains)
-        errors = f"on held-out recordings the error changes {changes}"
+        errors = f"on held-out recordings the error changes {_describe_changes(grown, gains)}"
         if best.after >= best.before or best.t < _CHANCE:
             by_chance = ", no more than by chance" if best.t > -_CHANCE else ""
             sentences.append(
@@ -108,6 +107,18 @@ def list_addition_warnings(grown: Identification) -> tuple[str, ...]:
 _WORDS: Mapping[ClaimedRows, str] = MappingProxyType(
     {"moving": "where joints move", "reversing": "at reversals", "starting": "at starts"}
 )
+
+
+def _describe_changes(grown: Identification, gains: Sequence[HeldOutGain]) -> str:
+    """Describe how the errors change, those where joints move by the figures that the ladder shows."""
+    parent = grown.step.parent
+    changes = []
+    for gain in gains:
+        before, after = gain.before, gain.after
+        if gain.rows == "moving" and parent is not None and parent.held_out_judged and grown.held_out_judged:
+            before, after = parent.held_out_judged.relative_total, grown.held_out_judged.relative_total
+        changes.append(f"{_WORDS[gain.rows]} from {before:.2%} to {after:.2%}")
+    return "; ".join(changes)
 
 
 def compute_step_gains(grown: Identification) -> tuple[HeldOutGain, ...]:
