@@ -63,7 +63,7 @@ async def figures(pid: int, port: int, body: dict[str, Any], asked: tuple[int, i
     """The cost of each kind of request."""
 
     def asking(method: str, path: str, content: Any = None) -> Callable[[Connection, int], Awaitable[None]]:
-        async def ask(connection: Connection, index: int) -> None:
+        async def ask(connection: Connection, _: int) -> None:
             status, _, answer = await connection.ask(method, path, content)
             assert status < 300, answer
 

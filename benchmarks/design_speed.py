@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -89,7 +89,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     # Told is processor time, and the rivals try one start after the other, too.
-    augmented_lagrangian.count_processors = lambda: 1
+    augmented_lagrangian.count_processors = lambda: 1  # type: ignore[attr-defined]  # a name that it imports
     robot = robot_from_library("franka_panda")
     model = pivoted(build_design_model(robot, EFFECTS))
     family: Family = FourierFamily(5, 10.0)
@@ -108,10 +108,10 @@ def main() -> None:
     told = f"median {np.median(conditions):.0f}, best {conditions[0]:.0f}"
     print(f"{model.n_parameters} columns; {N_STARTS} random trajectories: {told}")
     rows = [("method", "seconds", "condition number", "times ours")]
-    ours, reached = timed(lambda: our_design(scene), scene)
+    ours, reached = timed(lambda: our_design(scene))
     rows.append(("exact gradients, augmented Lagrangian", f"{ours:.2f}", f"{reached:.1f}", "1"))
     for name, rival in (("IPOPT, finite differences", ipopt), ("SLSQP, finite differences", slsqp)):
-        seconds, reached = timed(lambda rival=rival: rival(scene), scene)
+        seconds, reached = timed(lambda rival=rival: rival(scene))
         mark = "" if reached <= scene.goal else "> "
         compared(
             f"exciting trajectory of a Franka arm, seed {asked.seed}", ours, f"{name}{mark and ', not there'}", seconds
@@ -120,7 +120,7 @@ def main() -> None:
     show(f"Time to a condition number of {scene.goal:.1f}", rows)
 
 
-def timed(run: Callable[[], float], scene: Scene) -> tuple[float, float]:
+def timed(run: Callable[[], float]) -> tuple[float, float]:
     """Seconds, and the best condition number that was reached."""
     began = time.process_time()
     reached = run()
@@ -258,7 +258,7 @@ class _Callback(ca.Callback):
     def get_sparsity_out(self, _index: int) -> ca.Sparsity:
         return ca.Sparsity.dense(1 + 5 * self._plain.scene.robot.n)
 
-    def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
+    def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
         value, limits = self._plain.values(np.asarray(arguments[0]).ravel())
         return [ca.DM(np.concatenate([[value], limits]))]
 
@@ -286,7 +286,7 @@ class _Watch(ca.Callback):
     def get_sparsity_in(self, index: int) -> ca.Sparsity:
         return ca.Sparsity.dense(self._sizes.get(ca.nlpsol_out(index), 0), 1)
 
-    def eval(self, arguments: list[ca.DM]) -> list[int]:
+    def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
         try:
             self._plain.look(np.asarray(arguments[0]).ravel())
         except Reached:

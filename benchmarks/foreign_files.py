@@ -11,6 +11,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import common
 import numpy as np
@@ -223,7 +224,7 @@ def main() -> None:
             machine = dy.load_robot(FOLDER / "robot.urdf", drive_gains=per_unit)
             found = [dy.inspect(path, machine) for path in paths]
             asked = sorted({one.field for one in found[0].questions})
-            said = [dict(one.said) for one in found]
+            said: list[dict[str, Any]] = [dict(one.said) for one in found]
             # What is asked of efforts of a joint state is answered: currents.
             for one in said:
                 one["columns"] = {name.replace("tau", "current"): theirs for name, theirs in one["columns"].items()}

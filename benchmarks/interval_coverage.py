@@ -21,7 +21,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 import pinocchio
@@ -81,7 +80,7 @@ class Hidden:
     own: float | None = None
 
 
-def _stop(q: FloatArray, dq: FloatArray) -> FloatArray:
+def _stop(q: FloatArray, _dq: FloatArray) -> FloatArray:
     """Presliding by the stop operator, from a state of zero."""
     signal, z, out = MemorySignal("stop", 0, 0.02), 0.0, np.zeros(len(q))
     for k in range(1, len(q)):
@@ -90,7 +89,7 @@ def _stop(q: FloatArray, dq: FloatArray) -> FloatArray:
     return out
 
 
-def _counterbalance(q: FloatArray, dq: FloatArray) -> FloatArray:
+def _counterbalance(q: FloatArray, _dq: FloatArray) -> FloatArray:
     x, r = q - 0.4, 0.45
     return -1200.0 * np.sin(x) * (1 - 0.4 / np.sqrt(1 + r**2 + 2 * r * np.cos(x)))
 
@@ -315,7 +314,7 @@ def main() -> None:
         main_of_shapes(int(sys.argv[2]) if len(sys.argv) > 2 else 100)
         return
     recordings = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    estimator = cast(EstimatorName, sys.argv[2]) if len(sys.argv) > 2 else "wls"
+    estimator = sys.argv[2] if len(sys.argv) > 2 else "wls"
     for memory in (None, *MEMORIES):
         begun = time.perf_counter()
         found = study(recordings, estimator=estimator, memory=memory)

@@ -112,7 +112,7 @@ def write(path: Path, count: int) -> dict[str, float]:
     return {}
 
 
-def streamed(path: Path, count: int) -> dict[str, float]:
+def streamed(path: Path, _count: int) -> dict[str, float]:
     """Import, check, filter, reduce, identify."""
     from common import peak_memory
 

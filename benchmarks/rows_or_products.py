@@ -51,7 +51,7 @@ def stacks_of(count: int) -> tuple[list[RowStack], list[RowStack]]:
 
 def made(stack: RowStack) -> FloatArray:
     """(s, p + 1, p + 1): products of every stretch."""
-    return np.array([part.T @ part for part in np.split(stack.values, STRETCHES)])
+    return np.array([part.T @ part for part in np.split(stack.columns.T, STRETCHES)])
 
 
 def scores(stacks: list[RowStack] | list[ProductStack]) -> FloatArray:

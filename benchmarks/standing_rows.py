@@ -372,8 +372,10 @@ def _by_joint(found: Sequence[Fit], joint: int, what: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """Turns of joints: whether each is said to be free, how long its halt is and for how long of that the joint really
-    sticks, in s (NaN: nobody knows).
+    """Turns of joints.
+
+    Whether each is said to be free, how long its halt is and for how long of that the joint really sticks, in s (NaN:
+    nobody knows).
     """
 
     free: np.ndarray

@@ -89,14 +89,14 @@ def contents() -> str:
     return "\n\n".join(parts)
 
 
-def add_contents(app, name: str, source: list[str]) -> None:
+def add_contents(_app, name: str, source: list[str]) -> None:
     """The navigation, and links that the repository alone can answer."""
     if name == root_doc:
         source[0] += "\n" + contents() + "\n"
     source[0] = re.sub(r"\]\((?:\.\./)*(LICENSE|NOTICE)\)", rf"]({REPOSITORY}/\1)", source[0])
 
 
-def plain(app, what: str, name: str, obj, options, lines: list[str]) -> None:
+def plain(_app, what: str, _name: str, _obj, _options, lines: list[str]) -> None:
     """Docstrings are prose: bars, stars and trailing underscores in them mean nothing else."""
     for k, line in enumerate(lines):
         parts = re.split(r"(`[^`]*`)", line)
@@ -109,7 +109,7 @@ def plain(app, what: str, name: str, obj, options, lines: list[str]) -> None:
             lines[shown:shown] = ["::", ""]
 
 
-def types_as_said(app, what: str, name: str, obj, options, lines: list[str]) -> None:
+def types_as_said(_app, what: str, _name: str, _obj, _options, lines: list[str]) -> None:
     """Types in docstrings are prose ("(n, 2) of float"), in which only a name by itself leads to an entry."""
     for k, line in enumerate(lines):
         found = re.fullmatch(r"(:type [^:]+:) (.+)", line)
@@ -121,7 +121,7 @@ def types_as_said(app, what: str, name: str, obj, options, lines: list[str]) -> 
         lines[0] = f"{said[0].removeprefix(':type:').strip()}: {lines[0]}"
 
 
-def without_second_entry(app, what: str, name: str, obj, skip: bool, options) -> bool | None:
+def without_second_entry(app, what: str, name: str, obj, _skip: bool, _options) -> bool | None:
     """What `import dynident` takes from a room has its entry there."""
     rooms = [sys.modules[room] for room in documented() if room != "dynident"]
     elsewhere = any(getattr(room, public, None) is obj for room in rooms for public in room.__all__ if public == name)
@@ -130,7 +130,7 @@ def without_second_entry(app, what: str, name: str, obj, skip: bool, options) ->
     return True if what == "module" and elsewhere and app.env.docname.endswith("/dynident") else None
 
 
-def add_values(app, name: str, source: list[str]) -> None:
+def add_values(_app, _name: str, source: list[str]) -> None:
     """Tables, numbers and kinds of a room, with what their own module says of them; autodoc looks in the room alone."""
     for room in re.findall(r"automodule:: (\S+)", source[0]):
         homes = modules_of(room)

@@ -301,9 +301,8 @@ def order_that_changes(folder: Path, run: Recorded) -> Path:
     """Two publishers of one topic that do not agree on the order."""
     lines = ["time,joint_names,positions,efforts"]
     for k, t in enumerate(run.t):
-        one = Recorded(
-            run.joints, run.t[k : k + 1], *(v[k : k + 1] for v in (run.q, run.dq, run.tau)), run.slides, run.rng
-        )
+        rows = slice(k, k + 1)
+        one = Recorded(run.joints, run.t[rows], run.q[rows], run.dq[rows], run.tau[rows], run.slides, run.rng)
         one = one if k % 3 else one.in_order(list(range(run.n))[::-1])
         lines.append(f'{t:.6f},"{list(one.joints)}","{one.q[0].tolist()}","{one.tau[0].tolist()}"')
     return written(folder / "orders.csv", "\n".join(lines))

@@ -203,8 +203,10 @@ def pin_parameters(inertial: FloatArray) -> FloatArray:
 
 
 def torque_of_mujoco(robot: Robot, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-    """Γ (m, n) that moves the tree as q, dq, ddq (m, N) say, with whatever the constraints' forces add: M q̈ + h = Sᵀ Γ
-    + Jᵀ λ, with M, h and J from MuJoCo."""
+    """Γ (m, n) that moves the tree as q, dq, ddq (m, N) say, with whatever the constraints' forces add.
+
+    M q̈ + h = Sᵀ Γ + Jᵀ λ, with M, h and J from MuJoCo.
+    """
     model = mujoco.MjModel.from_xml_string(mjcf(robot))
     data = mujoco.MjData(model)
     order = [model.joint(name).dofadr[0] for name in robot.tree.joint_names]

@@ -21,7 +21,7 @@ class AsymmetricCoulomb(Hidden):
     def start(self, live: Live) -> Act:
         applied, k = live.applied, live.dof[self.joint]
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             applied[k] -= self.excess
 
         return act
@@ -37,7 +37,7 @@ class AsymmetricViscous(Hidden):
     def start(self, live: Live) -> Act:
         applied, v, k = live.applied, live.v, live.dof[self.joint]
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             applied[k] -= self.size * abs(v[k])
 
         return act
@@ -55,7 +55,7 @@ class Stribeck(Hidden):
     def start(self, live: Live) -> Act:
         loss, v, k = live.loss, live.v, live.dof[self.joint]
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             loss[k] += self.excess * np.exp(-(abs(v[k] / self.speed) ** self.exponent))
 
         return act
@@ -72,7 +72,7 @@ class PowerViscous(Hidden):
     def start(self, live: Live) -> Act:
         loss, v, k = live.loss, live.v, live.dof[self.joint]
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             loss[k] += self.size * abs(v[k]) ** self.power
 
         return act
@@ -89,7 +89,7 @@ class LoadFriction(Hidden):
     def start(self, live: Live) -> Act:
         loss, v, k = live.loss, live.v, live.dof[self.joint]
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             loss[k] += (self.coulomb + self.viscous * abs(v[k])) * abs(live.load(self.joint))
 
         return act
@@ -108,7 +108,7 @@ class PositionFriction(Hidden):
         loss, q, k = live.loss, live.q, live.dof[self.joint]
         size = self.share * live.coulomb[self.joint]
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             loss[k] += size * np.sin(self.cycles * q[k] + self.phase)
 
         return act
@@ -170,7 +170,7 @@ class Dahl(Hidden):
         loss, applied, v, k = live.loss, live.applied, live.v, live.dof[self.joint]
         size, span, state = live.coulomb[self.joint], live.arm.step / self.slip, 0.0
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             nonlocal state
             speed = v[k]
             if speed:
@@ -200,7 +200,7 @@ class MaxwellSlip(Hidden):
         pace: FloatArray = live.arm.step / np.array(self.slips)
         state = np.zeros(len(pull))
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             state[:] = np.minimum(np.maximum(state + v[k] * pace, -1.0), 1.0)
             loss[k] = 1e-9
             applied[k] -= pull @ state

@@ -52,8 +52,10 @@ class Backlash(Hidden):
 
 @dataclass(frozen=True)
 class Sag(Hidden):
-    """The motor is ahead of a link that follows at once: by `compliance` (rad per N m) times the load, and by half of
-    the `gap` (rad) on the side of the load, over a load of `width` N m.
+    """The motor is ahead of a link that follows at once.
+
+    It is ahead by `compliance` (rad per N m) times the load, and by half of the `gap` (rad) on the side of the load,
+    over a load of `width` N m.
     """
 
     joint: int
@@ -64,7 +66,7 @@ class Sag(Hidden):
     def start(self, live: Live) -> Act:
         loads = live.notes.setdefault(f"load {self.joint}", [])
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             loads.append(live.load(self.joint))
 
         return act

@@ -22,7 +22,7 @@ class FrictionOfAnotherPosition(Hidden):
         loss, q, k, i = live.loss, live.q, live.dof[self.joint], live.dof[self.other]
         size = self.share * live.coulomb[self.joint]
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             loss[k] += size * np.sin(self.cycles * q[i])
 
         return act
@@ -40,7 +40,7 @@ class RoughSpot(Hidden):
     def start(self, live: Live) -> Act:
         applied, q, k = live.applied, live.q, live.dof[self.joint]
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             applied[k] -= self.size * np.exp(-(((q[k] - self.place) / self.width) ** 2))
 
         return act
@@ -57,7 +57,7 @@ class ProductOfAngles(Hidden):
     def start(self, live: Live) -> Act:
         applied, q, k, i = live.applied, live.q, live.dof[self.joint], live.dof[self.other]
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             applied[k] -= self.size * np.sin(2.0 * q[k]) * np.sin(3.0 * q[i])
 
         return act
@@ -75,7 +75,7 @@ class FrictionOfAcceleration(Hidden):
         loss, v, a, k = live.loss, live.v, live.acceleration, live.dof[self.joint]
         held = 0.0
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             nonlocal held
             # The friction film takes some 20 ms to follow.
             held += 0.025 * (np.tanh(a[k] / self.scale) * np.sign(v[k]) - held)
@@ -121,7 +121,7 @@ class SpeedNotch(Hidden):
     def start(self, live: Live) -> Act:
         loss, v, k = live.loss, live.v, live.dof[self.joint]
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             loss[k] += self.size * np.exp(-(((abs(v[k]) - self.speed) / self.width) ** 2))
 
         return act

@@ -41,8 +41,9 @@ class Arm:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A recording: t (m,), q and tau (m, n) as measured; the torque without noise; the noise (n,); temperature (m, n)
-    in degC or None.
+    """A recording.
+
+    t (m,), q and tau (m, n) as measured; the torque without noise; the noise (n,); temperature (m, n) in degC or None.
     """
 
     t: FloatArray

@@ -179,7 +179,7 @@ class Ripple(Hidden):
         applied, q, k = live.applied, live.q, live.dof[self.joint]
         waves = tuple(zip(self.sizes, self.cycles, self.phases, strict=True))
 
-        def act(step: int) -> None:
+        def act(_: int) -> None:
             angle = q[k]
             for size, cycles, phase in waves:
                 applied[k] -= size * np.sin(cycles * angle + phase)

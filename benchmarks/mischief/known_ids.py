@@ -49,12 +49,12 @@ def map_path_parameters(context: Any, path_parameters: Any) -> Any:
 
 
 @schemathesis.hook
-def map_query(context: Any, query: Any) -> Any:
+def map_query(_context: Any, query: Any) -> Any:
     return known(query)
 
 
 @schemathesis.hook
-def map_body(context: Any, body: Any) -> Any:
+def map_body(_context: Any, body: Any) -> Any:
     return known(body)
 
 

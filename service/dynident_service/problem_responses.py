@@ -57,59 +57,71 @@ def install_handlers(app: FastAPI, allowed_methods: Callable[[str], list[str]]) 
     allowed_methods : callable
         Returns the methods of a path, for the header `Allow` of 405.
     """
-
-    @app.exception_handler(ProblemError)
-    async def on_problem(_: Request, error: ProblemError) -> JSONResponse:
-        headers = {"retry-after": error.retry_after} if error.problem.status in (429, 503) else None
-        return respond(error.problem, headers)
-
-    @app.exception_handler(DynidentError)
-    async def on_unusable_input(_: Request, error: DynidentError) -> JSONResponse:
-        return respond(to_problem(error))
-
-    @app.exception_handler(RequestValidationError)
-    async def on_invalid_request(_: Request, error: RequestValidationError) -> JSONResponse:
-        return respond(make_validation_problem(to_problem_fields(error.errors(), error.body)))
+    app.exception_handler(ProblemError)(_on_problem)
+    app.exception_handler(DynidentError)(_on_unusable_input)
+    app.exception_handler(RequestValidationError)(_on_invalid_request)
 
     @app.exception_handler(StarletteHTTPException)
     async def on_http_error(request: Request, error: StarletteHTTPException) -> JSONResponse:
-        headers = {name.lower(): value for name, value in (error.headers or {}).items()}
-        path = request.url.path
-        if is_disk_full(error.__cause__):  # while a body was received
-            return respond(_make_disk_full_problem())
-        if isinstance(error.__cause__, ProblemError):  # likewise
-            return await on_problem(request, error.__cause__)
-        detail = str(error.detail)
-        if error.status_code == 405:
-            methods = allowed_methods(path)
-            headers["allow"] = ", ".join(methods)
-            detail = f"{path} does not support {request.method}; it supports {', '.join(methods)}."
-        elif error.status_code == 404 and detail == HTTPStatus.NOT_FOUND.phrase:
-            detail = f"There is nothing at {path}; /docs lists all addresses."
-        return respond(make_problem(error.status_code, detail), headers)
-
-    async def on_infrastructure(request: Request, error: Exception) -> JSONResponse:
-        log.error("%s %s: %s", request.method, request.url.path, describe_error(error))
-        if is_disk_full(error):
-            return respond(_make_disk_full_problem())
-        detail = "The database or the object store does not answer; try again in a moment. Nothing was stored."
-        return respond(make_problem(503, detail, title="Storage away"), {"retry-after": "5"})
+        return await _on_http_error(request, error, allowed_methods)
 
     # FastAPI chooses handlers by the class of the error: each has to be registered.
     for kind in AWAY:
-        app.add_exception_handler(kind, on_infrastructure)
+        app.exception_handler(kind)(_on_infrastructure)
+    app.exception_handler(OSError)(_on_operating_system)
+    app.exception_handler(Exception)(_on_unexpected)
 
-    @app.exception_handler(OSError)
-    async def on_operating_system(request: Request, error: OSError) -> JSONResponse:
-        if is_disk_full(error):
-            log.error("%s %s: %s", request.method, request.url.path, error)
-            return respond(_make_disk_full_problem())
-        return await on_unexpected(request, error)
 
-    @app.exception_handler(Exception)
-    async def on_unexpected(request: Request, error: Exception) -> JSONResponse:
-        log.error("%s %s failed unexpectedly", request.method, request.url.path, exc_info=error)
-        return respond(make_problem(500, "The service failed unexpectedly; its log says where. Nothing was stored."))
+async def _on_problem(_: Request, error: ProblemError) -> JSONResponse:
+    headers = {"retry-after": error.retry_after} if error.problem.status in (429, 503) else None
+    return respond(error.problem, headers)
+
+
+async def _on_unusable_input(_: Request, error: DynidentError) -> JSONResponse:
+    return respond(to_problem(error))
+
+
+async def _on_invalid_request(_: Request, error: RequestValidationError) -> JSONResponse:
+    return respond(make_validation_problem(to_problem_fields(error.errors(), error.body)))
+
+
+async def _on_http_error(
+    request: Request, error: StarletteHTTPException, allowed_methods: Callable[[str], list[str]]
+) -> JSONResponse:
+    headers = {name.lower(): value for name, value in (error.headers or {}).items()}
+    path = request.url.path
+    if is_disk_full(error.__cause__):  # while a body was received
+        return respond(_make_disk_full_problem())
+    if isinstance(error.__cause__, ProblemError):  # likewise
+        return await _on_problem(request, error.__cause__)
+    detail = str(error.detail)
+    if error.status_code == 405:
+        methods = allowed_methods(path)
+        headers["allow"] = ", ".join(methods)
+        detail = f"{path} does not support {request.method}; it supports {', '.join(methods)}."
+    elif error.status_code == 404 and detail == HTTPStatus.NOT_FOUND.phrase:
+        detail = f"There is nothing at {path}; /docs lists all addresses."
+    return respond(make_problem(error.status_code, detail), headers)
+
+
+async def _on_infrastructure(request: Request, error: Exception) -> JSONResponse:
+    log.error("%s %s: %s", request.method, request.url.path, describe_error(error))
+    if is_disk_full(error):
+        return respond(_make_disk_full_problem())
+    detail = "The database or the object store does not answer; try again in a moment. Nothing was stored."
+    return respond(make_problem(503, detail, title="Storage away"), {"retry-after": "5"})
+
+
+async def _on_operating_system(request: Request, error: OSError) -> JSONResponse:
+    if is_disk_full(error):
+        log.error("%s %s: %s", request.method, request.url.path, error)
+        return respond(_make_disk_full_problem())
+    return await _on_unexpected(request, error)
+
+
+async def _on_unexpected(request: Request, error: Exception) -> JSONResponse:
+    log.error("%s %s failed unexpectedly", request.method, request.url.path, exc_info=error)
+    return respond(make_problem(500, "The service failed unexpectedly; its log says where. Nothing was stored."))
 
 
 def _make_disk_full_problem() -> Problem:

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from importlib import import_module
 from types import FrameType
+from typing import ClassVar
 
 import h11
 import uvicorn
@@ -35,59 +36,63 @@ UNREAD_LIMIT = "TCP_USER_TIMEOUT"
 """Name of the socket option; only Linux has it."""
 
 
+class _BoundedProtocol(H11Protocol):
+    """HTTP/1.1, with a bound on connections and a time within which a request must have its headers."""
+
+    settings: ClassVar[Settings]
+    places: ClassVar[SharedPlaces]
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._waiting: asyncio.TimerHandle | None = None
+        self._party = name_address_party({"client": self.client})
+        self._has_place = self.places.may_take(self._party)
+        _set_unread_timeout(transport, self.settings.answer_timeout_seconds)
+        if self._has_place:
+            self.places.take(self._party)
+            self._wait_for_a_request()
+        else:
+            # Written as bytes: the protocol has no request yet that it could answer.
+            transport.write(_build_refusal(self.settings.max_connections))
+            transport.close()
+
+    def data_received(self, data: bytes) -> None:
+        if self.transport.is_closing():
+            return
+        super().data_received(data)
+        self._wait_for_a_request()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._waiting is not None:
+            self._waiting.cancel()
+        if self._has_place:
+            self.places.give_back(self._party)
+        super().connection_lost(exc)
+
+    def _wait_for_a_request(self) -> None:
+        """Begin to wait where no request has come; one that has, or has begun, is waited for no longer."""
+        if self._is_idle() and self._waiting is None:
+            self._waiting = self.loop.call_later(self.settings.header_timeout_seconds, self._give_up)
+        elif not self._is_idle() and self._waiting is not None:
+            self._waiting.cancel()
+            self._waiting = None
+
+    def _give_up(self) -> None:
+        self._waiting = None
+        if self._is_idle() and not self.transport.is_closing():
+            self.transport.close()
+
+    def _is_idle(self) -> bool:
+        """Tell whether nothing is to be answered: no request has come, or only the rest of an answered one does."""
+        is_answered = self.conn.our_state in (h11.DONE, h11.MUST_CLOSE)
+        return self.conn.their_state is h11.IDLE or (is_answered and self.conn.their_state is h11.SEND_BODY)
+
+
 def create_protocol(settings: Settings) -> type[asyncio.Protocol]:
     """Return the HTTP protocol that enforces the limits of the settings; connections are shared by address."""
-    places = SharedPlaces(settings.max_connections)
-
-    class Bounded(H11Protocol):
-        """HTTP/1.1, with a bound on connections and a time within which a request must have its headers."""
-
-        def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-            super().connection_made(transport)
-            self._waiting: asyncio.TimerHandle | None = None
-            self._party = name_address_party({"client": self.client})
-            self._has_place = places.may_take(self._party)
-            _set_unread_timeout(transport, settings.answer_timeout_seconds)
-            if self._has_place:
-                places.take(self._party)
-                self._wait_for_a_request()
-            else:
-                # Written as bytes: the protocol has no request yet that it could answer.
-                transport.write(_build_refusal(settings.max_connections))
-                transport.close()
-
-        def data_received(self, data: bytes) -> None:
-            if self.transport.is_closing():
-                return
-            super().data_received(data)
-            self._wait_for_a_request()
-
-        def connection_lost(self, exc: Exception | None) -> None:
-            if self._waiting is not None:
-                self._waiting.cancel()
-            if self._has_place:
-                places.give_back(self._party)
-            super().connection_lost(exc)
-
-        def _wait_for_a_request(self) -> None:
-            """Begin to wait where no request has come; one that has, or has begun, is waited for no longer."""
-            if self._is_idle() and self._waiting is None:
-                self._waiting = self.loop.call_later(settings.header_timeout_seconds, self._give_up)
-            elif not self._is_idle() and self._waiting is not None:
-                self._waiting.cancel()
-                self._waiting = None
-
-        def _give_up(self) -> None:
-            self._waiting = None
-            if self._is_idle() and not self.transport.is_closing():
-                self.transport.close()
-
-        def _is_idle(self) -> bool:
-            """Tell whether nothing is to be answered: no request has come, or only the rest of an answered one does."""
-            is_answered = self.conn.our_state in (h11.DONE, h11.MUST_CLOSE)
-            return self.conn.their_state is h11.IDLE or (is_answered and self.conn.their_state is h11.SEND_BODY)
-
-    return Bounded
+    # The server makes an object of this class for each connection, so what they share stands on the class.
+    shared = {"settings": settings, "places": SharedPlaces(settings.max_connections)}
+    return type("BoundedProtocol", (_BoundedProtocol,), shared)
 
 
 def _set_unread_timeout(transport: asyncio.Transport, seconds: float) -> None:

@@ -8,6 +8,9 @@
     found = dy.diagnose(model)
     better = model.extend(found)
 
+The examples of the functions use `dy`, `robot` and `runs` as they are here, but of an arm that is simulated as
+`read_recordings` says.
+
 Names are loaded when they are used: `import dynident` alone loads no numpy. The packages below, such as
 `dynident.identification`, `dynident.excitation` and `dynident.simulation`, can be used by themselves.
 """

@@ -35,7 +35,7 @@ def gathered(y_of, runs: int = 1, seed: int = 0, only_first: int | None = None) 
     moving = products_from_reduction(accumulator.finish())
     run = np.repeat(np.arange(runs), STRETCHES // runs)
     moving = replace(moving, run=run)
-    nothing = tuple(ProductStack(np.zeros_like(own[0].values)) for own in moving.stacks)
+    nothing = tuple(ProductStack(np.zeros_like(vars(own[0])["values"])) for own in moving.stacks)
     elsewhere = ConditionalRows(nothing, np.zeros_like(moving.counts), np.zeros((3 + MANY, 1), dtype=bool))
     return PhasedProducts(moving, elsewhere, elsewhere)
 

@@ -43,7 +43,7 @@ GANTRY = f"""
 
 @cache
 def safe_robot(name: str) -> Robot:
-    """ "gantry": one that slides, with all primitive shapes; or a known arm."""
+    """The robot "gantry", which slides, with all primitive shapes; or a known arm."""
     return robot_from_urdf("gantry", GANTRY) if name == "gantry" else robot_from_library(name)
 
 
@@ -56,7 +56,7 @@ class Judge:
     geometry: pin.GeometryModel
 
     def torque(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """(m, n)"""
+        """Torque (m, n)."""
         data = self.model.createData()
         return np.array([pin.rnea(self.model, data, *state) for state in zip(q, dq, ddq, strict=True)])
 

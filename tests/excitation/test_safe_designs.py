@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from safe_robots import Judge, judge_of, safe_robot
 from scipy.signal import resample
 
+from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
@@ -79,6 +80,29 @@ def _tool_range(low: float, size: float) -> ToolRange:
     return ToolRange(low=(low, None, None), high=(low + size, 1.1, None))
 
 
+def assert_within_joint_limits(
+    judge: Judge, request: DesignRequest, q: FloatArray, dq: FloatArray, ddq: FloatArray
+) -> None:
+    tau = judge.torque(q, dq, ddq) * (1 + request.torque_margin)
+    for j, joint in enumerate(judge.robot.joints):
+        for limits in (joint.limits, request.limits.get(joint.name, Limits())):
+            if limits.position is not None:
+                assert limits.position[0] - ROUNDING <= q[:, j].min()
+                assert q[:, j].max() <= limits.position[1] + ROUNDING
+            bounds = (limits.velocity, limits.acceleration, limits.effort, limits.power)
+            for bound, signal in zip(bounds, (dq, ddq, tau, tau * dq), strict=True):
+                assert bound is None or np.abs(signal[:, j]).max() <= bound * (1 + ROUNDING)
+
+
+def assert_tool_within_range(judge: Judge, tool: ToolRange | None, q: FloatArray) -> None:
+    if tool is None:
+        return
+    at = judge.tool(q)
+    for k in range(3):
+        assert tool.low[k] is None or tool.low[k] - ROUNDING <= at[:, k].min()
+        assert tool.high[k] is None or at[:, k].max() <= tool.high[k] + ROUNDING
+
+
 def assert_safe(judge: Judge, request: DesignRequest, design: Design) -> None:
     """Every limit as the user stated it, on the samples, and between them where the motion is band-limited."""
     robot, rate = judge.robot, design.sampling_rate
@@ -87,23 +111,8 @@ def assert_safe(judge: Judge, request: DesignRequest, design: Design) -> None:
     if design.period is not None:
         looked_at.append(tuple(resample(signal[first:last], 4 * (last - first)) for signal in looked_at[0]))
     for q, dq, ddq in looked_at:
-        tau = judge.torque(q, dq, ddq) * (1 + request.torque_margin)
-        for j, joint in enumerate(robot.joints):
-            for limits in (joint.limits, request.limits.get(joint.name, Limits())):
-                if limits.position is not None:
-                    assert limits.position[0] - ROUNDING <= q[:, j].min()
-                    assert q[:, j].max() <= limits.position[1] + ROUNDING
-                signals = (dq, ddq, tau, tau * dq)
-                for bound, signal in zip(
-                    (limits.velocity, limits.acceleration, limits.effort, limits.power), signals, strict=True
-                ):
-                    assert bound is None or np.abs(signal[:, j]).max() <= bound * (1 + ROUNDING)
-        tool = request.surroundings.tool_range
-        if tool is not None:
-            at = judge.tool(q)
-            for k in range(3):
-                assert tool.low[k] is None or tool.low[k] - ROUNDING <= at[:, k].min()
-                assert tool.high[k] is None or at[:, k].max() <= tool.high[k] + ROUNDING
+        assert_within_joint_limits(judge, request, q, dq, ddq)
+        assert_tool_within_range(judge, request.surroundings.tool_range, q)
     jerk = np.abs(np.diff(design.ddq, axis=0)).max(axis=0) * rate
     slope = (design.q[2:] - design.q[:-2]) * (0.5 * rate)
     np.testing.assert_allclose(slope, design.dq[1:-1], atol=0.5 * jerk.max() / rate**2 + 1e-9)

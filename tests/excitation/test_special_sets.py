@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -154,7 +155,7 @@ def test_exports_keep_the_runs_apart(vandanjon, tmp_path):
     segment = pq.read_table(tmp_path / "set.parquet")["segment"].to_numpy()
     assert segment.dtype.kind == "i"
     assert set(segment) == set(range(len(vandanjon.runs) + 1))
-    document = design_document(vandanjon)
+    document: dict[str, Any] = design_document(vandanjon)
     assert [run["label"] for run in document["runs"]] == [run.label for run in vandanjon.runs]
 
 

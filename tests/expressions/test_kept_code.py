@@ -14,7 +14,7 @@ import pytest
 from dynident.expressions import code_cache, machine_code
 from dynident.expressions.machine_code import Compiled
 
-pytest.importorskip("llvmlite")
+llvm = pytest.importorskip("llvmlite.binding")
 
 
 @pytest.fixture
@@ -27,14 +27,14 @@ def folder(tmp_path, monkeypatch) -> Path:
 def builds(monkeypatch) -> list[str]:
     """What is compiled, as text."""
     texts = []
-    parse = machine_code.llvm.parse_assembly
+    parse = llvm.parse_assembly
 
     def counted(text: str):
         if text:
             texts.append(text)
         return parse(text)
 
-    monkeypatch.setattr(machine_code.llvm, "parse_assembly", counted)
+    monkeypatch.setattr(llvm, "parse_assembly", counted)
     return texts
 
 

@@ -30,8 +30,11 @@ PAGE = Path(__file__).parents[2] / "docs" / "closed-loops.md"
 
 
 def recorded(robot: Robot, seed: int, noise: float = 1e-3) -> Recording:
-    """A motion of sines within the limits; torque of Pinocchio's tree seen from the driven joints, with friction of the
-    driven joints and of a passive one."""
+    """A motion of sines within the limits.
+
+    The torque is that of Pinocchio's tree seen from the driven joints, with friction of the driven joints and of a
+    passive one.
+    """
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 20.0, 1 / RATE)
     low, high = np.array([joint.limits.position for joint in robot.joints]).T

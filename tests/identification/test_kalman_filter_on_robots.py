@@ -66,9 +66,9 @@ def test_the_slopes_of_the_torque_are_those_of_finite_differences():
         for joint in range(ROBOT.n):
             state = [q.copy(), dq.copy(), ddq.copy()]
             state[place][joint] += 1e-6
-            plus = function(*state, values).torque
+            plus = function(state[0], state[1], state[2], values).torque
             state[place][joint] -= 2e-6
-            minus = function(*state, values).torque
+            minus = function(state[0], state[1], state[2], values).torque
             np.testing.assert_allclose(slope[:, joint], (plus - minus) / 2e-6, rtol=1e-5, atol=1e-6)
 
 

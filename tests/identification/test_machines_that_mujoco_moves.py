@@ -186,8 +186,8 @@ def test_rows_beside_halts_of_passive_joints_are_told_apart() -> None:
     ids=lambda given: given.joint if isinstance(given, Peak) else given.name,
 )
 def test_a_friction_peak_hidden_on_a_passive_joint_is_named(rubbed: Rubbed, peak: Peak) -> None:
-    """Of a delta one passive joint or another turns beside more than four fifths of the rows: they are equations of the
-    motion in them alone."""
+    # Of a delta one passive joint or another turns beside more than four fifths of the rows: they are equations of the
+    # motion in them alone.
     runs = [moved(rubbed, seed, peak)[0] for seed in (1, 2)]
     found = diagnose(identified(rubbed, runs), runs, candidates=ASKED)
     assert [(choice.effect, choice.joints) for choice in found.recommended] == [("stribeck", (peak.joint,))]

@@ -159,7 +159,7 @@ def test_a_file_of_a_version_that_kept_rows_where_joints_turn_round_twice_is_rea
 def test_a_model_is_written_with_blas_on_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """On small matrices the others only spin: on a busy machine that took as long as the identification."""
     threads: list[int] = []
-    condition_number = result.compute_condition_number
+    condition_number = result.compute_condition_number  # type: ignore[attr-defined]  # a name that it imports
 
     def watched(reduction):
         threads.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")

@@ -63,7 +63,7 @@ def test_no_payload_is_not_weighed():
     ],
 )
 def test_verdicts_follow_from_both_estimates(alike, apart, identifiable, says):
-    found = compare_estimates(PayloadEstimate(*alike, 0.0), PayloadEstimate(*apart, 0.0))
+    found = compare_estimates(PayloadEstimate(alike[0], alike[1], 0.0), PayloadEstimate(apart[0], apart[1], 0.0))
     assert found.identifiable == identifiable
     assert says in found.reason
     assert (found.mass is None) != identifiable

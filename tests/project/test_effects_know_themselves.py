@@ -46,9 +46,10 @@ def named(source: str) -> Iterator[tuple[int, str]]:
     tree = ast.parse(source)
     meant = {id(node) for whole in ast.walk(tree) for node in _of_effects(whole)}
     for node in ast.walk(tree):
-        text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
-        if text in CATALOGUE and (text not in OTHER_MEANINGS or id(node) in meant):
-            yield node.lineno, text
+        if not isinstance(node, ast.Constant) or not isinstance(node.value, str):
+            continue
+        if node.value in CATALOGUE and (node.value not in OTHER_MEANINGS or id(node) in meant):
+            yield node.lineno, node.value
 
 
 def _of_effects(node: ast.AST) -> list[ast.AST]:

@@ -35,8 +35,8 @@ def test_the_lock_file_holds_the_requirements_of_pyproject(locked: list[dict[str
     ours = next(package for package in locked if package["name"] == "dynident")
     held = set()
     for entry in ours["metadata"]["requires-dist"]:
-        extra = re.search(r"extra == '(\w+)'", entry.get("marker", ""))
-        held.add((extra.group(1) if extra else "", entry["name"], entry.get("specifier", "")))
+        stated = re.search(r"extra == '(\w+)'", entry.get("marker", ""))
+        held.add((stated.group(1) if stated else "", entry["name"], entry.get("specifier", "")))
     assert held == wanted, "run `uv lock` after changing the dependencies"
 
 

@@ -26,7 +26,7 @@ def test_no_public_function_takes_or_gives_any() -> None:
     found = [
         f"{file.relative_to(SOURCES)}: {name}, {argument}: {ast.unparse(annotation)}"
         for file, tree in trees.items()
-        for name, argument, annotation in annotations(tree.body)
+        for name, argument, annotation in public_annotations(tree.body)
         if names_in(annotation) & {"Any", *aliases_of_any(tree), *imported(tree, aliases)}
     ]
     assert not found, "\n".join(found)
@@ -74,19 +74,19 @@ def imported(tree: ast.Module, aliases: set[tuple[str, str]]) -> Iterator[str]:
             yield from (name.asname or name.name for name in one.names if (one.module, name.name) in aliases)
 
 
-def annotations(body: list[ast.stmt], within: str = "") -> Iterator[tuple[str, str, ast.expr]]:
+def public_annotations(body: list[ast.stmt], within: str = "") -> Iterator[tuple[str, str, ast.expr]]:
     """Of each public function below: its name, the name of an argument or "gives", and the annotation."""
     for one in body:
         match one:
             case ast.ClassDef(name) if not name.startswith("_"):
-                yield from annotations(one.body, f"{within}{name}.")
+                yield from public_annotations(one.body, f"{within}{name}.")
             case ast.FunctionDef(name) | ast.AsyncFunctionDef(name) if not name.startswith("_"):
                 stated = [node for node in ast.walk(one.args) if isinstance(node, ast.arg)]
                 yield from ((within + name, arg.arg, arg.annotation) for arg in stated if arg.annotation)
                 if one.returns:
                     yield within + name, "gives", one.returns
             case ast.If():
-                yield from annotations([*one.body, *one.orelse], within)
+                yield from public_annotations([*one.body, *one.orelse], within)
 
 
 def names_in(annotation: ast.expr) -> set[str]:

@@ -105,16 +105,16 @@ def test_a_csv_file_without_names_has_numbered_columns(tmp_path, columns):
 
 def ros_messages(columns, store):
     """Joint states at the file's rate, and efforts at half of it under another topic."""
-    Header, Time = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
-    State = store.types["sensor_msgs/msg/JointState"]
+    make_header, make_time = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    make_state = store.types["sensor_msgs/msg/JointState"]
     nothing = np.empty(0)
     for k, t in enumerate(columns["t"]):
         stamp = round((1000.0 + t) * 1e9)
-        header = Header(stamp=Time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="")
+        header = make_header(stamp=make_time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="")
         q, tau = (np.array([columns[f"{kind}{j}"][k] for j in (1, 2, 3)]) for kind in KINDS)
-        yield "/joint_states", stamp, State(header, list(JOINTS), q, nothing, nothing)
+        yield "/joint_states", stamp, make_state(header, list(JOINTS), q, nothing, nothing)
         if k % 2 == 0:
-            yield "/efforts", stamp, State(header, list(JOINTS), nothing, nothing, tau)
+            yield "/efforts", stamp, make_state(header, list(JOINTS), nothing, nothing, tau)
 
 
 def bag_columns() -> dict[str, str]:

@@ -183,39 +183,36 @@ def test_beyond_the_reach_of_a_loop_positions_are_numbers_and_the_loop_is_open()
     assert np.isfinite(closure.compute_rates(apart, closure.solve_passive(apart))).all()
 
 
+CHANGED_JOINTS: dict[str, dict[str, dict[str, Any]]] = {
+    "itself": {"flange": {"tie": {"flange": 2}}},
+    "each other": {"flange": {"tie": {"yaw": 2}}, "yaw": {"tie": {"flange": 1}}},
+    "nobody": {"flange": {"tie": {"elbow": 1}}},
+    "none": {"flange": {"tie": {"yaw": 0}}},
+    "both": {"rod": {"tie": {"arm": 1}}},
+    "free": {"flange": {"passive": True}},
+    "undriven": {"arm": {"passive": True}, "lever": {"passive": True}},
+}
+
+
 def table(change: str) -> dict[str, Any]:
-    made = palletiser()
-    rows = {row["name"]: row for row in made["joints"]}
-    if change == "itself":
-        rows["flange"]["tie"] = {"flange": 2}
-    elif change == "each other":
-        rows["flange"]["tie"], rows["yaw"]["tie"] = {"yaw": 2}, {"flange": 1}
-    elif change == "nobody":
-        rows["flange"]["tie"] = {"elbow": 1}
-    elif change == "none":
-        rows["flange"]["tie"] = {"yaw": 0}
-    elif change == "both":
-        rows["rod"]["tie"] = {"arm": 1}
-    elif change == "too short":
-        made = palletiser(rod=2.8)
-    elif change == "redundant":
-        made["loops"][0]["kind"] = "point"
-    elif change == "free":
-        rows["flange"]["passive"] = True
-    elif change == "undriven":
-        for name in ("arm", "lever"):
-            rows[name]["passive"] = True
-    elif change == "same body":
-        made["loops"][0]["between"][1]["joint"] = "rod"
-    elif change == "unknown body":
-        made["loops"][0]["between"][1]["joint"] = "elbow"
-    elif change == "kind":
-        made["loops"][0]["kind"] = "weld"
-    elif change == "singular":
-        made = five_bar()
-        made["joints"][0] |= {"start": np.pi, "limits": {"position": [3.0, 3.3]}}
-        made["joints"][2] |= {"start": 0.0, "d": 0.2, "limits": {"position": [-0.2, 0.2]}}
-        made["joints"][1]["start"], made["joints"][3]["start"] = -np.pi, np.pi
+    if change == "singular":
+        return singular_five_bar()
+    made = palletiser(rod=2.8) if change == "too short" else palletiser()
+    for row in made["joints"]:
+        row |= CHANGED_JOINTS.get(change, {}).get(row["name"], {})
+    loop = made["loops"][0]
+    if change in ("redundant", "kind"):
+        loop["kind"] = {"redundant": "point", "kind": "weld"}[change]
+    elif change in ("same body", "unknown body"):
+        loop["between"][1]["joint"] = {"same body": "rod", "unknown body": "elbow"}[change]
+    return made
+
+
+def singular_five_bar() -> dict[str, Any]:
+    made = five_bar()
+    made["joints"][0] |= {"start": np.pi, "limits": {"position": [3.0, 3.3]}}
+    made["joints"][2] |= {"start": 0.0, "d": 0.2, "limits": {"position": [-0.2, 0.2]}}
+    made["joints"][1]["start"], made["joints"][3]["start"] = -np.pi, np.pi
     return made
 
 

@@ -43,7 +43,7 @@ class StandingBack(ForkServer):
 def bring_up_without_science() -> None:
     """Let a service, or a worker of a cluster, in this process have its children from there, and load none itself."""
     ForkServer.PROGRAM = WithoutScience.PROGRAM
-    engine.load_science = lambda: None
+    engine.load_science = lambda: None  # type: ignore[attr-defined]  # a name that it imports
 
 
 def main() -> None:

@@ -107,7 +107,7 @@ def test_an_absurd_number_asked_of_what_there_is_is_no_error_of_ours(live: Clien
     run = live.measurements.get(simulation.result["measurement_id"])
     model = live.identifications.create(robot, [run]).wait()
     comparison, diagnosis = live.comparisons.create(model, run).wait(), live.diagnoses.create(model).wait()
-    ids = {"robot": robot, "measurement": run, "design": design, "identification": model}
+    ids: dict[str, Any] = {"robot": robot, "measurement": run, "design": design, "identification": model}
     ids |= {"comparison": comparison, "diagnosis": diagnosis, "job": simulation}
     needed = {
         "joint": "axis",

@@ -7,8 +7,8 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import app_of
 
-from dynident_service.api_keys import create_key, hash_key
-from dynident_service.settings import Settings
+from dynident_service.api_keys import create_key
+from dynident_service.settings import Settings, hash_key
 from dynident_service.storage.database import Database
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.tables import KeyRow

@@ -9,7 +9,7 @@ import pytest
 
 from dynident.identification.choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS
 from dynident.robot import library_table
-from dynident_client import Client, JobFailed, ProblemError, Record
+from dynident_client import Client, JobFailed, ProblemError
 
 pytestmark = pytest.mark.slow
 
@@ -17,11 +17,11 @@ pytestmark = pytest.mark.slow
 @dataclass
 class Bench:
     client: Client
-    robot: Record
-    training: Record
-    held_out: Record
+    robot: Any
+    training: Any
+    held_out: Any
 
-    def identified(self, **choices: Any) -> Record:
+    def identified(self, **choices: Any) -> Any:
         made = self.client.identifications.create(self.robot, [self.training], validation=[self.held_out], **choices)
         return made.wait()
 

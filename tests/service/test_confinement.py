@@ -45,7 +45,6 @@ class Installation:
             request = cast(Request, Client())
             return await self.readers.call(request, f"confined_calls:{name}", object, arguments, limits)
 
-        self.readers._turns = None  # each call has an event loop of its own
         return anyio.run(call)
 
 

@@ -86,7 +86,7 @@ def test_orphans_and_leftovers_are_put_right_and_nothing_else_is_touched(store: 
 
 def test_what_cannot_be_put_right_without_loss_is_refused(store: Store) -> None:
     with pytest.raises(ValueError, match="missing"):
-        repair(store.database, store.objects, Defect("missing", "0" * 64, "gone"))
+        repair(store.database, Defect("missing", "0" * 64, "gone"))
 
 
 def test_damaged_pages_of_the_database_are_told(store: Store) -> None:

@@ -257,6 +257,22 @@ def test_those_who_would_wait_long_for_a_short_answer_are_told_so_at_once(tmp_pa
     anyio.run(ask)
 
 
+async def ask_directly(app: Any, path: str, method: str, body: bool, answered: list[str]) -> None:
+    """Ask an application without a network; its path joins those that are answered when the answer begins."""
+
+    async def receive() -> Any:
+        if not body:
+            await anyio.sleep_forever()
+        return {"type": "http.request", "body": b"{}", "more_body": False}
+
+    async def send(message: Any) -> None:
+        if message["type"] == "http.response.start":
+            answered.append(path)
+
+    headers = {"POST": [(b"content-length", b"2")], "PUT": [(b"transfer-encoding", b"chunked")]}.get(method, [])
+    await app({"type": "http", "path": path, "method": method, "headers": headers}, receive, send)
+
+
 def test_of_many_short_requests_the_first_is_answered_first_and_nobody_waits_for_the_slow(tmp_path: Any) -> None:
     settings = Settings(data_dir=tmp_path, request_threads=1)
     inside: list[str] = []
@@ -279,17 +295,7 @@ def test_of_many_short_requests_the_first_is_answered_first_and_nobody_waits_for
     answered: list[str] = []
 
     async def ask(path: str, method: str = "GET", body: bool = True) -> None:
-        async def receive() -> Any:
-            if not body:
-                await anyio.sleep_forever()
-            return {"type": "http.request", "body": b"{}", "more_body": False}
-
-        async def send(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                answered.append(path)
-
-        headers = {"POST": [(b"content-length", b"2")], "PUT": [(b"transfer-encoding", b"chunked")]}.get(method, [])
-        await admission({"type": "http", "path": path, "method": method, "headers": headers}, receive, send)
+        await ask_directly(admission, path, method, body, answered)
 
     async def together() -> None:
         async with anyio.create_task_group() as group:

@@ -162,7 +162,7 @@ def test_an_estimator_with_options_is_told_with_them_and_kept_in_the_file_of_the
         name = "halved"
         share: float = declare_field("A share", default=0.5, above=0, at_most=1)
 
-        def solve(self, model, choices, data, known):
+        def solve(self, problem):
             raise NotImplementedError
 
     assert (Halved().request_value, Halved().name_with_options) == ("halved", "halved")

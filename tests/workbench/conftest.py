@@ -10,12 +10,15 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from two_link_arm import write_recording
 
 from dynident_service.settings import Settings
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, ConsoleMessage, Page
 
 sys.path.append(str(Path(__file__).parents[1] / "service"))
 from service_helpers import SCIENCE, serving
@@ -100,7 +103,7 @@ def started(folder: Path, port: int | None = None, *, science: bool = True) -> I
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[playwright.Browser]:
+def browser() -> Iterator[Browser]:
     if CHROMIUM is None:
         pytest.skip("there is no chromium on this machine")
     with playwright.sync_playwright() as started:
@@ -115,26 +118,26 @@ def heard() -> Heard:
 
 
 @pytest.fixture
-def page(browser: playwright.Browser, service: str, heard: Heard) -> Iterator[playwright.Page]:
+def page(browser: Browser, service: str, heard: Heard) -> Iterator[Page]:
     """A page of the service, listened to."""
     yield from _listened_to(browser, service, heard)
 
 
 @pytest.fixture
-def first_page(browser: playwright.Browser, tmp_path: Path, heard: Heard) -> Iterator[playwright.Page]:
+def first_page(browser: Browser, tmp_path: Path, heard: Heard) -> Iterator[Page]:
     """A page of a service that nobody has used yet, listened to."""
     (tmp_path / "service").mkdir()
     with beside(tmp_path / "service") as address:
         yield from _listened_to(browser, address, heard)
 
 
-def _listened_to(browser: playwright.Browser, service: str, heard: Heard) -> Iterator[playwright.Page]:
+def _listened_to(browser: Browser, service: str, heard: Heard) -> Iterator[Page]:
     opened = listened_page(browser, service, heard)
     yield opened
     opened.context.close()
 
 
-def listened_page(browser: playwright.Browser, service: str, heard: Heard, width: int = 1280) -> playwright.Page:
+def listened_page(browser: Browser, service: str, heard: Heard, width: int = 1280) -> Page:
     """A page in a browser that knows nothing yet, listened to."""
     context = browser.new_context(base_url=service, viewport={"width": width, "height": 900})
     opened = context.new_page()
@@ -154,7 +157,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return write_recording(folder / "exciting.csv", seed=1), write_recording(folder / "another.csv", seed=2)
 
 
-def _note(heard: Heard, message: playwright.ConsoleMessage) -> None:
+def _note(heard: Heard, message: ConsoleMessage) -> None:
     # The browser itself says of every answer of 400 and above that it failed to load; the page shows those in words.
     if message.type in ("error", "warning") and "Failed to load resource" not in message.text:
         heard.complaints.append(message.text)

@@ -103,8 +103,9 @@ def run_validation(
 
 
 def parse_methods(arguments: list[str]) -> tuple[Method, ...] | None:
-    """Parse methods as `model/strategy/estimator`, each left out or a word of its kind: `filtered`,
-    `sequential/ols`, ….
+    """Parse methods as `model/strategy/estimator`.
+
+    Each of the three may be left out: `filtered`, `sequential/ols`.
 
     Raises
     ------

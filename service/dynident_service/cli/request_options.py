@@ -82,8 +82,8 @@ class TypedValues:
             # A request within a request: its fields are options of the same command.
             if is_dataclass(hint):
                 yield request_field.name, self.build_request(hint)  # type: ignore[arg-type]
-            elif _parameter_name(science, request_field) in self.values:
-                typed = self.values[_parameter_name(science, request_field)]
+            elif _parameter_name(request_field) in self.values:
+                typed = self.values[_parameter_name(request_field)]
                 # None and [] mean that the option was not given: then the default of the dataclass holds.
                 if typed is not None and typed != []:
                     yield (
@@ -172,7 +172,7 @@ def _make_request_parameters(science: type, but: Sequence[str] = ()) -> Iterator
         if is_dataclass(hint):
             yield from _make_request_parameters(hint)  # type: ignore[arg-type]
         else:
-            typed, metavar, default = _option_type(hint, about, get_default(request_field))
+            typed, metavar, default = _option_type(hint, get_default(request_field))
             # Flags get a --no- form, because a preset of the command may have switched them on.
             declared = (
                 f"{_option_name(request_field)}/--no-{_option_name(request_field)[2:]}"
@@ -187,7 +187,7 @@ def _make_request_parameters(science: type, but: Sequence[str] = ()) -> Iterator
                 option.default_factory = list
                 option.show_default = False
                 default = MISSING
-            yield _make_parameter(_parameter_name(science, request_field), Annotated[typed, option], default)
+            yield _make_parameter(_parameter_name(request_field), Annotated[typed, option], default)
 
 
 def _field_type(science: type, request_field: Field[Any]) -> Any:
@@ -199,7 +199,7 @@ def _field_type(science: type, request_field: Field[Any]) -> Any:
     return parts[0] if len(parts) == 1 and type(None) in get_args(whole) else whole
 
 
-def _option_type(hint: Any, about: FieldDescription, default: Any) -> tuple[Any, str | None, Any]:
+def _option_type(hint: Any, default: Any) -> tuple[Any, str | None, Any]:
     """Return the type that click reads, the metavar for the help, and the default."""
     origin, parts = get_origin(hint), get_args(hint)
     if hint in (int, float, bool):
@@ -256,6 +256,6 @@ def _option_name(request_field: Field[Any]) -> str:
     return get_description(request_field).option or "--" + request_field.name.replace("_", "-")
 
 
-def _parameter_name(science: type, request_field: Field[Any]) -> str:
+def _parameter_name(request_field: Field[Any]) -> str:
     """Return the parameter name of a field: that of its option, which no two fields share."""
     return _option_name(request_field)[2:].replace("-", "_")

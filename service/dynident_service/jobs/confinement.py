@@ -1,7 +1,8 @@
 """Limits for child processes: memory, processor time, file sizes, and the folders that they may read and write.
 
 The kernel enforces all of them, the folders by Landlock. A library that a malicious file misleads can then neither
-read other files nor reach the network, and if it uses too many resources only its own process ends."""
+read other files nor reach the network, and if it uses too many resources only its own process ends.
+"""
 
 from __future__ import annotations
 

@@ -8,8 +8,8 @@ from inspect import cleandoc
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
+import pydantic
 from pydantic import BaseModel, create_model
-from pydantic import Field as wire_field
 from pydantic.config import JsonDict, JsonValue
 
 from dynident.schema.fields import FieldDescription, NamedValues, get_default, get_description, resolve_hint
@@ -120,7 +120,7 @@ def _build_field(about: FieldDescription, default: Any, sized: bool) -> Any:
     schema: dict[str, Any] = {"description": about.sentence or None, "json_schema_extra": extra or None}
     if sized:
         schema |= {"min_length": about.fewest, "max_length": about.most}
-    return wire_field(default=... if default is MISSING else _wire_default(default), **schema)
+    return pydantic.Field(default=... if default is MISSING else _wire_default(default), **schema)
 
 
 def _wire_default(value: Any) -> Any:
@@ -170,5 +170,5 @@ def _to_wire_type(hint: Any, about: FieldDescription) -> Any:
     if hint in (int, float):
         # The range is part of the contract, so that clients can check it before they send.
         ends = {name: end for name, end in _build_range(about).items() if end is not None}
-        return Annotated[hint, wire_field(**ends)] if ends else hint  # type: ignore[call-overload]
+        return Annotated[hint, pydantic.Field(**ends)] if ends else hint  # type: ignore[call-overload]
     return hint

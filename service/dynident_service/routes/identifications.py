@@ -265,8 +265,12 @@ def list_named_ids(body: IdentificationRequest) -> tuple[str, ...]:
 def new_identification(
     services: HasResources, body: IdentificationRequest, robot_of: Callable[[Resource], Robot]
 ) -> NewResource:
-    """Return what is to be computed; raise a problem or DynidentError where what is named is not there, or does not
-    fit.
+    """Return what is to be computed.
+
+    Raises
+    ------
+    ProblemError, DynidentError
+        Where what the body names does not exist, or does not fit.
     """
     with hold_import_lock():
         from dynident_service.adapters.identifications import to_choices

@@ -78,8 +78,8 @@ class Database:
 
 
 @cache
-def _get_write_lock(url: str) -> threading.Lock:
-    """Return the lock that the threads of this process take before they write to an SQLite file.
+def _get_write_lock(_url: str) -> threading.Lock:
+    """Return the lock of a URL that the threads of this process take before they write to its SQLite file.
 
     Without it a writer that meets another one sleeps inside SQLite for up to 0.1 s, again and again.
     """

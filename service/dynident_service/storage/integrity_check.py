@@ -111,7 +111,7 @@ def check_database(database: Database) -> Iterator[Defect]:
         yield Defect("database", database.engine.url.database or "", str(error.orig))
 
 
-def repair(database: Database, objects: ObjectStore, finding: Defect) -> None:
+def repair(database: Database, finding: Defect) -> None:
     """Remove a curable defect: an orphan gets a tombstone, so that the sweep deletes it; an abandoned file is deleted.
 
     Raises

@@ -48,7 +48,7 @@ MOST_DEPENDENTS = 20
 
 
 class Resources:
-    """Repository of the stored resources: robots, measurements, identifications, …
+    """Repository of the stored resources: robots, measurements, identifications and the rest.
 
     Parameters
     ----------

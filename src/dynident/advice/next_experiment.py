@@ -205,31 +205,16 @@ def _propose_experiment(
     present = pairing.compute_separation()
     if present is not None and _is_settled(doubt, present):
         return None
-    best: tuple[Experiment, DesignRequest, Separation | None] | None = None
-    # The kinds of experiments are tried in order by a motion that is quick to make. The first that decides ends the
-    # search; another one replaces the best only where it is much better.
-    for experiment in _list_experiments(question):
-        request = restrict_criterion_to_motion(pairing.model, experiment.design(question), identification.model.effects)
-        try:
-            reached = case.estimate_separation(request) if experiment.predictable else None
-        except DynidentError:
-            continue
-        if best is None or (reached and best[2] and _is_much_better(best[2], reached)):
-            best = experiment, request, reached
-        if reached is None or present is None or _is_decisive(present, reached):
-            break
-    if best is None:
+    choice = _choose_experiment(case, identification.model.effects, present)
+    if choice is None:
         return None
-    experiment, request, reached = best
-    if reached is None or present is None:
-        reached = present = None
+    experiment, request, estimate = choice
+    reached: Separation | None = None
+    if estimate is None or present is None:
+        present = None
     else:
-        try:
-            # The rough motion served to choose. What is promised to the user comes from rehearsing the design itself.
-            reached = case.rehearse_separation(request)
-        except DynidentError:
-            return None
-        if reached is None or not reached.standard_deviation < _BETTER * present.standard_deviation:
+        reached = _rehearse_better_separation(case, request, present)
+        if reached is None:
             return None
     # An answer that cannot be predicted counts as deciding: what it rests on, such as a temperature, is what tells the
     # two apart.
@@ -247,6 +232,38 @@ def _propose_experiment(
         instructions=experiment.instructions,
     )
     return _Proposal(advice, decides)
+
+
+def _choose_experiment(
+    case: _Case, effects: tuple[EffectChoice, ...], present: Separation | None
+) -> tuple[Experiment, DesignRequest, Separation | None] | None:
+    """Choose the kind of experiment, with its design and what a quickly made motion of it reaches."""
+    best: tuple[Experiment, DesignRequest, Separation | None] | None = None
+    # The kinds of experiments are tried in order by a motion that is quick to make. The first that decides ends the
+    # search; another one replaces the best only where it is much better.
+    for experiment in _list_experiments(case.question):
+        request = restrict_criterion_to_motion(case.pairing.model, experiment.design(case.question), effects)
+        try:
+            reached = case.estimate_separation(request) if experiment.predictable else None
+        except DynidentError:
+            continue
+        if best is None or (reached and best[2] and _is_much_better(best[2], reached)):
+            best = experiment, request, reached
+        if reached is None or present is None or _is_decisive(present, reached):
+            break
+    return best
+
+
+def _rehearse_better_separation(case: _Case, request: DesignRequest, present: Separation) -> Separation | None:
+    """Return what the motion of a design reaches; None where this is no better than the data at hand, or no motion."""
+    try:
+        # The rough motion served to choose. What is promised to the user comes from rehearsing the design itself.
+        reached = case.rehearse_separation(request)
+    except DynidentError:
+        return None
+    if reached is None or not reached.standard_deviation < _BETTER * present.standard_deviation:
+        return None
+    return reached
 
 
 def _is_settled(doubt: Doubt, present: Separation) -> bool:

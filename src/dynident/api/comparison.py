@@ -260,6 +260,13 @@ def compare(
     ------
     DynidentError
         Where there is no recording, it is another robot's, or no row is left after filtering.
+
+    Examples
+    --------
+    >>> model = dy.identify(robot, runs[:1])
+    >>> (comparison,) = dy.compare(model, runs[1])
+    >>> comparison.name
+    'run2'
     """
     desk_model, checked_recordings = as_model(model), as_recordings(recordings)
     if not checked_recordings:

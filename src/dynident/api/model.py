@@ -53,6 +53,13 @@ class Model:
         Those that the parameters were fitted to.
     validation : Recordings
         Held-out recordings, to which no parameter was fitted.
+
+    Examples
+    --------
+    >>> model = dy.identify(robot, runs[:1], validation=runs[1:])
+    >>> better = model.extend("stribeck@elbow")
+    >>> [step.effects[-1].effect for step in better.ladder]
+    ['viscous', 'stribeck']
     """
 
     identification: Identification
@@ -76,7 +83,7 @@ class Model:
 
     @property
     def fit(self) -> Errors:
-        """Errors on all rows of the data of the fit: `fit.relative_total`, `fit.relative` (n,), …"""
+        """Errors on all rows of the data of the fit: `fit.relative_total`, `fit.relative` (n,) and more."""
         return self.identification.fit
 
     @property

@@ -200,6 +200,18 @@ def diagnose(
     ------
     DynidentError
         Where there are no recordings, or no such effect.
+
+    Examples
+    --------
+    >>> model = dy.identify(robot, runs[:1], validation=runs[1:])
+    >>> diagnosis = dy.diagnose(model)
+    >>> diagnosis.verdict
+    'missing_effect'
+    >>> [(choice.effect, choice.joints) for choice in diagnosis.recommended]
+    [('stribeck', ('elbow',))]
+    >>> better = model.extend(diagnosis)
+    >>> better.held_out.relative_total < model.held_out.relative_total
+    True
     """
     desk_model = as_model(model)
     # The recordings of the fit are the default, so that the validation data stay unseen for what comes of it.

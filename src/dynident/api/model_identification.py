@@ -58,6 +58,18 @@ def identify(
     ------
     DynidentError
         Where the choices do not fit each other or the robot, or the data do not determine the parameters.
+
+    Examples
+    --------
+    >>> import dynident as dy
+    >>> robot = dy.load_robot("scara")
+    >>> runs = dy.read_recordings("run1.csv", "run2.csv", robot=robot)
+    >>> model = dy.identify(robot, runs[:1], validation=runs[1:])
+    >>> model.held_out.relative_total < 0.05
+    True
+    >>> robust = dy.identify(robot, runs[:1], effects=["default", "stribeck@elbow"], estimator="irls")
+    >>> len(robust.parameters) - len(model.parameters)
+    1
     """
     # Arguments of their own override the options, so that a stored set of options can be varied in one call.
     all_choices = choices or IdentificationChoices()
@@ -89,6 +101,13 @@ def load_model(path: str | Path) -> Model:
     ------
     DynidentError
         Where there is no such file, or it holds no model that this version can read.
+
+    Examples
+    --------
+    >>> dy.identify(robot, runs[:1]).save("model.npz")
+    >>> model = dy.load_model("model.npz").with_data(runs[:1])
+    >>> model.robot.name
+    'scara'
     """
     path = Path(path)
     if not path.is_file():

@@ -126,6 +126,15 @@ def validate(
     ------
     DynidentError
         For a limit that is not above zero, or another robot's recordings.
+
+    Examples
+    --------
+    >>> model = dy.identify(robot, runs[:1], validation=runs[1:])
+    >>> tests = dy.validate(model)
+    >>> tests.verdict
+    'pass'
+    >>> [test.kind for test in tests]
+    ['direct', 'cross', 'inertia_matrix']
     """
     desk_model = as_model(model)
     held_out = desk_model.validation if validation is None else as_recordings(validation)

@@ -179,6 +179,13 @@ def design(
     ------
     DynidentError
         Where there is no such motion; it names the limit in the way.
+
+    Examples
+    --------
+    >>> motion = dy.design(robot, kind="random", duration=5.0, sampling_rate=100.0)
+    >>> motion.design.q.shape[1] == robot.n
+    True
+    >>> motion.save("motion.csv")
     """
     # The arguments of their own replace fields of the request one by one, so that the rest of it stays.
     design_request = _resolve_request(request)

@@ -128,6 +128,15 @@ def inspect(
         For a file that is not there.
     RecordingError
         For a file that cannot be read.
+
+    Examples
+    --------
+    >>> file = dy.inspect("run1.csv", robot)
+    >>> file.questions
+    ()
+    >>> (run,) = dy.read_recordings("run1.csv", robot=robot, **file.said)
+    >>> run.name
+    'run1'
     """
     readable = check_readable_path(path)
     # Without the right gains currents look like torques of a wrong size, and the guesses would say so.
@@ -207,6 +216,19 @@ def read_recordings(
         For a file that is not there, or no file at all.
     RecordingError
         Where files cannot be used: one error for all of them, with all findings in its text and `checks`.
+
+    Examples
+    --------
+    `dynident simulate scara --effects stribeck@elbow --rate 200 --seed 1 -o run1.csv` writes the first of these files;
+    the second is another motion, by `--seed 2`.
+
+    >>> import dynident as dy
+    >>> robot = dy.load_robot("scara")
+    >>> runs = dy.read_recordings("run1.csv", "run2.csv", robot=robot)
+    >>> [run.name for run in runs]
+    ['run1', 'run2']
+    >>> runs[0].recording.sampling_rate
+    200.0
     """
     files = [check_readable_path(path) for path in paths]
     if not files:
@@ -284,6 +306,14 @@ def revise(
         For a recording that was not read from a file.
     RecordingError
         Where the file cannot be used with these changes.
+
+    Examples
+    --------
+    >>> shorter = dy.revise(runs[0], windows=((1.0, 6.0),))
+    >>> shorter.name
+    'run1 r1'
+    >>> shorter.source.metadata.windows
+    ((1.0, 6.0),)
     """
     if recording.source is None or recording.robot is None:
         raise DynidentError(

@@ -143,6 +143,12 @@ class Recordings(Sequence[CheckedRecording], Framed):
     ----------
     items : tuple of CheckedRecording
         The recordings, in the order of their files.
+
+    Examples
+    --------
+    >>> runs = dy.read_recordings("run1.csv", robot=robot) + dy.read_recordings("run2.csv", robot=robot)
+    >>> [run.name for run in runs[1:]]
+    ['run2']
     """
 
     items: tuple[CheckedRecording, ...]

@@ -105,6 +105,11 @@ def report(
     ------
     DynidentError
         Where the model has no recordings.
+
+    Examples
+    --------
+    >>> model = dy.identify(robot, runs[:1], validation=runs[1:])
+    >>> dy.report(model, title="The arm in cell 4").save("report.html")
     """
     from dynident.reports import html_report
 

@@ -168,6 +168,13 @@ def series(
     ------
     DynidentError
         Where there are fewer than two days, one has no recordings, or the model has effects of single runs.
+
+    Examples
+    --------
+    >>> model = dy.identify(robot, runs[:1], effects=["default", "stribeck@elbow"])
+    >>> robot_over_days = dy.series(model, {"monday": runs[0], "tuesday": runs[1]})
+    >>> len(robot_over_days)  # nothing has changed
+    0
     """
     # Imported here: `import dynident` must not load what only a series over days needs.
     from dynident.diagnosis.monitoring import build_measure
@@ -366,6 +373,13 @@ def changes(
     ------
     DynidentError
         Where one of the two is empty, or the same recording is in both.
+
+    Examples
+    --------
+    >>> model = dy.identify(robot, runs[:1], effects=["default", "stribeck@elbow"])
+    >>> changes = dy.changes(model, before=runs[0], after=runs[1])
+    >>> len(changes)  # both were recorded of the same arm in the same state
+    0
     """
     desk_model, earlier, later = as_model(model), as_recordings(before), as_recordings(after)
     check_not_empty(earlier, "before")

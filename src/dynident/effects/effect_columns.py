@@ -1,5 +1,7 @@
-"""Chosen effects on a robot: the joints that they act on, their shape constants, their columns, and on machines with
-dependent joints the signals of the tree that carries the links."""
+"""Chosen effects on a robot: the joints that they act on, their shape constants and their columns.
+
+On machines with dependent joints, also the signals of the tree that carries the links.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""Effects of the mechanical structure: offsets, springs, ripple of gears, a tilted base, joints that share a motor, and
-errors of the described geometry."""
+"""Effects of the mechanical structure.
+
+Offsets, springs, ripple of gears, a tilted base, joints that share a motor, and errors of the described geometry.
+"""
 
 from __future__ import annotations
 

@@ -79,10 +79,9 @@ class BlockRows:
         counts : (s,)
             Number of rows that each factor stands for.
         """
-        # A block has few such rows, so that most rows of its padded square factor are zero. They come last, because
-        # the padding is at the bottom.
-        most = int(np.count_nonzero(factors.any(axis=2).any(axis=0)))
-        return BlockRows(factors[:, :most], counts)
+        # A block has few such rows, so that most rows of its padded square factor are zero.
+        filled = factors.any(axis=2).any(axis=0)
+        return BlockRows(factors[:, filled], counts)
 
     @classmethod
     def from_parts(cls, parts: Sequence[BlockRows]) -> BlockRows:

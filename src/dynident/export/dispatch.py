@@ -63,7 +63,7 @@ def _add_notes(file: ExportedFile, identification: Identification) -> ExportedFi
     return replace(file, notes=(*file.notes, note))
 
 
-def _export_json(identification: Identification, nearest: bool) -> ExportedFile:
+def _export_json(identification: Identification, _nearest: bool) -> ExportedFile:
     content = encode_text(to_json(identification))
     return ExportedFile(f"{make_slug(identification.model.robot.name)}.json", "application/json", content)
 
@@ -76,11 +76,11 @@ def _export_mjcf(identification: Identification, nearest: bool) -> ExportedFile:
     return to_mjcf(identification, nearest=nearest)
 
 
-def _export_c(identification: Identification, nearest: bool) -> ExportedFile:
+def _export_c(identification: Identification, _nearest: bool) -> ExportedFile:
     return ExportedFile(f"{make_c_name(identification)}.c", "text/x-c", encode_text(to_c(identification)))
 
 
-def _export_casadi(identification: Identification, nearest: bool) -> ExportedFile:
+def _export_casadi(identification: Identification, _nearest: bool) -> ExportedFile:
     name = f"{make_slug(identification.model.robot.name)}.casadi"
     return ExportedFile(name, "application/octet-stream", to_casadi_bytes(identification))
 

@@ -63,7 +63,7 @@ def check_motion(
         _check_moving_joints(recording, positions, layout),
         _check_position_unit(recording, positions, layout, limits),
         _check_quantisation(recording, positions, layout),
-        *_check_velocity(recording, positions, layout),
+        *_check_velocity(positions, layout),
     ]
 
 
@@ -286,7 +286,7 @@ def _find_step(values: FloatArray) -> float:
     return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0
 
 
-def _check_velocity(recording: Recording, positions: _MeasuredPositions, layout: Layout) -> list[Check]:
+def _check_velocity(positions: _MeasuredPositions, layout: Layout) -> list[Check]:
     if positions.dq is None:
         return []
     speed, inner = positions.differentiate()

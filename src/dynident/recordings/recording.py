@@ -96,7 +96,7 @@ class ModelChecks(Protocol):
     None where it says nothing.
     """
 
-    def __call__(self, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
+    def __call__(self, recording: Recording, q: Sequence[str], tau: Sequence[str], /) -> tuple[Check, ...] | None:
         """Check a recording."""
 
 

@@ -85,7 +85,7 @@ class SparseSource(FileSource):
                 )
             back = _RUN * pattern.steps[pattern.main]
             # Where the time goes back another run begins, and nothing is joined across: what waits is given first.
-            for part in _split_runs(t, latest, back):
+            for part in _split_runs(t, back):
                 if len(t[part]) and t[part][0] < latest - back:
                     yield from self._make_batch(join.rows(last=True), by_series, columns)
                     join = self._make_join(by_series, size)
@@ -149,7 +149,7 @@ def _name_columns(columns: Sequence[str]) -> str:
     return columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"
 
 
-def _split_runs(t: FloatArray, latest: float, back: float) -> list[slice]:
+def _split_runs(t: FloatArray, back: float) -> list[slice]:
     """Return slices of rows between which the time goes back by more than `back`."""
     begins = np.flatnonzero(np.diff(t) < -back) + 1
     edges = [0, *begins.tolist(), len(t)]

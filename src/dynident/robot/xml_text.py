@@ -96,7 +96,7 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
         open_elements[-1].children.append(element)
         open_elements.append(element)
 
-    def end(tag: str) -> None:
+    def end(_tag: str) -> None:
         open_elements.pop()
 
     # A document type can define entities that expand without end, or that read other files.

@@ -58,7 +58,7 @@ def doctor(
         for finding in examination.check_storage(database, objects, by_hash=not quick, problem_of=read_problem):
             mended = repair and finding.is_repairable
             if mended:
-                examination.repair(database, objects, finding)
+                examination.repair(database, finding)
             else:
                 wrong[finding.trouble] += 1
             owners = f"; needed by {', '.join(finding.owners)}" if finding.owners else ""

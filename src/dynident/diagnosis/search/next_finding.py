@@ -94,7 +94,7 @@ def select_candidate(
         equal = (*(scored for scored in equal if scored is not chosen), *(twin for twin in twins if twin not in equal))
         hidden = [*_select_first_order(chosen, unnatural), *_find_larger_rivals(data, pool, state, chosen, judged)]
         if _is_stable(data, pool, state, (chosen, *twins), [*beyond, *hidden]):
-            slim = drop_idle_joints(data, pool, state, chosen, judged)
+            slim = drop_idle_joints(data, pool, state, chosen)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
             by_itself = whole or is_acceptable(state, data, replace(slim, p=chosen.p))
@@ -347,9 +347,7 @@ def find_richer_changes(
     return tuple(scored for scored in richer.values() if not has_larger_gain(scored, chosen))
 
 
-def drop_idle_joints(
-    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
-) -> ScoredCandidate:
+def drop_idle_joints(data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate) -> ScoredCandidate:
     """Take joints out of a group that gain nothing from it, or that only stick: by themselves they slip at once."""
     if len(chosen.candidate.joints) < 2:
         return chosen

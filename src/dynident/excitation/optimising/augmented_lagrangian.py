@@ -391,7 +391,8 @@ class _Start:
         """Do one more round, as far as the time allows."""
         descent = _Descent(self.problem, self._multipliers)
 
-        def after_iteration(intermediate_result: OptimizeResult) -> None:
+        # SciPy calls a function with an argument of this name otherwise than others.
+        def after_iteration(intermediate_result: OptimizeResult) -> None:  # noqa: ARG001
             self.iterations += 1
             tell(descent.last)
             if budget.is_spent:

@@ -179,7 +179,7 @@ def read_name(name: str, unit: str = "") -> ColumnName:
     words = tuple(word.casefold() for word in _PART.findall(text))
     words, stated = _split_unit(words, stated)
     plain = [word for word in words if not word.isdigit()]
-    signal = _classify_signal(plain, words)
+    signal = _classify_signal(plain)
     return ColumnName(
         name,
         signal,
@@ -231,7 +231,7 @@ def _split_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, 
     return words, stated
 
 
-def _classify_signal(plain: list[str], words: tuple[str, ...]) -> Signal | None:
+def _classify_signal(plain: list[str]) -> Signal | None:
     # Such words rule a joint's signal out, whatever else the name says.
     if any(word in _OTHER for word in plain):
         return "other"
@@ -248,10 +248,4 @@ def _classify_signal(plain: list[str], words: tuple[str, ...]) -> Signal | None:
         return "dq"
     if kind is None and "index" in plain:
         return "other"
-    if "current" in plain and kind in ("q", "dq", "tau") and not _is_last(plain, "current"):
-        return kind
     return kind
-
-
-def _is_last(plain: list[str], word: str) -> bool:
-    return plain[-1] == word

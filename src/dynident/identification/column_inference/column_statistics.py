@@ -209,21 +209,18 @@ def correlate_slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, Flo
     return np.asarray(correlation), np.asarray(factor)
 
 
-def compute_roughness(t: FloatArray, values: FloatArray) -> FloatArray:
+def compute_roughness(values: FloatArray) -> FloatArray:
     """Return the roughness of every column (c,): near 0 for positions, large for torques.
 
     It is the rms of the second difference over the standard deviation.
 
     Parameters
     ----------
-    t : (m,)
-        Times in s.
     values : (m, c)
         Values of the columns.
     """
     values = fill_gaps(values)
-    first, second = np.diff(values, axis=0), np.diff(values, n=2, axis=0)
+    second = np.diff(values, n=2, axis=0)
     size = values.std(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        del first
         return np.asarray(np.nan_to_num(np.sqrt((second**2).mean(axis=0)) / size))

@@ -116,7 +116,7 @@ def _import_sample(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal
     return proposal
 
 
-def _report_checked(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...]:
+def _report_checked(_recording: Recording, _q: Sequence[str], _tau: Sequence[str]) -> tuple[Check, ...]:
     """Report that the columns were checked against the dynamics already, so that friction alone need not decide."""
     return (Check("torque_order", "ok", "The inspection has checked this with the robot's dynamics."),)
 

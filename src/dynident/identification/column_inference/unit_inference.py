@@ -98,7 +98,7 @@ def guess_counts_unit(
     unexplained: dict[str, float] = {}
     if tau is not None:
         unexplained = _compute_unexplained_counts(
-            robot, turning, q, tau, fits, [unit for unit in units if np.log2(_parse_counts(unit)) % 1.0 == 0.0]
+            turning, q, tau, fits, [unit for unit in units if np.log2(_parse_counts(unit)) % 1.0 == 0.0]
         )
         # Powers of two first, as most encoders have them; other numbers only near the best of these, since each trial
         # is a fit.
@@ -106,7 +106,7 @@ def guess_counts_unit(
         others = [
             unit for unit in units if unit not in unexplained and 1.0 / _NEAR < _parse_counts(unit) / best < _NEAR
         ]
-        unexplained |= _compute_unexplained_counts(robot, turning, q, tau, fits, others)
+        unexplained |= _compute_unexplained_counts(turning, q, tau, fits, others)
     ranked = sorted(unexplained, key=lambda unit: unexplained[unit]) or units
     unit = ranked[0]
     alike = [other for other in ranked if not unexplained or unexplained[other] < CLEARLY * unexplained[unit]]
@@ -150,7 +150,7 @@ def _is_possible_count(robot: Robot, turning: Sequence[int], low: FloatArray, hi
 
 
 def _compute_unexplained_counts(
-    robot: Robot, turning: Sequence[int], q: FloatArray, tau: FloatArray, fits: DynamicsFits, units: Sequence[str]
+    turning: Sequence[int], q: FloatArray, tau: FloatArray, fits: DynamicsFits, units: Sequence[str]
 ) -> dict[str, float]:
     """Return the unexplained share of the torque with each of the units."""
     unexplained = {}

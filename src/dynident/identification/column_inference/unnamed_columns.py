@@ -79,7 +79,7 @@ def identify_unnamed_columns(
     if len(columns) != 2 * n:
         return None
     # Positions are integrals of what torques cause, and much smoother.
-    rough = compute_roughness(t, part)
+    rough = compute_roughness(part)
     order = np.argsort(rough)
     if rough[order[n]] < _GAP * rough[order[n - 1]]:
         return _split_two_blocks(columns, n, unexplained)

@@ -286,40 +286,54 @@ def _read_message(kind: str, message: Any) -> Content:
 def _read_content(kind: str, message: Any) -> tuple[Sequence[str], Sequence[float] | FloatArray]:
     if kind == JOINT_STATES:
         return _read_joint_state(message.name, message)
-    if kind in WRENCHES:
-        wrench = getattr(message, "wrench", message)
-        parts = [
-            (f"{part}_{axis}", getattr(getattr(wrench, part), axis)) for part in ("force", "torque") for axis in "xyz"
-        ]
-        return [name for name, _ in parts], [float(value) for _, value in parts]
-    names: list[str] = []
-    values: list[float] = []
     if kind in ARRAYS:
         # Not every version of a message has all fields.
         numbers = [getattr(message, field, np.empty(0)) for field in ARRAYS[kind]]
         return _name_counted_columns(kind, tuple(len(part) for part in numbers)), np.concatenate(numbers)
-    if kind == FRANKA_ROBOT:
-        for part, ours in _FRANKA_PARTS.items():
-            state = getattr(message, part)
-            for field, own in zip(_JOINT_FIELDS, ("position", "velocity", "torque"), strict=True):
-                numbers = getattr(state, field)
-                names += [f"{ours}{own}_{joint}" for joint, _ in zip(state.name, numbers, strict=False)]
-                values += [float(value) for _, value in zip(state.name, numbers, strict=False)]
-        return names, values
     if kind == DYNAMIC_STATES:
-        for joint, interface in zip(message.joint_names, message.interface_values, strict=True):
-            names += [f"{field}_{joint}" for field in interface.interface_names]
-            values += [float(value) for value in interface.values]
-        return names, values
+        return _read_interface_values(message)
+    if kind in WRENCHES:
+        named_values = _list_wrench(message)
+    elif kind == FRANKA_ROBOT:
+        named_values = _list_franka_state(message)
+    else:
+        named_values = _list_trajectory_points(message)
+    columns = [(name, float(value)) for name, value in named_values]
+    return [name for name, _ in columns], [value for _, value in columns]
+
+
+def _list_wrench(message: Any) -> Iterator[tuple[str, Any]]:
+    wrench = getattr(message, "wrench", message)
+    for part in ("force", "torque"):
+        for axis in "xyz":
+            yield f"{part}_{axis}", getattr(getattr(wrench, part), axis)
+
+
+def _list_franka_state(message: Any) -> Iterator[tuple[str, Any]]:
+    for part, ours in _FRANKA_PARTS.items():
+        state = getattr(message, part)
+        for field, own in zip(_JOINT_FIELDS, ("position", "velocity", "torque"), strict=True):
+            for joint, value in zip(state.name, getattr(state, field), strict=False):
+                yield f"{ours}{own}_{joint}", value
+
+
+def _read_interface_values(message: Any) -> tuple[list[str], list[float]]:
+    names: list[str] = []
+    values: list[float] = []
+    for joint, interface in zip(message.joint_names, message.interface_values, strict=True):
+        names += [f"{field}_{joint}" for field in interface.interface_names]
+        values += [float(value) for value in interface.values]
+    return names, values
+
+
+def _list_trajectory_points(message: Any) -> Iterator[tuple[str, Any]]:
     joints = getattr(message, "joint_names", [])
     for part, ours in (("actual", ""), ("feedback", ""), ("desired", "commanded_"), ("reference", "commanded_")):
         point = getattr(message, part, None)
         if point is not None and hasattr(point, "positions"):
             for field, own in (("positions", "position"), ("velocities", "velocity"), ("effort", "effort")):
                 for joint, value in zip(joints, getattr(point, field, ()), strict=False):
-                    names.append(f"{ours}{own}_{joint}")
-                    values.append(float(value))
-    return names, values
+                    yield f"{ours}{own}_{joint}", value
 
 
 def _read_joint_state(joints: Any, message: Any) -> tuple[Sequence[str], FloatArray]:
