@@ -242,7 +242,7 @@ def _list_worse_joints(grown: Identification) -> list[str]:
         for j, name in enumerate(grown.model.robot.joint_names)
         if new[j] > _WORSE * old[j]
         and -drops[j].sum() > IN_PASSING * drops.sum()
-        and (drops.shape[1] < _FEWEST or compute_evenness(-drops[j][None])[0] >= SURE_T)
+        and (drops.shape[1] < _FEWEST or compute_t(-drops[j]) >= SURE_T)
     ]
 
 
