@@ -10,16 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.estimation import (
+    BlockRows,
     FactorAccumulator,
     Reduction,
     RestRows,
-    ReversalRows,
     RowGroup,
     compute_errors,
     compute_row_noise,
     concatenate_reductions,
     estimate_reversal_weights,
-    merge_reversal_equations,
+    merge_phase_equations,
     ordinary,
     weighted,
 )
@@ -42,9 +42,11 @@ def rows(seed: int, noise: tuple[float, float], share: float = 0.1) -> tuple[lis
 
 
 def reduction(found: list[np.ndarray], turns: np.ndarray) -> Reduction:
-    accumulator = FactorAccumulator(2 * COLUMNS, N_COLUMNS, N_ROWS / STRETCHES)
-    accumulator.push(np.arange(N_ROWS, dtype=float), 2 * found, np.hstack([~turns, turns]))
-    return merge_reversal_equations(accumulator.finish())
+    # Every fourth of the other rows is beside a halt.
+    starts = ~turns & (np.arange(N_ROWS) % 4 == 0)[:, None]
+    accumulator = FactorAccumulator(3 * COLUMNS, N_COLUMNS, N_ROWS / STRETCHES)
+    accumulator.push(np.arange(N_ROWS, dtype=float), 3 * found, np.hstack([~turns & ~starts, turns, starts]))
+    return merge_phase_equations(accumulator.finish())
 
 
 def by_rows(found: list[np.ndarray], turns: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -123,7 +125,7 @@ def test_recordings_behind_one_another_are_told_apart_where_all_of_them_are():
 
 
 def test_of_recordings_that_are_not_all_told_apart_it_is_known_all_the_same_which_rows_turn():
-    nothing = RowGroup(np.zeros((len(COLUMNS[0]) + 1,) * 2), 0)
+    nothing = BlockRows(np.zeros((0, 0, len(COLUMNS[0]) + 1)), np.zeros(0, dtype=int))
     standing = np.zeros((0, len(COLUMNS[0])))
     beside = RestRows(None, nothing, standing, standing, np.zeros(0), np.zeros(0))
     told = replace(reduction(*rows(4, (0.1, 0.5))).equations[0], rest_rows=beside)
@@ -149,7 +151,7 @@ def test_a_zero_row_among_others_loses_none_of_them() -> None:
     factors = np.zeros((2, 4, 4))
     factors[:, 0, :] = 1.0
     factors[:, 2, 2:] = 3.0
-    rows_at_reversals = ReversalRows.from_factors(np.zeros((2, 4, 4)), factors, np.array([5, 7]))
+    rows_at_reversals = BlockRows.from_factors(factors, np.array([5, 7]))
     np.testing.assert_array_equal(
         np.einsum("sri,srj->sij", rows_at_reversals.rows, rows_at_reversals.rows),
         np.einsum("sri,srj->sij", factors, factors),

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import ReversalRows, RowGroup
+from dynident.estimation import ReversalRows
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
 from dynident.identification.study import result
 from dynident.recordings import Preprocessing
@@ -128,14 +128,13 @@ def test_a_model_without_its_last_bytes_is_not_taken_for_its_parent():
             from_bytes(CONTENT[:-missing])
 
 
-def test_held_out_data_tell_the_rows_where_joints_turn_round_by_one_factor() -> None:
-    kept, weighed = FIRST.data.held_out, FIRST.data.training
+def test_held_out_data_tell_the_rows_where_joints_turn_round_by_blocks_and_count_them_alike() -> None:
+    kept = FIRST.data.held_out
     assert kept is not None
-    assert [one.reversal_rows for one in kept.equations] == [None] * ROBOT.n
-    assert all(isinstance(one.rows_at_reversals, RowGroup) and one.rows_at_reversals.count for one in kept.equations)
-    assert all(
-        isinstance(one.rows_at_reversals, ReversalRows) and one.rows_at_reversals.count for one in weighed.equations
-    )
+    for one in kept.equations:
+        assert isinstance(one.rows_at_reversals, ReversalRows)
+        assert one.rows_at_reversals.count
+        assert one.rows_at_reversals.weight == 1.0
 
 
 def test_a_file_of_a_version_that_kept_rows_where_joints_turn_round_twice_is_read_with_its_own_errors() -> None:

@@ -132,7 +132,7 @@ def test_an_addition_that_only_fits_noise_is_warned_of(plain):
 
 
 def test_an_addition_that_helps_unevenly_is_told_to_help_but_not_surely(grown, monkeypatch):
-    monkeypatch.setattr(held_out_gain, "_compute_t_of_gain", lambda parent, grown: 1.97)
+    monkeypatch.setattr(held_out_gain, "compute_evenness", lambda gains: np.full(len(gains), 1.97))
     warning = held_out_gain.list_addition_warnings(grown)[0]
     assert warning.startswith("Joint spring helps, but this is not certain")
     assert "t = 1.97" in warning

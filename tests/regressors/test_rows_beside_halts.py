@@ -61,13 +61,13 @@ def test_rows_beside_halts_are_exact_whatever_the_joint_is_held_by_at_rest():
     reduction, _ = reduce_and_cache(model, [run], EXACT, ReferenceParameters.massless(ROBOT))
     (beside,) = (e.rest_rows for e in reduction.equations[:1])
     assert beside is not None
-    assert beside.partial.count > 100
+    assert beside.starting.count > 100
     values = weighted(reduction).values
     places = {(c.effect, c.link): k for k, c in enumerate(model.kept)}
     assert values[places["stribeck", NAMES[0]]] == pytest.approx(EXCESS, rel=1e-6)
     assert values[places["coulomb", NAMES[0]]] == pytest.approx(COULOMB, rel=1e-6)
     own = values[reduction.equations[0].columns]
-    assert np.sqrt(beside.partial.sum_squares(own) / beside.partial.count) < 1e-8
+    assert np.sqrt(beside.starting.sum_squares(own) / beside.starting.count) < 1e-8
 
 
 def test_only_joints_whose_friction_shows_there_use_them_and_every_row_is_counted_once():
@@ -77,7 +77,7 @@ def test_only_joints_whose_friction_shows_there_use_them_and_every_row_is_counte
         for effects in ((*PLAIN, PEAK), PLAIN)
     )
     counts = [
-        [e.rest_rows.partial.count for e in one.equations if e.rest_rows is not None] for one in (with_peak, without)
+        [e.rest_rows.starting.count for e in one.equations if e.rest_rows is not None] for one in (with_peak, without)
     ]
     assert counts[0][0] > 0
     assert not any(counts[0][1:])

@@ -162,7 +162,7 @@ def test_errors_of_each_recording_are_told_where_they_are_others_than_those_of_f
 
 def test_the_ladder_shows_the_error_of_every_model_falling() -> None:
     shown = np.array(PAGE.data_values["ladder"]).reshape(2, 2)
-    expected = [[m.fit.relative_total, m.held_out.relative_total] for m in (FIRST, MODEL)]
+    expected = [[m.fit_moving.relative_total, m.held_out_moving.relative_total] for m in (FIRST, MODEL)]
     np.testing.assert_array_equal(shown, expected)
     assert shown[1, 1] < shown[0, 1]
     assert "Stribeck friction on" in PAGE.text["ladder"]
@@ -172,8 +172,7 @@ def test_the_ladder_says_which_model_predicts_best_and_from_where_on_the_error_r
     assert "Model 2 predicts held-out data best." in PAGE.text["ladder"]
     assert PAGE.text["ladder"].count("✓ best") == 1
     assert "↑ rises" not in PAGE.text["ladder"]
-    squares = replace(MODEL.held_out, squares=4 * MODEL.held_out.squares)
-    worse = replace(MODEL, step=LadderStep(MODEL, (EffectChoice("offset"),)), held_out=squares)
+    worse = replace(FIRST, step=LadderStep(MODEL, removed=MODEL.step.added))
     page = Page(html_report(worse, [ReportedRecording(SECOND_RUN, compare(worse, SECOND_RUN), True)]))
     assert "Model 2 predicts held-out data best; from model 3 on" in page.text["ladder"]
     assert page.text["ladder"].count("✓ best") == page.text["ladder"].count("↑ rises") == 1
@@ -346,7 +345,7 @@ def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None
     assert "No held-out data was given" in page.text["torque"]
     assert "Record another motion, and hold it out." in page.text["summary"]
     assert "was made without the checks" in page.text["data"]
-    assert page.data_values["ladder"] == [alone.fit.relative_total]
+    assert page.data_values["ladder"] == [alone.fit_moving.relative_total]
 
 
 def test_what_to_do_next_is_told_of_a_model_that_has_all_that_was_recommended() -> None:

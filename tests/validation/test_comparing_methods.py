@@ -97,11 +97,11 @@ def test_methods_that_disagree_fail_and_are_named(identified, training, unseen):
     judged = judge_methods(identified, [first, far], held_out=True)
     assert judged.verdict == "fail"
     assert f"dynamic, global, ols ({far.distance_rms:.1f}" in judged.reason
-    squares = 4.0 * second.held_out.squares
-    worse = replace(second, held_out=replace(second.held_out, squares=squares), torque_distance=0.5)
+    squares = 4.0 * second.held_out_moving.squares
+    worse = replace(second, held_out_moving=replace(second.held_out_moving, squares=squares), torque_distance=0.5)
     judged = judge_methods(identified, [first, worse], held_out=True)
     assert judged.verdict == "fail"
-    assert f"dynamic, global, ols ({worse.held_out.relative_total:.1%})" in judged.reason
+    assert f"dynamic, global, ols ({worse.held_out_moving.relative_total:.1%})" in judged.reason
 
 
 def test_one_method_alone_is_not_evaluated(identified, training):
@@ -134,10 +134,10 @@ def test_other_equations_that_predict_worse_do_not_fail_a_good_model(identified,
         identified, [training], [unseen], [Method(), Method(estimator="ols"), Method(model="energy")]
     )
     *own, energy = table.results
-    squares = 9.0 * energy.held_out.squares
+    squares = 9.0 * energy.held_out_moving.squares
     worse = replace(
         energy,
-        held_out=replace(energy.held_out, squares=squares),
+        held_out_moving=replace(energy.held_out_moving, squares=squares),
         torque_distance=0.5,
         torque_deviation=0.01,
         distance=energy.distance + 9.0,

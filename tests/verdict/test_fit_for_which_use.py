@@ -52,7 +52,7 @@ def test_a_good_model_is_fit_for_prediction_and_says_so(model: Identification) -
     assert not is_stopped(model)
     (feed_forward,) = (one for one in found.uses if one.use == "feed_forward")
     assert feed_forward.state == "yes"
-    assert f"{model.held_out.relative_total:.1%}" in feed_forward.reason
+    assert f"{model.held_out_moving.relative_total:.1%}" in feed_forward.reason
     assert all(one.next_step for one in found.uses)
 
 
@@ -62,12 +62,20 @@ def test_without_held_out_data_nothing_is_judged() -> None:
     assert found.next_steps == ("Record another motion, and hold it out.",)
 
 
+def with_error(model: Identification, error: float, **changes: object) -> Identification:
+    """The model with this relative error of every joint on all kinds of rows, in the fit and held out."""
+    names = ("fit", "held_out", "fit_moving", "held_out_moving")
+    errors = [getattr(model, name) for name in names]
+    scaled = {name: replace(one, squares=one.measured * error**2) for name, one in zip(names, errors, strict=True)}
+    worse = replace(model, fit=scaled["fit"], held_out=scaled["held_out"], **changes)
+    # Computed from the data when they are first asked for.
+    worse.__dict__.update(fit_moving=scaled["fit_moving"], held_out_moving=scaled["held_out_moving"])
+    return worse
+
+
 def test_a_model_that_was_extended_is_not_told_to_be_until_its_error_is_unusual(model: Identification) -> None:
     def steps(error: float, parent: Identification | None) -> str:
-        held_out, fit = (
-            replace(one, squares=one.squares * (error / one.relative_total) ** 2) for one in (model.held_out, model.fit)
-        )
-        return " ".join(verdict(replace(model, held_out=held_out, fit=fit, step=LadderStep(parent))).next_steps)
+        return " ".join(verdict(with_error(model, error, step=LadderStep(parent))).next_steps)
 
     assert "Diagnose which effects are missing" in steps(0.05, None)
     assert steps(0.05, model) == ""
@@ -124,9 +132,7 @@ def test_plain_least_squares_that_no_robot_has_say_what_cures_them() -> None:
 
 
 def test_an_error_between_the_limits_is_fit_for_some_uses_alone(model: Identification) -> None:
-    held_out = model.held_out
-    scale = (0.12 / held_out.relative_total) ** 2
-    worse = replace(model, held_out=replace(held_out, squares=held_out.squares * scale))
+    worse = with_error(model, 0.12)
     fit = {one.use: one.fit for one in verdict(worse).uses}
     assert fit["feed_forward"]
     assert not fit["collision_detection"]

@@ -13,7 +13,7 @@ from dynident.identification.equations.reduce_data import split_friction_tests
 from dynident.identification.shape_constants import ShapeConstant
 from dynident.identification.shape_search import check_choices
 from dynident.identification.study.correlated_and_essential_parameters import EssentialPath, parameter_dependence
-from dynident.identification.study.held_out_gain import find_best_of_errors
+from dynident.identification.study.held_out_gain import find_best_of_errors, list_confirming_rows
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
 from dynident.reports.report_tables import ReportedTable
 from dynident.reports.result_rows import build_essential_tables, build_parameter_table, build_shape_table
@@ -21,7 +21,14 @@ from dynident.robot import Robot
 from dynident_service.adapters.conversion import from_view, show_errors, show_tables, to_request, to_view
 from dynident_service.wire_types import identifications as wire
 from dynident_service.wire_types.common import EffectChoice
-from dynident_service.wire_types.identifications import ErrorsView, IdentificationView, Lineage, Rung, RungDifference
+from dynident_service.wire_types.identifications import (
+    ErrorFigures,
+    ErrorsView,
+    IdentificationView,
+    Lineage,
+    Rung,
+    RungDifference,
+)
 
 T = TypeVar("T", int, float)
 
@@ -38,15 +45,24 @@ def build_steps_of_views(views: Sequence[IdentificationView]) -> list[Rung]:
 
 def mark_best_step(rungs: Sequence[Rung]) -> list[Rung]:
     """Return a ladder with its best step marked, and the later steps that increase the validation error."""
-    totals = [rung.validation.relative_total for rung in rungs if rung.validation is not None]
+    totals = [_select_judged_total(rung.validation) for rung in rungs]
     known_totals = [total for total in totals if total is not None]
+    preferred = [bool(rung.confirmed_by or rung.removed) for rung in rungs]
     # Only where every step has a validation error: a step without one could be the best.
-    marks = find_best_of_errors(known_totals) if len(known_totals) == len(rungs) else None
+    marks = find_best_of_errors(known_totals, preferred) if len(known_totals) == len(rungs) else None
     if marks is None:
         return list(rungs)
     return [
         rung.model_copy(update={"best": k == marks.best, "rises": k in marks.rises}) for k, rung in enumerate(rungs)
     ]
+
+
+def _select_judged_total(errors: ErrorsView | None) -> float | None:
+    """Return the error that models are compared by: of moving rows; where none are known, of all rows."""
+    if errors is None:
+        return None
+    moving = None if errors.moving is None else errors.moving.relative_total
+    return errors.relative_total if moving is None else moving
 
 
 def _build_intermediate_steps(view: IdentificationView, below: Rung | None) -> list[Rung]:
@@ -66,6 +82,7 @@ def _build_intermediate_steps(view: IdentificationView, below: Rung | None) -> l
             n_parameters=step.n_parameters,
             residual=step.residual,
             validation=step.validation,
+            confirmed_by=step.confirmed_by,
         )
         rungs.append(rung)
     return rungs
@@ -85,6 +102,7 @@ def _build_own_step(view: IdentificationView, below: Rung | None) -> Rung:
         n_parameters=None if result is None else len(result.parameters),
         residual=None if result is None else result.residual,
         validation=None if result is None else result.validation,
+        confirmed_by=None if result is None else result.confirmed_by,
     )
 
 
@@ -135,16 +153,24 @@ def _show_difference(number: int, own: Rung | None, other: Rung | None) -> RungD
         residual_total=_subtract_totals(*fit),
         validation=_subtract_per_joint(*held_out),
         validation_total=_subtract_totals(*held_out),
+        residual_moving=_subtract_per_joint(*map(_get_moving, fit)),
+        residual_moving_total=_subtract_totals(*map(_get_moving, fit)),
+        validation_moving=_subtract_per_joint(*map(_get_moving, held_out)),
+        validation_moving_total=_subtract_totals(*map(_get_moving, held_out)),
     )
 
 
-def _subtract_per_joint(own: ErrorsView | None, other: ErrorsView | None) -> list[float | None] | None:
+def _get_moving(errors: ErrorsView | None) -> ErrorFigures | None:
+    return None if errors is None else errors.moving
+
+
+def _subtract_per_joint(own: ErrorFigures | None, other: ErrorFigures | None) -> list[float | None] | None:
     if own is None or other is None:
         return None
     return [_subtract(a, b) for a, b in zip(own.relative, other.relative, strict=True)]
 
 
-def _subtract_totals(own: ErrorsView | None, other: ErrorsView | None) -> float | None:
+def _subtract_totals(own: ErrorFigures | None, other: ErrorFigures | None) -> float | None:
     return None if own is None or other is None else _subtract(own.relative_total, other.relative_total)
 
 
@@ -190,6 +216,7 @@ def build_steps(
             parent_id=ids[k - 1] if k else None,
             status="succeeded",
             residual=show_fit(model),
+            confirmed_by=list_confirming_rows(model),
         )
         for k, (identifier, model) in enumerate(zip(ids, models, strict=True))
     ]
@@ -253,6 +280,7 @@ def describe_identification(
         wire.IdentificationResult,
         identification,
         residual=show_fit(identification),
+        confirmed_by=list_confirming_rows(identification),
         dependence=parameter_dependence(identification).sentences,
         parent_id=parent_id,
         rungs=[] if parent is None else [_show_step(step) for step in _list_steps_between(parent, identification)],
@@ -299,7 +327,12 @@ def _list_steps_between(parent: Identification, identification: Identification) 
 
 
 def _show_step(identification: Identification) -> wire.StepView:
-    return to_view(wire.StepView, identification, residual=show_fit(identification))
+    return to_view(
+        wire.StepView,
+        identification,
+        residual=show_fit(identification),
+        confirmed_by=list_confirming_rows(identification),
+    )
 
 
 def _choose_preprocessing(request: wire.IdentificationRequest, recordings: Sequence[Recording]) -> Preprocessing | None:

@@ -330,6 +330,9 @@ def _show_drift(console: Console, drift: Drift) -> None:
     )
 
 
+_LADDER_TITLE = "Ladder of models: error where joints move, and on all rows held out"
+
+
 def show_ladder(console: Console, identification: Identification) -> None:
     """Print the models that led to one and their errors, and mark the best one."""
     models = list(identification.ladder())
@@ -338,12 +341,12 @@ def show_ladder(console: Console, identification: Identification) -> None:
     for index, model in enumerate(models):
         held_out = [
             "–" if errors is None else format_percent(errors.relative_total)
-            for errors in (model.held_out, model.held_out_moving)
+            for errors in (model.held_out_judged, model.held_out)
         ]
-        fit = format_percent(model.fit.relative_total)
+        fit = format_percent(model.fit_judged.relative_total)
         rows.append([str(index + 1), format_step(model), fit, *held_out, get_step_mark(best, index, len(models))])
-    columns = ("model", "change", "fit", "held out", "moving", "")
-    console.print(build_table("Ladder of models", columns, rows, right_from=2))
+    columns = ("model", "change", "fit", "held out", "all rows", "")
+    console.print(build_table(_LADDER_TITLE, columns, rows, right_from=2))
     if (best_text := describe_best_step(best, len(models))) != "":
         console.print(f"  {best_text}")
 
@@ -371,7 +374,11 @@ def show_ladders(console: Console, first: tuple[str, Identification], second: tu
         ]
         rows.append([str(index + 1), *cells[0], *cells[1], gap])
     columns = ("model", first[0], "error", second[0], "error", "difference, points")
-    console.print(build_table(f"Two ladders, {'held out' if held_out else 'fit'}", columns, rows, right_from=5))
+    console.print(
+        build_table(
+            f"Two ladders: error where joints move, {'held out' if held_out else 'fit'}", columns, rows, right_from=5
+        )
+    )
 
 
 def format_step(model: Identification) -> str:
@@ -384,8 +391,8 @@ def format_step(model: Identification) -> str:
 
 
 def _total_error(model: Identification, held_out: bool) -> float:
-    errors = model.held_out if held_out and model.held_out is not None else model.fit
-    return errors.relative_total
+    judged = model.held_out_judged
+    return (judged if held_out and judged is not None else model.fit_judged).relative_total
 
 
 def show_series(console: Console, series: Series, robot: Robot) -> None:

@@ -74,11 +74,12 @@ def print_findings(console: Console, robot: Robot, analysis: Analysis) -> None:
     """Print the results of identification, comparison and diagnosis."""
     first = analysis.first
     _print_heading(console, "Identify")
-    assert first.held_out is not None
+    held_out = first.held_out_judged
+    assert held_out is not None
     console.print(
         f"{first.model.n_parameters} base parameters: links, rotor inertia, Coulomb and viscous friction. Error "
-        f"{format_percent(first.fit.relative_total)} in the fit, "
-        f"{format_percent(first.held_out.relative_total)} held out.",
+        f"where joints move: {format_percent(first.fit_judged.relative_total)} in the fit, "
+        f"{format_percent(held_out.relative_total)} held out.",
     )
     _print_heading(console, "Compare")
     over = analysis.compute_floor_ratio(first)
@@ -190,7 +191,8 @@ def _print_ladder(console: Console, robot: Robot, analysis: Analysis) -> None:
         [joint.name, *(f"{values[j]:.2f}" for values in over), f"{floor[j]:.2g} {joint.effort_unit}"]
         for j, joint in enumerate(robot.joints)
     ]
-    totals = [format_percent(model.held_out.relative_total) for model in analysis.ladder if model.held_out is not None]
+    judged = [model.held_out_judged for model in analysis.ladder]
+    totals = [format_percent(errors.relative_total) for errors in judged if errors is not None]
     rows.append(["all joints, relative error", *totals, ""])
     title = "Held-out residual per joint, as a multiple of the noise floor"
     columns = ("joint", "first model", *(f"+ {name}" for name in added), "noise floor")

@@ -153,6 +153,15 @@ class UsedPreprocessing(ViewModel):
     reasons: list[str]
 
 
+ConfirmedBy = Annotated[
+    list[Literal["moving", "reversing", "starting"]] | None,
+    Field(
+        description="Held-out rows on which what was added surely lowers the error: where joints move; at reversals "
+        "and at starts of its joints, where the effect claims to explain these; [] if none do; null if not judged"
+    ),
+]
+
+
 class StepView(ViewModel):
     """A model between the parent and this one; it has one effect more than the model before it."""
 
@@ -160,6 +169,7 @@ class StepView(ViewModel):
     n_parameters: Annotated[int, SourcePath("model.n_parameters")]
     residual: Annotated[ErrorsView, SourcePath("fit")]
     validation: Annotated[ErrorsView | None, SourcePath("held_out")]
+    confirmed_by: ConfirmedBy = None
 
 
 class IdentificationResult(ViewModel):
@@ -172,6 +182,7 @@ class IdentificationResult(ViewModel):
     )
     residual: Annotated[ErrorsView, SourcePath("fit")]
     validation: Annotated[ErrorsView | None, SourcePath("held_out")]
+    confirmed_by: ConfirmedBy = None
     copied: Annotated[list[str], SourcePath("data.copied")] = Field(
         default=[], description="Held-out measurements, by name, that contain samples of the fit"
     )
@@ -256,10 +267,16 @@ class Rung(ViewModel):
     n_parameters: Annotated[int | None, SourcePath("model.n_parameters")]
     residual: Annotated[ErrorsView | None, SourcePath("fit")]
     validation: Annotated[ErrorsView | None, SourcePath("held_out")]
-    best: bool = Field(default=False, description="Whether it has the smallest validation error of the ladder")
+    confirmed_by: ConfirmedBy = None
+    best: bool = Field(
+        default=False,
+        description="Whether it has the smallest validation error of the ladder where joints move "
+        "(`validation.moving`). Less than 0.5 % of it is no difference, unless held-out data confirm what was added.",
+    )
     rises: bool = Field(
         default=False,
-        description="After the best step, with a larger validation error: the added effect makes the model worse",
+        description="After the best step, with a larger validation error where joints move: the added effect makes the "
+        "model worse",
     )
 
 
@@ -274,6 +291,10 @@ class RungDifference(ViewModel):
     residual_total: float | None
     validation: list[float | None] | None = Field(description="Relative held-out error per joint")
     validation_total: float | None
+    residual_moving: list[float | None] | None = Field(default=None, description="Where each joint moves")
+    residual_moving_total: float | None = None
+    validation_moving: list[float | None] | None = Field(default=None, description="Where each joint moves")
+    validation_moving_total: float | None = None
 
 
 class Lineage(ViewModel):

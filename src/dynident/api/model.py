@@ -91,6 +91,11 @@ class Model:
         """Errors on all rows of the validation data; None where there are none."""
         return self.identification.held_out
 
+    @property
+    def held_out_moving(self) -> Errors | None:
+        """Errors on the validation data where each joint moves, by which models are compared; None without any."""
+        return self.identification.held_out_moving
+
     @cached_property
     def errors(self) -> ErrorTable:
         """Errors joint by joint: in the fit and held out, where the joint moves and on all rows."""
@@ -112,10 +117,11 @@ class Model:
         identification = self.identification
         n_determined = sum(parameter.well_identified for parameter in self.parameters)
         n_parameters = format_count(identification.model.n_parameters, "base parameter")
-        errors = identification.held_out
+        errors = identification.held_out_judged
         held_out = "" if errors is None else f", {format_percent(errors.relative_total)} on held-out data"
         sentences = [
-            f"The relative error of the torque is {format_percent(identification.fit.relative_total)} in the "
+            f"Where joints move, the relative error of the torque is "
+            f"{format_percent(identification.fit_judged.relative_total)} in the "
             f"fit{held_out}.",
             f"{n_determined} of {n_parameters} are determined by the data.",
             f"The condition number of W is {format_number(identification.condition_number)}; there are "
@@ -329,9 +335,10 @@ class Model:
 class Ladder(Sequence[Model], Framed):
     """Models in the order in which each was made from the one before.
 
-    `to_frame` has a row for each model: model (its number, from 1), new (what it adds and leaves out, in words),
-    parameters (their number), fit, fit_moving, held_out and held_out_moving (relative errors of the torque, fractions,
-    on all rows and where joints move; missing where there is no such data), best and rises (on held-out data).
+    Its table has the errors where joints move, by which the best model is chosen. `to_frame` has a row for each model:
+    model (its number, from 1), new (what it adds and leaves out, in words), parameters (their number), fit, fit_moving,
+    held_out and held_out_moving (relative errors of the torque, fractions, on all rows and where joints move; missing
+    where there is no such data), best and rises (on held-out data).
 
     Parameters
     ----------
@@ -400,10 +407,10 @@ class Ladder(Sequence[Model], Framed):
         models = [model.identification for model in self.items]
         best_step = find_best_step(models)
         for k, identification in enumerate(models):
-            held_out = (
-                "–" if identification.held_out is None else format_percent(identification.held_out.relative_total)
-            )
-            fit, mark = format_percent(identification.fit.relative_total), get_step_mark(best_step, k, len(models))
+            judged = identification.held_out_judged
+            held_out = "–" if judged is None else format_percent(judged.relative_total)
+            fit = format_percent(identification.fit_judged.relative_total)
+            mark = get_step_mark(best_step, k, len(models))
             yield (
                 str(k + 1),
                 _format_change(identification),

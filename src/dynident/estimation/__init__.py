@@ -2,23 +2,28 @@
 
 from dynident.estimation.backward_elimination import Elimination, EliminationPath, eliminate_parameters
 from dynident.estimation.block_bootstrap import Bootstrap, Drawing, bootstrap_estimates
+from dynident.estimation.errors import (
+    Errors,
+    ErrorsByPhase,
+    compute_errors,
+    compute_errors_by_phase,
+    compute_moving_errors,
+    select_judged_errors,
+)
 from dynident.estimation.factors import (
     EquationFactors,
     FactorAccumulator,
     Reduction,
     concatenate_reductions,
-    merge_reversal_equations,
+    merge_phase_equations,
 )
 from dynident.estimation.instrumental_variables import InstrumentalSolution, solve_instrumental
 from dynident.estimation.least_squares import (
-    Errors,
     EstimationError,
     Solution,
     build_weighted_factor,
     compute_condition_number,
     compute_equilibrated_condition_number,
-    compute_errors,
-    compute_moving_errors,
     compute_noise_levels,
     compute_relative_change,
     compute_row_noise,
@@ -30,6 +35,7 @@ from dynident.estimation.outlying_spans import OutlyingSpan, OutlyingSpans, find
 from dynident.estimation.prior_information import PriorInformation, build_prior
 from dynident.estimation.residual_correlation import compute_correlation_factor, count_effective_rows
 from dynident.estimation.rest_and_reversal_rows import (
+    BlockRows,
     RestRowAccumulator,
     RestRows,
     ReversalRows,
@@ -41,6 +47,7 @@ from dynident.estimation.shape_constant_uncertainty import LinearisedSolution, l
 from dynident.estimation.uncertainty import CovarianceName, Statistics, compute_row_freedom, statistics
 
 __all__ = [
+    "BlockRows",
     "Bootstrap",
     "CovarianceName",
     "Drawing",
@@ -48,6 +55,7 @@ __all__ = [
     "EliminationPath",
     "EquationFactors",
     "Errors",
+    "ErrorsByPhase",
     "EstimationError",
     "FactorAccumulator",
     "InstrumentalSolution",
@@ -70,6 +78,7 @@ __all__ = [
     "compute_correlation_factor",
     "compute_equilibrated_condition_number",
     "compute_errors",
+    "compute_errors_by_phase",
     "compute_moving_errors",
     "compute_noise_levels",
     "compute_relative_change",
@@ -81,8 +90,9 @@ __all__ = [
     "estimate_reversal_weights",
     "find_outlying_spans",
     "linearise_constants",
-    "merge_reversal_equations",
+    "merge_phase_equations",
     "ordinary",
+    "select_judged_errors",
     "solve",
     "solve_instrumental",
     "statistics",

@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.estimation.qr import WhitenedColumns, compute_r_factor, join_factors, pad_to_square, whiten_columns
-from dynident.estimation.rest_and_reversal_rows import RestRows, ReversalRows, RowGroup, join_rest_rows
+from dynident.estimation.rest_and_reversal_rows import BlockRows, RestRows, ReversalRows, RowGroup, join_rest_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +144,23 @@ class EquationFactors:
         factors = compute_r_factor(self.factors @ change) if len(self.factors) else np.zeros((0, *change.shape[1:] * 2))
         return EquationFactors(np.asarray(columns, dtype=np.intp), pad_to_square(factors), self.counts)
 
+    def sum_phase_squares(self, rows: Literal["moving", "reversing", "starting"], values: FloatArray) -> FloatArray:
+        """Return the sum of squared residuals of parameters χ (c,) in every block (s,), on one kind of rows.
+
+        Rows at reversals and beside halts that are not known by blocks of time count as moving.
+        """
+        own, whole = values[self.columns], self.sum_squares(values)
+        reversing, starting = np.zeros_like(whole), np.zeros_like(whole)
+        weight = 1.0
+        if self.rest_rows is not None and self.reversal_rows is not None:
+            reversing, weight = self.reversal_rows.sum_block_squares(own), self.reversal_rows.weight
+        if self.rest_rows is not None and len(self.rest_rows.starting.counts) == len(whole):
+            starting = self.rest_rows.starting.sum_block_squares(own)
+        if rows == "moving":
+            # Differences of sums of squares may fall below zero by rounding.
+            return np.maximum(whole - weight * reversing - starting, 0.0)
+        return reversing if rows == "reversing" else starting
+
     def sum_squares(self, values: FloatArray) -> FloatArray:
         """Return the sum of squared residuals of parameters χ (c,) in every block (s,)."""
         k = len(self.columns)
@@ -209,11 +227,6 @@ class Reduction:
         """The same data, every row counting alike."""
         return self.weight_reversals(np.ones(len(self.equations)))
 
-    @property
-    def with_fixed_weights(self) -> Reduction:
-        """The same data, where rows at reversals can no longer be weighted: it takes less memory."""
-        return replace(self, equations=tuple(equation.with_fixed_weights for equation in self.equations))
-
     def select_blocks(self, indices: Sequence[int]) -> Reduction:
         """Return only the blocks of time with these indices."""
         picked = list(indices)
@@ -253,30 +266,38 @@ def _concatenate_equations(parts: Sequence[EquationFactors]) -> EquationFactors:
         np.concatenate([part.factors for part in parts]),
         np.concatenate([part.counts for part in parts]),
         join_rest_rows([part.rest_rows for part in parts]),
-        ReversalRows.from_parts(weighted_rows) if len(weighted_rows) == len(parts) else None,
+        ReversalRows.join(weighted_rows) if len(weighted_rows) == len(parts) else None,
     )
 
 
-def merge_reversal_equations(both: Reduction) -> Reduction:
-    """Merge 2 n equations into n whose rows at reversals can be weighted.
+def merge_phase_equations(split: Reduction) -> Reduction:
+    """Merge 3 n equations into n whose rows at reversals can be weighted, and whose rows beside halts are known.
 
     Parameters
     ----------
-    both : Reduction
-        The n equations of the rows where no joint reverses, followed by the n of the rows at reversals.
+    split : Reduction
+        The n equations of the rows where the joint moves, the n of the rows at its reversals, and the n of those beside
+        its halts.
 
     Returns
     -------
     Reduction
         One equation per joint.
     """
-    n = len(both.equations) // 2
+    n = len(split.equations) // 3
     equations = []
-    for steady, turning in zip(both.equations[:n], both.equations[n:], strict=True):
-        turned = ReversalRows.from_factors(steady.factors, turning.factors, turning.counts)
-        counts = steady.counts + turning.counts
-        equations.append(EquationFactors(steady.columns, turned.weighted_factors, counts, steady.rest_rows, turned))
-    return replace(both, equations=tuple(equations))
+    for j in range(n):
+        moving, turning, starting = split.equations[j::n]
+        reversals = BlockRows.from_factors(turning.factors, turning.counts)
+        starts = BlockRows.from_factors(starting.factors, starting.counts)
+        others = moving.factors
+        if starts.count:
+            others = pad_to_square(compute_r_factor(np.concatenate([others, starts.rows], axis=1)))
+        turned = ReversalRows(reversals.rows, reversals.counts, others)
+        rest_rows = None if moving.rest_rows is None else replace(moving.rest_rows, starting=starts)
+        counts = moving.counts + turning.counts + starting.counts
+        equations.append(EquationFactors(moving.columns, turned.weighted_factors, counts, rest_rows, turned))
+    return replace(split, equations=tuple(equations))
 
 
 class FactorAccumulator:

@@ -10,6 +10,7 @@ from scipy.linalg import solve_triangular
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
+from dynident.estimation.errors import compute_fitted_errors, compute_weighted_squares
 from dynident.estimation.factors import Reduction
 from dynident.estimation.prior_information import PriorInformation, invert_factor
 from dynident.estimation.qr import compute_r_factor
@@ -83,48 +84,6 @@ class Solution:
         return np.asarray(self.free @ invert_factor(compute_r_factor(self.factor @ self.free)))
 
 
-@dataclass(frozen=True, eq=False)
-class Errors:
-    """How well parameters explain a data set, equation by equation.
-
-    Parameters
-    ----------
-    squares, measured : (n,)
-        Sums of squares of the residual and of Y.
-    counts : (n,)
-        Numbers of rows.
-    """
-
-    squares: FloatArray
-    measured: FloatArray
-    counts: FloatArray
-
-    def __repr__(self) -> str:
-        return f"Errors({len(self.counts)} equations: relative error {self.relative_total:.2%})"
-
-    @property
-    def rms(self) -> FloatArray:
-        """Root mean square of the residual (n,), N m or N."""
-        return np.sqrt(self.squares / np.maximum(self.counts, 1))
-
-    @property
-    def relative(self) -> FloatArray:
-        """Relative error ||y - ŷ|| / ||y|| (n,); 1 where nothing was measured and something predicted."""
-        safe = np.where(self.measured > 0, self.measured, 1.0)
-        return np.where(self.measured > 0, np.sqrt(self.squares / safe), np.where(self.squares > 0, 1.0, 0.0))
-
-    @property
-    def relative_total(self) -> float:
-        """Relative error ||Y - Ŷ|| / ||Y|| over all equations."""
-        total = float(self.measured.sum())
-        return float(np.sqrt(self.squares.sum() / total)) if total > 0 else 0.0
-
-    @property
-    def rms_total(self) -> float:
-        """Root mean square of the residual over all equations and samples."""
-        return float(np.sqrt(self.squares.sum() / max(float(self.counts.sum()), 1.0)))
-
-
 def build_weighted_factor(reduction: Reduction, noise: FloatArray, known: PriorInformation | None = None) -> FloatArray:
     """Return the triangular factor of [W | Y] over all equations, together with prior knowledge.
 
@@ -196,83 +155,6 @@ def compute_equilibrated_condition_number(reduction: Reduction, noise: FloatArra
 def _compute_condition(factor: FloatArray) -> float:
     singular = np.linalg.svd(factor, compute_uv=False)
     return float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
-
-
-def compute_errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """Return the residual of parameters on all rows of a data set, also at rest.
-
-    At rest the residual is the distance of the torque to the band that static friction holds, where the equations know
-    their rows at rest.
-
-    Parameters
-    ----------
-    reduction, values : Reduction, (c,)
-        The equations as triangular factors, and parameters χ.
-
-    Returns
-    -------
-    Errors
-        Sums of squares and numbers of rows of every equation, moving and at rest.
-    """
-    fitted = compute_fitted_errors(reduction, values)
-    squares, measured, counts = fitted.squares.copy(), fitted.measured.copy(), fitted.counts.copy()
-    for k, equation in enumerate(reduction.equations):
-        rest_rows, own = equation.rest_rows, values[equation.columns]
-        if rest_rows is None:
-            continue
-        # What rows beside a halt hold of motion is in the fit; as rows they are at rest.
-        squares[k] += rest_rows.sum_standing_squares(own) - rest_rows.partial.sum_squares(own)
-        measured[k] += rest_rows.standing_measured_squares - rest_rows.partial.measured_squares
-        counts[k] += rest_rows.n_standing - rest_rows.partial.count
-    # Differences of sums of squares may fall below zero by rounding.
-    return Errors(np.maximum(squares, 0.0), np.maximum(measured, 0.0), counts)
-
-
-def compute_moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """Return the residual of parameters on the rows of every equation where its joint moves.
-
-    Parameters
-    ----------
-    reduction, values : Reduction, (c,)
-        The equations as triangular factors, and parameters χ.
-
-    Returns
-    -------
-    Errors
-        Sums of squares and numbers of rows of every equation, without reversals and without rows next to halts.
-    """
-    fitted = compute_fitted_errors(reduction, values)
-    squares, measured, counts = fitted.squares.copy(), fitted.measured.copy(), fitted.counts.copy()
-    for k, equation in enumerate(reduction.equations):
-        # An equation that does not keep its rows at rest counts all of its rows as moving.
-        if equation.rest_rows is not None:
-            for rows in (equation.rows_at_reversals, equation.rest_rows.partial):
-                if rows is None:
-                    continue
-                squares[k] -= rows.sum_squares(values[equation.columns])
-                measured[k] -= rows.measured_squares
-                counts[k] -= rows.count
-    return Errors(np.maximum(squares, 0.0), np.maximum(measured, 0.0), counts)
-
-
-def compute_fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """Return the residual of parameters χ (c,) on all rows that take part in the fit, each counting alike."""
-    squares, measured = compute_weighted_squares(reduction, values), []
-    for k, equation in enumerate(reduction.equations):
-        own = float(equation.joint_factor[:, -1] @ equation.joint_factor[:, -1])
-        if equation.reversal_rows is not None:
-            # The factor holds rows at reversals with their weight; add what is missing to a weight of one.
-            lacks = 1.0 - equation.reversal_rows.weight
-            squares[k] += lacks * equation.reversal_rows.sum_squares(values[equation.columns])
-            own += lacks * equation.reversal_rows.measured_squares
-        measured.append(own)
-    return Errors(squares, np.array(measured), reduction.row_counts)
-
-
-def compute_weighted_squares(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return the squared residual (n,) of parameters χ (c,) in every equation, its rows as they are weighted there."""
-    rests = (e.joint_factor[:, -1] - e.joint_factor[:, :-1] @ values[e.columns] for e in reduction.equations)
-    return np.array([float(rest @ rest) for rest in rests])
 
 
 def compute_relative_change(reduction: Reduction, change: FloatArray) -> float:

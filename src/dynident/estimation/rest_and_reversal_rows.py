@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -21,24 +22,93 @@ from dynident.estimation.qr import compute_r_factor, pad_to_square
 
 
 @dataclass(frozen=True, eq=False)
-class ReversalRows:
-    """Factors of [W | Y] of the two kinds of rows of one equation with p columns, in s blocks of time.
+class BlockRows:
+    """Rows of [W | Y] of one equation with p columns that are counted by themselves, in s blocks of time.
 
     Parameters
     ----------
-    others : (s, p + 1, p + 1)
-        Of all rows but those at reversals.
+    rows : (s, k, p + 1)
+        Rows with the same inner products as those of each block, zero where a block has fewer than k.
+    counts : (s,)
+        Number of rows of the recording that each block has.
+    """
+
+    rows: FloatArray
+    counts: IndexArray
+
+    @property
+    def measured_squares(self) -> float:
+        """Sum of squared Y."""
+        return float((self.rows[:, :, -1] ** 2).sum())
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return int(self.counts.sum())
+
+    @property
+    def row_group(self) -> RowGroup:
+        """The rows, no longer by blocks."""
+        return RowGroup(pad_to_square(compute_r_factor(self.rows.reshape(-1, self.rows.shape[2]))), self.count)
+
+    def sum_squares(self, values: FloatArray) -> float:
+        """Return the sum of squared residuals of parameters (p,)."""
+        return float(self.sum_block_squares(values).sum())
+
+    def sum_block_squares(self, values: FloatArray) -> FloatArray:
+        """Return the sum of squared residuals of parameters (p,) in every block (s,)."""
+        residual = self.rows[:, :, -1] - self.rows[:, :, :-1] @ values
+        return np.asarray((residual * residual).sum(axis=1))
+
+    def select(self, picked: Sequence[int]) -> Self:
+        """Return the same rows with only these of the p + 1 columns."""
+        return replace(self, rows=self.rows[:, :, picked])
+
+    def combine_columns(self, change: FloatArray) -> Self:
+        """Return the same rows with combined columns: [W | Y] change (p + 1, p' + 1)."""
+        return replace(self, rows=self.rows @ change)
+
+    @classmethod
+    def from_factors(cls, factors: FloatArray, counts: IndexArray) -> BlockRows:
+        """Build from factors (s, p + 1, p + 1), without the rows that are zero in all blocks.
+
+        Parameters
+        ----------
+        factors : (s, p + 1, p + 1)
+            Triangular factors of the rows of each block.
+        counts : (s,)
+            Number of rows that each factor stands for.
+        """
+        # A block has few such rows, so that most rows of its padded square factor are zero.
+        filled = factors.any(axis=2).any(axis=0)
+        return BlockRows(factors[:, filled], counts)
+
+    @classmethod
+    def from_parts(cls, parts: Sequence[BlockRows]) -> BlockRows:
+        """Concatenate the blocks of several recordings."""
+        most = max(part.rows.shape[1] for part in parts)
+        # Recordings differ in their number of such rows; zero rows change no inner product.
+        rows = [np.pad(part.rows, [(0, 0), (0, most - part.rows.shape[1]), (0, 0)]) for part in parts]
+        return BlockRows(np.concatenate(rows), np.concatenate([part.counts for part in parts]))
+
+
+@dataclass(frozen=True, eq=False)
+class ReversalRows(BlockRows):
+    """Rows of one equation at reversals, which may be weighted, and the factors of its other rows.
+
+    Parameters
+    ----------
     rows : (s, k, p + 1)
         Of the rows at reversals.
     counts : (s,)
         Number of rows at reversals.
+    others : (s, p + 1, p + 1)
+        Factors of [W | Y] of all rows but those at reversals.
     weight : float
         Weight of a squared residual at a reversal relative to one of the other rows.
     """
 
     others: FloatArray
-    rows: FloatArray
-    counts: IndexArray
     weight: float = 1.0
 
     @property
@@ -49,26 +119,6 @@ class ReversalRows:
         # The weight is that of squares; rows take its root.
         return pad_to_square(compute_r_factor(np.concatenate([self.others, np.sqrt(self.weight) * self.rows], axis=1)))
 
-    @property
-    def measured_squares(self) -> float:
-        """Sum of squared Y at reversals."""
-        return float((self.rows[:, :, -1] ** 2).sum())
-
-    @property
-    def count(self) -> int:
-        """Number of rows at reversals."""
-        return int(self.counts.sum())
-
-    @property
-    def row_group(self) -> RowGroup:
-        """The rows at reversals, no longer by blocks."""
-        return RowGroup(pad_to_square(compute_r_factor(self.rows.reshape(-1, self.rows.shape[2]))), self.count)
-
-    def sum_squares(self, values: FloatArray) -> float:
-        """Return the sum of squared residuals of parameters (p,) at reversals."""
-        rest = self.rows[:, :, -1] - self.rows[:, :, :-1] @ values
-        return float((rest * rest).sum())
-
     def select(self, picked: Sequence[int]) -> ReversalRows:
         """Return the same rows with only these of the p + 1 columns."""
         return self._replace_rows(self.others[:, :, picked], self.rows[:, :, picked])
@@ -78,37 +128,10 @@ class ReversalRows:
         return self._replace_rows(self.others @ change, self.rows @ change)
 
     @classmethod
-    def from_factors(cls, others: FloatArray, turning: FloatArray, counts: IndexArray) -> ReversalRows:
-        """Build from factors (s, p + 1, p + 1) of either kind.
-
-        Rows of the second kind that are zero in all blocks are dropped.
-
-        Parameters
-        ----------
-        others : (s, p + 1, p + 1)
-            Factors of the rows where no joint reverses.
-        turning : (s, p + 1, p + 1)
-            Factors of the rows at reversals.
-        counts : (s,)
-            Number of rows at reversals.
-
-        Returns
-        -------
-        ReversalRows
-            With a weight of 1.
-        """
-        # A block has few rows at reversals, so that most rows of its padded square factor are zero.
-        filled = turning.any(axis=2).any(axis=0)
-        return cls(others, turning[:, filled], counts)
-
-    @classmethod
-    def from_parts(cls, parts: Sequence[ReversalRows]) -> ReversalRows:
+    def join(cls, parts: Sequence[ReversalRows]) -> ReversalRows:
         """Concatenate the blocks of several recordings, every row with a weight of 1."""
-        most = max(part.rows.shape[1] for part in parts)
-        # Recordings differ in their number of rows at reversals; zero rows change no inner product.
-        rows = [np.pad(part.rows, [(0, 0), (0, most - part.rows.shape[1]), (0, 0)]) for part in parts]
-        others, counts = (np.concatenate(items) for items in zip(*((p.others, p.counts) for p in parts), strict=True))
-        return cls(others, np.concatenate(rows), counts)
+        rows = BlockRows.from_parts(parts)
+        return cls(rows.rows, rows.counts, np.concatenate([part.others for part in parts]))
 
     def _replace_rows(self, others: FloatArray, rows: FloatArray) -> ReversalRows:
         return replace(
@@ -176,7 +199,7 @@ class RestRows:
     turning : RowGroup or None
         Rows at reversals of the joint, which take part in the fit; None where the equation keeps them by blocks of time
         (`ReversalRows`).
-    partial : RowGroup
+    starting : BlockRows
         Rows next to a halt, of the motion in them alone. They take part in the fit.
     upper, lower : (m, p)
         Rows of W at rest, with the friction of either direction.
@@ -187,7 +210,7 @@ class RestRows:
     """
 
     turning: RowGroup | None
-    partial: RowGroup
+    starting: BlockRows
     upper: FloatArray
     lower: FloatArray
     y: FloatArray
@@ -212,7 +235,7 @@ class RestRows:
         picked = list(places)
         turning = None if self.turning is None else self.turning.select(picked)
         upper, lower = self.upper[:, picked], self.lower[:, picked]
-        return replace(self, turning=turning, partial=self.partial.select(picked), upper=upper, lower=lower)
+        return replace(self, turning=turning, starting=self.starting.select([*picked, -1]), upper=upper, lower=lower)
 
     def combine_columns(self, change: FloatArray) -> RestRows:
         """Return the same rows with combined columns: [W | Y] change (p + 1, p' + 1), where Y must stay as it is."""
@@ -220,7 +243,7 @@ class RestRows:
         column_change = change[:-1, :-1]
         turning = None if self.turning is None else self.turning.combine_columns(change)
         upper, lower = self.upper @ column_change, self.lower @ column_change
-        return replace(self, turning=turning, partial=self.partial.combine_columns(change), upper=upper, lower=lower)
+        return replace(self, turning=turning, starting=self.starting.combine_columns(change), upper=upper, lower=lower)
 
 
 def compute_band_distance(y: FloatArray, first_bound: FloatArray, second_bound: FloatArray) -> FloatArray:
@@ -248,7 +271,7 @@ def join_rest_rows(parts: Sequence[RestRows | None]) -> RestRows | None:
     turning = [part.turning for part in known if part.turning is not None]
     return RestRows(
         turning=RowGroup.from_parts(turning) if len(turning) == len(known) else None,
-        partial=RowGroup.from_parts([part.partial for part in known]),
+        starting=BlockRows.from_parts([part.starting for part in known]),
         upper=np.concatenate([part.upper for part in known]),
         lower=np.concatenate([part.lower for part in known]),
         y=np.concatenate([part.y for part in known]),
@@ -257,7 +280,7 @@ def join_rest_rows(parts: Sequence[RestRows | None]) -> RestRows | None:
 
 
 class RestRowAccumulator:
-    """Collects the rows at rest and next to halts of one equation, block by block.
+    """Collects the rows at rest of one equation, as they come.
 
     Parameters
     ----------
@@ -267,14 +290,9 @@ class RestRowAccumulator:
 
     def __init__(self, n_columns: int) -> None:
         self._p = n_columns
-        self._partial = RowGroup(np.zeros((n_columns + 1, n_columns + 1)), 0)
         self._parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
 
-    def push_partial(self, rows: FloatArray) -> None:
-        """Add rows of [W | Y] (m, p + 1) of the motion next to a halt."""
-        self._partial = _append_rows(self._partial, rows)
-
-    def push_standing(self, upper: FloatArray, lower: FloatArray, y: FloatArray) -> None:
+    def push(self, upper: FloatArray, lower: FloatArray, y: FloatArray) -> None:
         """Add rows at rest.
 
         Parameters
@@ -295,10 +313,4 @@ class RestRowAccumulator:
         stride = -(-len(y) // MOST_REST_ROWS) if len(y) else 1
         weights = np.full(len(y[::stride]), len(y) / max(len(y[::stride]), 1))
         thinned = upper[::stride], lower[::stride], y[::stride]
-        return RestRows(None, self._partial, *thinned, weights)
-
-
-def _append_rows(known: RowGroup, rows: FloatArray) -> RowGroup:
-    if not len(rows):
-        return known
-    return RowGroup(pad_to_square(compute_r_factor(np.concatenate([known.factor, rows]))), known.count + len(rows))
+        return RestRows(None, BlockRows(np.zeros((0, 0, self._p + 1)), np.zeros(0, dtype=np.intp)), *thinned, weights)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.estimation.errors import compute_weighted_squares
 from dynident.estimation.factors import EquationFactors, Reduction
-from dynident.estimation.least_squares import EstimationError, compute_weighted_squares, weighted
+from dynident.estimation.least_squares import EstimationError, weighted
 from dynident.estimation.prior_information import PriorInformation
 from dynident.estimation.qr import join_factors
 from dynident.estimation.rest_and_reversal_rows import ReversalRows
@@ -61,7 +62,7 @@ def _merge_blocks(equation: EquationFactors) -> EquationFactors:
     if equation.reversal_rows is None:
         return EquationFactors(equation.columns, equation.joint_factor[None], counts)
     turned = equation.reversal_rows
-    own = ReversalRows(join_factors(turned.others)[None], turned.row_group.factor[None], np.array([turned.count]))
+    own = ReversalRows(turned.row_group.factor[None], np.array([turned.count]), join_factors(turned.others)[None])
     return EquationFactors(equation.columns, own.weighted_factors, counts, None, own)
 
 

@@ -76,7 +76,7 @@ def describe_identification(identification: Identification) -> list[str]:
         f"Identified from: {', '.join(identification.data.measurement_names) or 'data without a name'}",
         f"Model {choices.model}, strategy {choices.strategy}, estimator {choices.solver.name_with_options}; "
         f"{identification.model.n_parameters} base parameters from {identification.n_equations} equations",
-        f"Relative error of the torque: {identification.fit.relative_total:.2%} on these data"
+        f"Relative error of the torque where joints move: {identification.fit_judged.relative_total:.2%} on these data"
         + _describe_held_out(identification),
     ]
     lines += [f"Effect: {describe_effect(choice)}" for choice in choices.effects]
@@ -92,6 +92,6 @@ def describe_effect(choice: EffectChoice) -> str:
 
 
 def _describe_held_out(identification: Identification) -> str:
-    if identification.held_out is None:
+    if identification.held_out_judged is None:
         return ", no held-out data"
-    return f", {identification.held_out.relative_total:.2%} on held-out data"
+    return f", {identification.held_out_judged.relative_total:.2%} on held-out data"

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.effects import ReferenceParameters, RunSignal
 from dynident.effects.hysteresis_states import MemoryStates
-from dynident.estimation import Reduction, merge_reversal_equations
+from dynident.estimation import Reduction, merge_phase_equations
 from dynident.parallel.thread_map import prefetch
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
@@ -405,7 +405,7 @@ def reduce_recordings(
     at_rest : Observation, optional
         The friction of the same columns at rest: what is left out is then kept beside the factors.
     by_phase : bool
-        Whether rows at reversals are kept apart, so that they may be weighted; with `at_rest` they always are.
+        Whether rows at reversals and beside halts are kept apart; with `at_rest` they always are.
 
     Returns
     -------
@@ -413,20 +413,21 @@ def reduce_recordings(
         One equation a joint.
     """
     keeps_rest_rows = at_rest is not None
-    splits_reversals = by_phase or keeps_rest_rows
-    rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest, splits_reversals)
+    splits_phases = by_phase or keeps_rest_rows
+    rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest, splits_phases)
     columns = [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)] * (
-        2 if splits_reversals else 1
+        3 if splits_phases else 1
     )
     reduction = accumulate_equations(rows_of, columns, observation.n_columns, recordings, progress, keeps_rest_rows)
-    return merge_reversal_equations(reduction) if splits_reversals else reduction
+    return merge_phase_equations(reduction) if splits_phases else reduction
 
 
 @dataclass(frozen=True, eq=False)
 class ObservationRows:
     """Makes the equations of a recording, one a joint, as `reduce_recordings` says.
 
-    With `by_phase` there are two equations a joint: the first n of all rows but reversals, the second n of these.
+    With `by_phase` there are three equations a joint: n of the rows where it moves, n of its reversals, and n of the
+    rows beside its halts.
     """
 
     observation: Observation
@@ -454,12 +455,12 @@ class ObservationRows:
             partial = phases.find_partial_rows(samples.segment, samples.t, phase, samples.held)
             rest_rows = None
             if resting is not None and samples.at_rest is not None:
-                rest_rows = [resting.build_rest_rows(joint, rows[joint], samples, phase, partial) for joint in joints]
+                rest_rows = [resting.build_rest_rows(joint, rows[joint], samples, phase) for joint in joints]
             used = is_fitted(phase) | partial
             if self.by_phase:
                 turns = phase == Phase.REVERSING
-                # The same rows twice: once for all but the reversals, once for the reversals alone.
-                rows, used = rows + rows, np.hstack([used & ~turns, used & turns])
+                # The same rows three times, of which each equation uses other ones.
+                rows, used = rows * 3, np.hstack([used & ~turns & ~partial, used & turns, partial])
             yield EquationRows(samples.t, rows, samples.segment, used, rest_rows)
 
 
@@ -481,10 +482,8 @@ class RestRowBuilder:
         self._columns = [observation.joint_entries(j)[1] for j in range(n)]
         self._entries = [[at_rest.joint_entries(row) for row in (j, n + j)] for j in range(n)]
 
-    def build_rest_rows(
-        self, joint: int, rows: FloatArray, samples: FilteredSamples, phase: PhaseArray, partial: BoolArray
-    ) -> RestRows:
-        """Return the rows near halts and at rest of one joint from its rows [W | Y] (m, p + 1)."""
+    def build_rest_rows(self, joint: int, rows: FloatArray, samples: FilteredSamples, phase: PhaseArray) -> RestRows:
+        """Return the rows at rest of one joint from its rows [W | Y] (m, p + 1)."""
         standing = phase[:, joint] == Phase.STANDING
         unmasked = samples.whole[joint] if samples.whole else None
         whole = rows if unmasked is None else unmasked
@@ -497,4 +496,4 @@ class RestRowBuilder:
             if samples.at_rest is not None:
                 w[:, np.searchsorted(self._columns[joint], columns)] = samples.at_rest[standing][:, positions]
             either.append(w)
-        return RestRows(rows[partial[:, joint]], either[0], either[1], whole[standing, -1])
+        return RestRows(either[0], either[1], whole[standing, -1])

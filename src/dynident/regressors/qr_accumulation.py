@@ -20,19 +20,16 @@ _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
 
 @dataclass(frozen=True, eq=False)
 class RestRows:
-    """Rows near halts and at rest of one equation.
+    """Rows at rest of one equation.
 
     Parameters
     ----------
-    partial : (k, p + 1)
-        [W | Y] of the motion near a halt.
     upper, lower : (m, p)
         W where the joint stands, with the friction of either direction.
     y : (m,)
         Y there.
     """
 
-    partial: FloatArray
     upper: FloatArray
     lower: FloatArray
     y: FloatArray
@@ -53,7 +50,7 @@ class EquationRows:
     used : (m, equations), optional
         Which rows of which equation count; all of them where it is left out.
     beside : list of RestRows, optional
-        Rows near halts and at rest of every equation.
+        Rows at rest of every equation.
     """
 
     t: FloatArray
@@ -121,7 +118,7 @@ def accumulate_equations(
     progress : Progress
         Hears of the share that is done.
     beside : bool
-        Whether rows near halts and at rest are kept as well.
+        Whether rows at rest are kept as well.
     in_turn : bool
         Whether the rows of one recording depend on those before, as a filter's do that goes on from one to the next.
 
@@ -153,7 +150,7 @@ class EquationAccumulator:
     stretch : float
         Length of the blocks of time that have a factor each, s.
     beside : bool
-        Whether rows near halts and at rest are kept as well.
+        Whether rows at rest are kept as well.
     """
 
     rows_of: Callable[[Recording], Iterable[EquationRows]]
@@ -176,14 +173,13 @@ class EquationAccumulator:
             # Rows at rest take no part in the fit. They are kept beside the factors, for errors over all samples.
             accumulator.push(part.t, part.rows, part.used)
             for rest_accumulator, rows in zip(rest_accumulators, part.beside or (), strict=False):
-                rest_accumulator.push_partial(rows.partial)
-                rest_accumulator.push_standing(rows.upper, rows.lower, rows.y)
+                rest_accumulator.push(rows.upper, rows.lower, rows.y)
             progress(min(1.0, float(part.t[-1] - start) / duration), recording.name)
         return _attach_rest_rows(accumulator.finish(), rest_accumulators)
 
 
 def _attach_rest_rows(reduction: Reduction, rest_accumulators: Sequence[RestRowAccumulator]) -> Reduction:
-    """Return the reduction with the rows near halts and at rest of every equation."""
+    """Return the reduction with the rows at rest of every equation."""
     if not rest_accumulators:
         return reduction
     equations = tuple(

@@ -370,6 +370,16 @@ def shows_at_starts(observation: Observation) -> BoolArray:
     return shows_at_start
 
 
+def remembers_path(observation: Observation, signals: Signals) -> BoolArray:
+    """Return (columns, n): columns of friction that remembers the path, which shows at reversals, by joint."""
+    has_memory = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
+    if observation.memory:
+        for k, column in enumerate(observation.columns):
+            for signal in signals.find_memory_signals(column.torque):
+                has_memory[k, list(observation.robot.get_position_movers(signal.joint))] = True
+    return has_memory
+
+
 def build_rest_observation(robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
     """Build W's columns of friction where each joint is about to move: (2 n, columns), forward, then backward.
 

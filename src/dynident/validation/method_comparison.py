@@ -11,7 +11,14 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, Reduction, compute_errors, compute_moving_errors, compute_relative_change
+from dynident.estimation import (
+    Errors,
+    Reduction,
+    compute_errors,
+    compute_moving_errors,
+    compute_relative_change,
+    select_judged_errors,
+)
 from dynident.identification import Identification
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.reduce_data import Data, reduce_to_rows, reduce_torque
@@ -80,6 +87,13 @@ class MethodResult:
     problem: str = ""
     fit_moving: Errors | None = None
     held_out_moving: Errors | None = None
+
+    @property
+    def held_out_judged(self) -> Errors | None:
+        """The errors that methods are compared by: where each joint moves; on all rows where none does."""
+        if self.held_out is None or self.held_out_moving is None:
+            return self.held_out
+        return select_judged_errors(self.held_out_moving, self.held_out)
 
     @property
     def distance_rms(self) -> float | None:
@@ -284,7 +298,7 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
             "not_evaluated", "Fewer than two methods gave a result" + (f" ({reasons})." if reasons else ".")
         )
     on = "on held-out data" if held_out else "on the identification's own data"
-    totals = [result.held_out.relative_total for result in solved if result.held_out is not None]
+    totals = [result.held_out_judged.relative_total for result in solved if result.held_out_judged is not None]
     best = min(totals)
     # Worse only counts against the model where the method minimises what is compared, the torque errors.
     worse = [

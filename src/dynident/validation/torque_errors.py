@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, compute_errors, compute_moving_errors
+from dynident.estimation import Errors, compute_errors_by_phase, select_judged_errors
 from dynident.identification import Identification
 from dynident.identification.equations.reduce_data import reduce_torque
 from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, OVERFIT
@@ -131,11 +131,12 @@ def validate_cross(
     validation = _validate_torque(identification, recordings, limit, "held-out data", progress)
     # A slower motion has less torque, and the same residual is a larger share of it. So the residual itself has to have
     # grown as well.
-    error, own = validation.total.relative_total, identification.fit.relative_total
+    errors, fit = select_judged_errors(validation.total_moving, validation.total), identification.fit_judged
+    error, own = errors.relative_total, fit.relative_total
     if (
         validation.judged.verdict != "pass"
         or error <= OVERFIT * own
-        or not _is_clearly_worse(identification, validation.total)
+        or not bool(np.any(errors.rms > OVERFIT * fit.rms))
     ):
         return validation
     judged = ValidationOutcome(
@@ -176,11 +177,8 @@ def _compute_errors_by_recording(
             identification.model, [recording], identification.preprocessing, identification.estimate.reference, share
         )
         values = identification.values
-        recording_errors.append(
-            RecordingErrors(
-                recording.name, compute_errors(data.torque, values), compute_moving_errors(data.torque, values)
-            )
-        )
+        errors = compute_errors_by_phase(data.torque, values)
+        recording_errors.append(RecordingErrors(recording.name, errors.all_rows, errors.moving))
     return tuple(recording_errors)
 
 
@@ -199,13 +197,13 @@ def _judge_errors(
         return ValidationOutcome(
             "not_evaluated", "No samples are left inside the windows and away from the ends of the segments."
         )
-    relative = total.relative
+    error_total = select_judged_errors(moving, total).relative_total
     # A joint that never moves is judged on all its rows: there is nothing else of it.
-    where_moving = np.where(moving.counts > 0, moving.relative, relative)
-    useless = [f"{name} ({where_moving[j]:.0%})" for j, name in enumerate(names) if where_moving[j] > LARGEST_OF_JOINT]
+    relative = np.where(moving.counts > 0, moving.relative, total.relative)
+    useless = [f"{name} ({relative[j]:.0%})" for j, name in enumerate(names) if relative[j] > LARGEST_OF_JOINT]
     worst = int(np.argmax(relative))
-    error = f"The torque error on {on_what} is {total.relative_total:.1%}"
-    if total.relative_total > limit:
+    error = f"The torque error on {on_what} is {error_total:.1%}"
+    if error_total > limit:
         return ValidationOutcome(
             "fail", f"{error}, above the limit of {limit:.1%}; largest on {names[worst]}, {relative[worst]:.1%}."
         )
@@ -216,9 +214,3 @@ def _judge_errors(
     return ValidationOutcome(
         "pass", f"{error}, within the limit of {limit:.1%}; largest on {names[worst]}, {relative[worst]:.1%}."
     )
-
-
-def _is_clearly_worse(identification: Identification, total: Errors) -> bool:
-    """Return whether the residual itself grew, not only its share in a smaller torque."""
-    own = identification.fit
-    return bool(np.any(total.rms > OVERFIT * own.rms))

@@ -116,6 +116,12 @@ class HeldOutEvidence:
         return cls(identification, held_out, shortened, tuple(comparisons), tuple(outcomes))
 
     @property
+    def error(self) -> float:
+        """Relative held-out error over all joints where they move, by which models are judged."""
+        judged = self.identification.held_out_judged
+        return (self.held_out if judged is None else judged).relative_total
+
+    @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints."""
         return self.identification.model.robot.joint_names

@@ -451,15 +451,14 @@ def _list_next_steps(identification: Identification, stop: Stop | None, common: 
     ]
     if identification.model.is_at_rest:
         return [_judge_poses(identification), "Record a designed motion to identify the dynamics."]
-    if identification.held_out is None:
+    if identification.held_out_judged is None:
         return [*steps, "Record another motion, and hold it out."]
-    error = identification.held_out.relative_total
+    error, own = identification.held_out_judged.relative_total, identification.fit_judged.relative_total
     if any(overlap.kind == "repeated" for overlap in common):
         steps.append(_ANOTHER)
-    if error > OVERFIT * identification.fit.relative_total:
+    if error > OVERFIT * own:
         steps.append(
-            f"The held-out error is {error / max(identification.fit.relative_total, 1e-12):.1f} times that of the fit: "
-            "record a designed motion."
+            f"The held-out error is {error / max(own, 1e-12):.1f} times that of the fit: record a designed motion."
         )
     return [*steps, *_advise_diagnosis(error, was_extended=identification.step.parent is not None)]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.effects import LINKS
 from dynident.errors import DynidentError
-from dynident.estimation import compute_errors
+from dynident.estimation import compute_moving_errors
 from dynident.identification.estimators.feasible import find_nearest_feasible
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
 from dynident.identification.study.slow_motion import describe_slow_motion
@@ -248,8 +248,8 @@ def _judge_bodies(evidence: HeldOutEvidence) -> list[UseFinding]:
     more = f" and {len(nearest.limits) - _NAMED} more" if len(nearest.limits) > _NAMED else ""
     cost = ""
     if identification.data.held_out is not None:
-        after = compute_errors(identification.data.held_out, nearest.values).relative_total
-        before = evidence.held_out.relative_total
+        after = compute_moving_errors(identification.data.held_out, nearest.values).relative_total
+        before = evidence.error
         cost = f" The nearest feasible parameters have a held-out error of {after:.2%} instead of {before:.2%}."
     return [UseFinding("no", f"These parameters are not physically feasible ({names}{more}).{cost}", CURE)]
 
@@ -342,7 +342,7 @@ def judge_payload(evidence: HeldOutEvidence, mass: float | None) -> list[UseFind
         Findings for and against the use.
     """
     findings = [*judge_errors(evidence), *judge_scale(evidence)]
-    error = evidence.held_out.relative_total
+    error = evidence.error
     if error > LARGEST_TO_WEIGH:
         sentence = (
             f"The held-out error is {error:.1%}, above {LARGEST_TO_WEIGH:.0%}: the residual would count as a load."
@@ -381,8 +381,8 @@ _PRESLIDING = "Find the missing effect, most often presliding friction: dynident
 
 
 def judge_errors(evidence: HeldOutEvidence) -> list[UseFinding]:
-    """Judge the held-out error, all rows together and each joint where it moves: every use rests on these."""
-    error, each, joints = evidence.held_out.relative_total, evidence.joint_errors, evidence.joints
+    """Judge the held-out error where joints move, in all and of each joint: every use rests on these."""
+    error, each, joints = evidence.error, evidence.joint_errors, evidence.joints
     findings = []
     # Written so that nan counts as too large.
     if not error <= LARGEST_ERROR:
@@ -404,7 +404,7 @@ def judge_errors(evidence: HeldOutEvidence) -> list[UseFinding]:
 
 def judge_feed_forward(evidence: HeldOutEvidence) -> list[UseFinding]:
     """Judge the error while joints move, reverse, and start: the worst joint counts."""
-    error, each, joints = evidence.held_out.relative_total, evidence.joint_errors, evidence.joints
+    error, each, joints = evidence.error, evidence.joint_errors, evidence.joints
     # One poor joint spoils the whole motion, whatever the others do.
     worst = int(np.argmax(each))
     figures = [f"moving {each[worst]:.0%} ({joints[worst]})"]

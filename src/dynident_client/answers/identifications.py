@@ -123,6 +123,9 @@ class IdentificationResult(TypedDict):
     """An identified model."""
 
     condition_number: float | None
+    confirmed_by: list[Literal["moving", "reversing", "starting"]] | None
+    """Held-out rows on which what was added surely lowers the error: where joints move; at reversals and at starts of
+    its joints, where the effect claims to explain these; [] if none do; null if not judged"""
     converged: bool
     """Whether the iterations of the estimator have converged"""
     copied: list[str]
@@ -204,7 +207,11 @@ class Rung(TypedDict):
 
     added: list[EffectChoice]
     best: bool
-    """Whether it has the smallest validation error of the ladder"""
+    """Whether it has the smallest validation error of the ladder where joints move (`validation.moving`). Less than 0.5
+    % of it is no difference, unless held-out data confirm what was added."""
+    confirmed_by: list[Literal["moving", "reversing", "starting"]] | None
+    """Held-out rows on which what was added surely lowers the error: where joints move; at reversals and at starts of
+    its joints, where the effect claims to explain these; [] if none do; null if not judged"""
     effects: list[EffectChoice]
     id: str
     n_parameters: int | None
@@ -215,7 +222,7 @@ class Rung(TypedDict):
     removed: list[EffectChoice]
     residual: ErrorsView | None
     rises: bool
-    """After the best step, with a larger validation error: the added effect makes the model worse"""
+    """After the best step, with a larger validation error where joints move: the added effect makes the model worse"""
     status: str
     validation: ErrorsView | None
 
@@ -230,11 +237,17 @@ class RungDifference(TypedDict):
     n_parameters: int | None
     residual: list[float | None] | None
     """Relative error per joint"""
+    residual_moving: list[float | None] | None
+    """Where each joint moves"""
+    residual_moving_total: float | None
     residual_total: float | None
     rung: int
     """Number of the step, from 1 for the first model"""
     validation: list[float | None] | None
     """Relative held-out error per joint"""
+    validation_moving: list[float | None] | None
+    """Where each joint moves"""
+    validation_moving_total: float | None
     validation_total: float | None
 
 
@@ -278,6 +291,9 @@ class StepView(TypedDict):
     """A model between the parent and this one; it has one effect more than the model before it."""
 
     added: list[EffectChoice]
+    confirmed_by: list[Literal["moving", "reversing", "starting"]] | None
+    """Held-out rows on which what was added surely lowers the error: where joints move; at reversals and at starts of
+    its joints, where the effect claims to explain these; [] if none do; null if not judged"""
     n_parameters: int
     residual: ErrorsView
     validation: ErrorsView | None

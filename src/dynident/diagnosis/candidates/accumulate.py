@@ -22,7 +22,7 @@ from dynident.recordings.phases import Phase, compute_smear_width
 from dynident.regressors.filtered_rows import FilteredSamples, stream_filtered_samples
 from dynident.regressors.observation import Observation
 from dynident.regressors.qr_accumulation import choose_block_length, compute_used_duration
-from dynident.regressors.row_phases import RowPhases, find_joints_with_friction, shows_at_starts
+from dynident.regressors.row_phases import RowPhases, find_joints_with_friction, remembers_path, shows_at_starts
 
 MANY = 80
 """Stretches of a period, as of a short recording as a whole, where they are then long enough."""
@@ -411,7 +411,7 @@ def gather_products(
         done += compute_used_duration(recording)
     starts = shows_at_starts(observation)
     # Where a joint never sticks, what acts at low speeds shows at its reversals as well.
-    turns = _find_memory_columns(observation, signals) | (starts & free)
+    turns = remembers_path(observation, signals) | (starts & free)
     run = stretches.list_runs()
     (stacks, counts), turning, partial = collected.finish(len(run))
     position = tuple(_locate_columns(columns, observation.n_columns) for _, columns in layout)
@@ -424,13 +424,3 @@ def _locate_columns(columns: IndexArray, count: int) -> IndexArray:
     where = np.full(count, -1, dtype=np.intp)
     where[columns] = np.arange(len(columns))
     return where
-
-
-def _find_memory_columns(observation: Observation, signals: Signals) -> BoolArray:
-    """Return which columns are functions of a joint's path (columns, n)."""
-    has_memory = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
-    if observation.memory:
-        for k, column in enumerate(observation.columns):
-            for signal in signals.find_memory_signals(column.torque):
-                has_memory[k, list(observation.robot.get_position_movers(signal.joint))] = True
-    return has_memory

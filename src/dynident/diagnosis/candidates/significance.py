@@ -20,6 +20,7 @@ from dynident.diagnosis.candidates.scoring import Score
 from dynident.diagnosis.request import DEFAULT_SIGNIFICANCE
 from dynident.diagnosis.residuals.time_blocks import compute_median_error, compute_t
 from dynident.effects import CATALOGUE
+from dynident.estimation.errors import compute_evenness, compute_signed_roots
 
 DRAWS = 2000
 """Turns of the signs: a p of 0.01 is then known to within a fifth of itself."""
@@ -101,7 +102,7 @@ def _draw_signs(n_stretches: int) -> FloatArray:
 
 def _test_gains(gains: FloatArray, signs: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (c,): the share of draws in which any candidate gains as evenly; and the most even of each draw."""
-    values = _compute_signed_roots(gains)
+    values = compute_signed_roots(gains)
     n_stretches = values.shape[1]
     mean = signs @ values.T / n_stretches
     # Signs change the mean of the values and leave their squares: the variance follows without another product.
@@ -155,20 +156,6 @@ def standardise_size(squares: FloatArray, spread: FloatArray) -> FloatArray:
     mean = np.where(silent, 1.0, mean)
     freedom = np.where(silent, 1.0, mean**2 / np.where(silent, 1.0, (spread**2).sum(axis=(1, 2))))
     return np.asarray((np.cbrt(squares / mean) - (1.0 - 2.0 / (9.0 * freedom))) / np.sqrt(2.0 / (9.0 * freedom)))
-
-
-def compute_evenness(gains: FloatArray) -> FloatArray:
-    """Return (c,): t of the mean over the blocks of the signed roots of gains (c, s).
-
-    Of the roots, since a gain is a square: else one stretch that shows an effect well hides that the others do, too.
-    """
-    values = _compute_signed_roots(gains)
-    spread = values.std(axis=-1, ddof=1) / np.sqrt(values.shape[-1])
-    return np.asarray(np.divide(values.mean(axis=-1), spread, out=np.zeros_like(spread), where=spread > 0))
-
-
-def _compute_signed_roots(gains: FloatArray) -> FloatArray:
-    return np.asarray(np.sign(gains) * np.sqrt(np.abs(gains)))
 
 
 ALPHA = DEFAULT_SIGNIFICANCE

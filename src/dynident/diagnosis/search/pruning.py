@@ -12,7 +12,7 @@ from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, select_columns_on
 from dynident.diagnosis.candidates.products import can_leave_out_runs
 from dynident.diagnosis.candidates.scoring import compute_held_out_errors
-from dynident.diagnosis.candidates.significance import ScoredCandidate, compute_evenness
+from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.search.acceptance import (
     JOINT_DROP,
     JOINT_T,
@@ -25,14 +25,12 @@ from dynident.diagnosis.search.acceptance import (
 from dynident.diagnosis.search.physical_constraints import is_physically_possible
 from dynident.diagnosis.search.state import Finding, State, score_one
 from dynident.effects import get_effect
+from dynident.estimation.errors import compute_evenness
+from dynident.identification.study.held_out_gain import IN_PASSING
 
 _CHANCE = 3.5
 """t of a joint's larger error over the stretches of time from which on it is more than chance: of the some forty joints
 and findings that are looked at, one in fifty diagnoses would show it."""
-
-_IN_PASSING = 0.1
-"""Share of what a finding takes away in all that it may add on one joint: what sits on the wrong link helps most joints
-and disturbs another."""
 
 _NOTICED = 1.005
 """Times the error of a joint, or of all together, from which on anybody would notice that it grew."""
@@ -93,7 +91,7 @@ def _is_harmful(before: FloatArray, after: FloatArray) -> bool:
         return True
     # A joint is harmed where its error grows noticeably, by much of what the finding removes in all, and beyond chance.
     added = (after - before).sum(axis=0)
-    grown = (after.sum(axis=0) > _NOTICED**2 * before.sum(axis=0)) & (added > _IN_PASSING * removed)
+    grown = (after.sum(axis=0) > _NOTICED**2 * before.sum(axis=0)) & (added > IN_PASSING * removed)
     return bool((grown & (compute_evenness((after - before).T) >= _CHANCE)).any())
 
 

@@ -17,12 +17,13 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool_of_choices
 from dynident.diagnosis.candidates.scoring import compute_fitted_errors, score_candidates
-from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, compute_evenness, compute_single_p
+from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, compute_single_p
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.search.pruning import select_harmless
 from dynident.diagnosis.search.state import KINDS, Finding
 from dynident.effects import CATALOGUE, Effect, EffectChoice
 from dynident.errors import DynidentError
+from dynident.estimation.errors import compute_evenness
 from dynident.identification import Identification, extend
 from dynident.recordings import Recording
 from dynident.recordings.phases import Phase

@@ -200,16 +200,17 @@ def _warn_of_uncertain(estimate: Estimate) -> list[str]:
 
 
 def _warn_of_overfit(identification: Identification) -> list[str]:
-    if identification.held_out is None:
+    held_out, fit = identification.held_out_judged, identification.fit_judged
+    if held_out is None:
         return [
             "There is no validation data: the errors are those of the fit and make the model look better than it is. "
             "Give a recording that the fit does not use."
         ]
     # A model may fit noise as well. Held-out data show it, because their noise is another.
-    if identification.held_out.relative_total > OVERFIT * identification.fit.relative_total:
+    if held_out.relative_total > OVERFIT * fit.relative_total:
         return [
-            f"The error on validation data is {identification.held_out.relative_total:.1%}, but "
-            f"{identification.fit.relative_total:.1%} in the fit: the data do not determine the model, or the "
+            f"The error on validation data is {held_out.relative_total:.1%}, but "
+            f"{fit.relative_total:.1%} in the fit: the data do not determine the model, or the "
             "validation motion shows effects that the identification motion did not show."
         ]
     return []
@@ -413,8 +414,8 @@ def identify_model(
     data = ReducedData(
         training.equations,
         training.torque,
-        # Held-out errors count every row alike, so that they can be compared between models with other weights.
-        None if held_out is None else held_out.torque.with_fixed_weights,
+        # Nothing weights these rows: held-out errors count every row alike, in all models.
+        None if held_out is None else held_out.torque,
         None,
         preprocessing,
         tuple(recording.name for recording in recordings),

@@ -20,7 +20,7 @@ from dynident.blas_threads import single_threaded
 from dynident.effects import LINKS, EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, estimate_reversal_weights, weighted
-from dynident.estimation.least_squares import compute_fitted_errors
+from dynident.estimation.errors import compute_fitted_errors
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.checks import (

@@ -26,6 +26,7 @@ from dynident.estimation import (
     compute_moving_errors,
     compute_row_noise,
     count_effective_rows,
+    select_judged_errors,
 )
 from dynident.estimation.least_squares import floor_noise
 from dynident.estimation.uncertainty import find_prior_dominated
@@ -327,10 +328,11 @@ class Identification:
     in_memory: RowsInMemory = NONE_IN_MEMORY
 
     def __repr__(self) -> str:
-        held_out = "no held-out data" if self.held_out is None else f"held out {self.held_out.relative_total:.2%}"
+        judged = self.held_out_judged
+        held_out = "no held-out data" if judged is None else f"held out {judged.relative_total:.2%}"
         return (
             f"Identification({self.model.robot.name}: {self.model.n_parameters} base parameters, {self.choices.model} "
-            f"model, {self.choices.solver.name_with_options}; error of the fit {self.fit.relative_total:.2%}, "
+            f"model, {self.choices.solver.name_with_options}; error of the fit {self.fit_judged.relative_total:.2%}, "
             f"{held_out})"
         )
 
@@ -378,6 +380,24 @@ class Identification:
     def held_out_moving(self) -> Errors | None:
         """The errors on held-out data where each joint moves."""
         return None if self.data.held_out is None else compute_moving_errors(self.data.held_out, self.values)
+
+    @property
+    def fit_judged(self) -> Errors:
+        """The errors of the fit that models are judged and compared by: where each joint moves.
+
+        Where no joint moves at all, those of all rows.
+        """
+        return select_judged_errors(self.fit_moving, self.fit)
+
+    @property
+    def held_out_judged(self) -> Errors | None:
+        """The held-out errors that models are judged and compared by: where each joint moves.
+
+        Where no joint moves in the held-out data, those of all rows.
+        """
+        if self.held_out is None or self.held_out_moving is None:
+            return self.held_out
+        return select_judged_errors(self.held_out_moving, self.held_out)
 
     @property
     def converged(self) -> bool:

@@ -15,6 +15,7 @@ from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice, ReferenceParameters, Signals
 from dynident.errors import DynidentError
 from dynident.estimation import (
+    BlockRows,
     EquationFactors,
     Errors,
     PriorInformation,
@@ -49,7 +50,6 @@ from dynident.robot import Robot
 from dynident.robot.document import robot_from_document, robot_to_document
 from dynident.schema.registry import kind_to_document
 
-_FACTOR_KINDS = ("turning", "partial")
 _REST_FIELDS = ("upper", "lower", "y", "weights")
 
 
@@ -356,24 +356,28 @@ def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> N
 
 
 def _put_rest_rows(arrays: dict[str, Any], name: str, rest_rows: RestRows) -> None:
-    for kind in _FACTOR_KINDS:
-        rows: RowGroup | None = getattr(rest_rows, kind)
-        if rows is None:
-            continue
-        arrays[f"{name}_{kind}"] = rows.factor[*np.triu_indices(len(rows.factor))]
-        arrays[f"{name}_n_{kind}"] = np.array(rows.count)
+    if rest_rows.turning is not None:
+        factor = rest_rows.turning.factor
+        arrays[f"{name}_turning"] = factor[*np.triu_indices(len(factor))]
+        arrays[f"{name}_n_turning"] = np.array(rest_rows.turning.count)
+    arrays[f"{name}_starting_rows"] = rest_rows.starting.rows
+    arrays[f"{name}_starting_counts"] = rest_rows.starting.counts
     for part in _REST_FIELDS:
         arrays[f"{name}_{part}"] = getattr(rest_rows, part)
 
 
 def _read_rest_rows(arrays: Mapping[str, Any], name: str, size: int) -> RestRows | None:
-    if f"{name}_partial" not in arrays:
+    if f"{name}_starting_rows" in arrays:
+        starting = BlockRows(arrays[f"{name}_starting_rows"], arrays[f"{name}_starting_counts"])
+    elif f"{name}_partial" in arrays:  # of formats up to 3, which did not keep these rows by blocks of time
+        partial = _read_factor(arrays, f"{name}_partial", f"{name}_n_partial", size)
+        starting = BlockRows(partial.factor[None], np.array([partial.count]))
+    else:
         return None
-    partial = _read_factor(arrays, f"{name}_partial", f"{name}_n_partial", size)
     turning = None
-    if f"{name}_turning" in arrays:  # of data that is not weighed, or of a version that kept these rows twice
+    if f"{name}_turning" in arrays:  # of formats up to 3, in data that is not weighted
         turning = _read_factor(arrays, f"{name}_turning", f"{name}_n_turning", size)
-    return RestRows(turning, partial, *(arrays[f"{name}_{part}"] for part in _REST_FIELDS))
+    return RestRows(turning, starting, *(arrays[f"{name}_{part}"] for part in _REST_FIELDS))
 
 
 def _read_factor(arrays: Mapping[str, Any], factor: str, count: str, size: int) -> RowGroup:
@@ -396,7 +400,7 @@ def _read_equation(arrays: Mapping[str, Any], name: str) -> EquationFactors:
     if f"{name}_turned_rows" not in arrays:  # of a version that did not tell them apart
         return EquationFactors(columns, factors, counts, rest_rows)
     rows, own = arrays[f"{name}_turned_rows"], arrays[f"{name}_turned_counts"]
-    turned = ReversalRows(factors, rows, own, float(arrays[f"{name}_turned_weight"]))
+    turned = ReversalRows(rows, own, factors, float(arrays[f"{name}_turned_weight"]))
     return EquationFactors(columns, turned.weighted_factors, counts, rest_rows, turned)
 
 

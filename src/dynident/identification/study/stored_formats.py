@@ -7,6 +7,8 @@ Format 2
     All models of the ladder side by side, factors without their zeros, base parameters as they were determined.
 Format 3
     As 2; an equation may have rows at rest, beside halts and at reversals apart.
+Format 4
+    As 3; rows beside halts are kept by blocks of time, and so are the reversals of held-out data.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from dynident.errors import DynidentError
 from dynident.regressors.model import Model
 
 NAME = "dynident identification"
-PRESENT = 3
+PRESENT = 4
 Arrays = dict[str, NDArray[np.generic]]
 
 

@@ -25,7 +25,7 @@ _NEAR_THE_AXIS = 0.12
 
 
 def draw_models(models: Sequence[Identification], floor: FloatArray | None = None) -> Markup:
-    """Draw the errors of a ladder of models, held-out ones where every model has them.
+    """Draw the errors of a ladder of models where joints move, held-out ones where every model has them.
 
     Parameters
     ----------
@@ -39,12 +39,12 @@ def draw_models(models: Sequence[Identification], floor: FloatArray | None = Non
     Markup
         An inline SVG.
     """
-    held_out_errors = [model.held_out for model in models if model.held_out is not None]
+    held_out_errors = [model.held_out_judged for model in models if model.held_out_judged is not None]
     held_out = held_out_errors if len(held_out_errors) == len(models) else None
     return draw_ladder(
-        [model.fit.relative_total for model in models],
+        [model.fit_judged.relative_total for model in models],
         [item.relative_total for item in held_out] if held_out else None,
-        [item.relative for item in held_out or [model.fit for model in models]],
+        [item.relative for item in held_out or [model.fit_judged for model in models]],
         floor,
         models[-1].model.robot.joint_names,
     )

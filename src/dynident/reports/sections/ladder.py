@@ -23,7 +23,7 @@ from dynident.robot import Robot
 
 @dataclass(frozen=True)
 class StepRow:
-    """One model of the ladder."""
+    """One model of the ladder, with its errors where joints move, and on all rows of the held-out data."""
 
     number: int
     changes: tuple[str, ...]
@@ -32,7 +32,7 @@ class StepRow:
     fit_text: str
     held_out: float | None
     held_out_text: str
-    moving_text: str
+    all_rows_text: str
     mark: str
 
 
@@ -75,9 +75,9 @@ def build_ladder_section(identification: Identification, diagnosis: Diagnosis | 
     """
     models = list(identification.ladder())
     # Held-out errors are comparable along the ladder only where every model has one.
-    held_out_errors = [model.held_out for model in models if model.held_out is not None]
+    held_out_errors = [model.held_out_judged for model in models if model.held_out_judged is not None]
     held_out = held_out_errors if len(held_out_errors) == len(models) else None
-    errors = held_out or [model.fit for model in models]
+    errors = held_out or [model.fit_judged for model in models]
     floor = _compute_relative_floor(diagnosis, errors[-1])
     names = identification.model.robot.joint_names
     best = find_best_step(models)
@@ -93,7 +93,7 @@ def build_ladder_section(identification: Identification, diagnosis: Diagnosis | 
 
 
 def _build_step_row(index: int, model: Identification, mark: str) -> StepRow:
-    held_out = model.held_out.relative_total if model.held_out is not None else None
+    held_out = model.held_out_judged.relative_total if model.held_out_judged is not None else None
     robot = model.model.robot
     changes = tuple(_format_choice(choice, robot) for choice in model.step.added)
     changes += tuple(f"without {_format_choice(choice, robot)}" for choice in model.step.removed)
@@ -101,11 +101,11 @@ def _build_step_row(index: int, model: Identification, mark: str) -> StepRow:
         index + 1,
         changes,
         model.model.n_parameters,
-        model.fit.relative_total,
-        format_percent(model.fit.relative_total),
+        model.fit_judged.relative_total,
+        format_percent(model.fit_judged.relative_total),
         held_out,
         format_percent(held_out),
-        format_percent(model.held_out_moving.relative_total) if model.held_out_moving is not None else "–",
+        format_percent(model.held_out.relative_total) if model.held_out is not None else "–",
         mark,
     )
 

@@ -135,15 +135,15 @@ def is_recommendation_added(identification: Identification, diagnosis: Diagnosis
 
 
 def _build_figures(identification: Identification) -> tuple[Figure, ...]:
-    held_out = identification.held_out
+    held_out = identification.held_out_judged
     good = sum(parameter.well_identified for parameter in identification.parameters)
     figures = []
     if held_out is not None:
-        figures.append(
-            Figure("held-out error", format_percent(held_out.relative_total), "relative, all joints; held-out data")
-        )
+        figures.append(Figure("held-out error", format_percent(held_out.relative_total), "relative, where joints move"))
     figures += [
-        Figure("error of the fit", format_percent(identification.fit.relative_total), "relative, all joints"),
+        Figure(
+            "error of the fit", format_percent(identification.fit_judged.relative_total), "relative, where joints move"
+        ),
         Figure(
             "base parameters",
             str(identification.model.n_parameters),

@@ -3,6 +3,11 @@
 import { figures, h, jointButton, listed, numeric, put, right, section } from "./dom.js";
 import { number, percent, quantity } from "./format.js";
 
+/** The errors that models are judged and compared by: where joints move; on all rows where none does, or nobody knows. */
+export function judged(errors) {
+  return errors.moving && errors.moving.relative_total !== null ? errors.moving : errors;
+}
+
 /** A table of errors that follows the diagnosis, for the noise floor, and the joint that is chosen. */
 export function errorsSection(model) {
   const body = h("div");

@@ -2,6 +2,7 @@
 
 import { choiceInWords } from "./catalogue.js";
 import { figures, h, listed, numeric, put, right, unseen } from "./dom.js";
+import { judged } from "./errors.js";
 import { percent } from "./format.js";
 import { totalsFigure } from "./ladder_figures.js";
 import { address } from "./location.js";
@@ -16,8 +17,8 @@ export function ladderSection(model, signal) {
   if (model.rungs.length < 2) return h("section", { "aria-label": "Ladders" }, twoLadders(model, signal));
   const rungs = model.rungs.filter((one) => one.residual);
   const heldOut = rungs.every((one) => one.validation);
-  const errors = rungs.map((one) => (heldOut ? one.validation : one.residual));
-  const kind = heldOut ? "held out" : "fit";
+  const errors = rungs.map((one) => judged(heldOut ? one.validation : one.residual));
+  const kind = `${heldOut ? "held out" : "fit"}, where it moves`;
   return h("section", { "aria-labelledby": "ladder-title" },
     h("h2", { id: "ladder-title", tabindex: "-1" }, "Ladder"),
     h("p", { class: isBetter(worseIn(model)) ? "box good" : "box warning", id: "step" }, stepInWords(model)),
@@ -39,18 +40,24 @@ function lastStep(model) {
 export function stepInWords(model) {
   const { before, after } = lastStep(model);
   const names = (list) => list.map((one) => choiceInWords(model.effects, one, model.joints)).join("; ");
-  const change = (name, from, to) => `${name} ${percent(from.relative_total)} → ${percent(to.relative_total)}`;
+  const change = (name, from, to) => `${name} ${percent(judged(from).relative_total)} → ${percent(judged(to).relative_total)}`;
   const parts = [change("error of the fit", before.residual, after.residual)];
   if (before.validation && after.validation) parts.unshift(change("held-out error", before.validation, after.validation));
   const worse = worseIn(model);
   const where = worse.joints.length ? ` Worse than before on ${worse.joints.join(", ")}: see the table per joint before you keep it.` : "";
   if (after.removed.length) {
     const loss = worse.total ? " The error is larger without it." : worse.joints.length ? "" : " The model does not need it.";
-    return `Removed ${names(after.removed)}: ${parts.join(", ")}.${loss}${where}`;
+    return `Removed ${names(after.removed)}: where joints move, ${parts.join(", ")}.${loss}${where}`;
   }
   const unseen = before.validation && after.validation ? " on data that the fit has not seen" : "";
   const advice = worse.total ? ` It did not help${unseen}: consider removing it.` : "";
-  return `Added ${names(after.added)}: ${parts.join(", ")}.${advice}${where}`;
+  return `Added ${names(after.added)}: where joints move, ${parts.join(", ")}.${confirmedInWords(after)}${advice}${where}`;
+}
+
+/** What confirms an effect besides the rows where joints move. */
+function confirmedInWords({ confirmed_by: rows }) {
+  const words = (rows ?? []).filter((one) => one !== "moving").map((one) => (one === "reversing" ? "at reversals" : "at starts"));
+  return words.length ? ` Held-out data confirm it ${words.join(" and ")}.` : "";
 }
 
 function worseIn(model) {
@@ -71,9 +78,9 @@ function rungTable(model, rungs, heldOut, signal) {
     ["model", linkOf],
     ["change", (one) => changeOf(model, one)],
     [right("base parameters"), (one) => numeric(String(one.n_parameters))],
-    figures("fit (%)", (one) => one.residual.relative_total, (value) => percent(value)),
-    heldOut && figures("held out (%)", (one) => one.validation.relative_total, (value) => percent(value)),
-    heldOut && figures("held out, moving (%)", (one) => one.validation.moving?.relative_total ?? null, (value) => percent(value)),
+    figures("fit, moving (%)", (one) => judged(one.residual).relative_total, (value) => percent(value)),
+    heldOut && figures("held out, moving (%)", (one) => judged(one.validation).relative_total, (value) => percent(value)),
+    heldOut && figures("held out, all rows (%)", (one) => one.validation.relative_total, (value) => percent(value)),
     heldOut && [unseen("the best"), markOf],
     ["", (one) => removeButton(model, one, signal)],
   ];

@@ -3,6 +3,7 @@
 import { get } from "./api.js";
 import { catalogue, titleOf } from "./catalogue.js";
 import { h, put } from "./dom.js";
+import { judged } from "./errors.js";
 import { moment, percent } from "./format.js";
 import { MODEL_JOBS, onJobs } from "./jobs.js";
 import { address } from "./location.js";
@@ -81,8 +82,8 @@ export class ModelList {
 }
 
 function errorsOf({ residual, validation }) {
-  const heldOut = validation ? [h("b", {}, percent(validation.relative_total)), " held out, "] : null;
-  return h("span", {}, heldOut, percent(residual.relative_total), " fit");
+  const heldOut = validation ? [h("b", {}, percent(judged(validation).relative_total)), " held out, "] : null;
+  return h("span", {}, heldOut, percent(judged(residual).relative_total), " fit");
 }
 
 function stateInWords(model) {

@@ -5,7 +5,7 @@ import { choiceInWords, placeOf, titleOf } from "./catalogue.js";
 import { announce, h, put, tiles } from "./dom.js";
 import { dataSection } from "./data.js";
 import { daysSection } from "./days.js";
-import { errorsSection } from "./errors.js";
+import { errorsSection, judged } from "./errors.js";
 import { exportLinks } from "./exports.js";
 import { failureSection } from "./failure.js";
 import { counted, moment, number, percent, quantity } from "./format.js";
@@ -105,8 +105,8 @@ function header(model, ways) {
 function figures({ result }) {
   const { residual, validation } = result;
   return tiles([
-    ["held-out error", percent(validation?.relative_total), validation ? "all joints" : "no validation data", "tile-held_out"],
-    ["error of the fit", percent(residual.relative_total), "all joints", "tile-fit"],
+    ["held-out error", percent(validation && judged(validation).relative_total), validation ? "where joints move" : "no validation data", "tile-held_out"],
+    ["error of the fit", percent(judged(residual).relative_total), "where joints move", "tile-fit"],
     ["base parameters", String(result.parameters.length), `${result.parameters.filter((one) => one.well_identified).length} determined by the data`],
     ["condition number of W", number(result.condition_number), counted(result.n_equations, "equation")],
   ]);

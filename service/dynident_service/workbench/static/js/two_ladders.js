@@ -3,6 +3,7 @@
 import { get, lastAsked } from "./api.js";
 import { choiceInWords } from "./catalogue.js";
 import { field, h, numeric, put, right, row, select, table } from "./dom.js";
+import { judged } from "./errors.js";
 import { moment, number } from "./format.js";
 import { laddersFigure } from "./ladder_figures.js";
 import { address } from "./location.js";
@@ -48,7 +49,7 @@ function shown(model, found) {
   const [own, other] = [found.items, found.against];
   const heldOut = [...own, ...other].every((one) => one.validation);
   const kind = heldOut ? "validation" : "residual";
-  const totals = (rungs) => rungs.filter((one) => one[kind]).map((one) => one[kind].relative_total);
+  const totals = (rungs) => rungs.filter((one) => one[kind]).map((one) => judged(one[kind]).relative_total);
   return [
     found.same_data ? null : h("p", { class: "box warning" }, "Not all of these models use the same measurements, so their errors are not comparable."),
     both(totals(own), totals(other), heldOut),
@@ -61,7 +62,7 @@ function both(own, other, heldOut) {
     { name: "this ladder", css: "held-out", marker: "square", values: own },
     { name: "the other", css: "fit", marker: "circle", values: other },
   ];
-  const label = heldOut ? "Held-out relative error, all joints (%)" : "Relative error of the fit, all joints (%)";
+  const label = heldOut ? "Held-out relative error where joints move (%)" : "Relative error of the fit where joints move (%)";
   return laddersFigure(label, 560, lines, (line, k) => {
     if (line.values === own) return { dx: 10, dy: 4, anchor: "start" };
     // Where both ladders have the same model its figure stands once.
@@ -73,12 +74,14 @@ function differences(model, found, kind) {
   const head = ["model", "this ladder", "the other", right("difference (points)"), ...model.joints.map((joint) => ({ text: joint, class: "n" }))];
   const rows = found.differences.map((one, k) => {
     const link = (rung) => (rung ? (rung.part_of ? changeOf(model, rung) : h("a", { href: address({ identification: rung.id, tab: "missing" }) }, changeOf(model, rung))) : "–");
-    const total = one[`${kind}_total`];
-    const joints = one[kind] ?? model.joints.map(() => null);
+    // Where no joint moves, as in poses at rest, all rows count.
+    const rows = one[`${kind}_moving_total`] === null ? kind : `${kind}_moving`;
+    const total = one[`${rows}_total`];
+    const joints = one[rows] ?? model.joints.map(() => null);
     return row([`${one.rung}`, link(found.items[k]), link(found.against[k]), points(total), ...joints.map(points)], { class: one.id === found.common_ancestor && one.id === one.against_id ? "total" : null });
   });
   return [
-    table(`Difference of the relative errors, ${kind === "validation" ? "held out" : "fit"}, in percentage points`, head, rows, { id: "ladder-differences" }),
+    table(`Difference of the relative errors where joints move, ${kind === "validation" ? "held out" : "fit"}, in percentage points`, head, rows, { id: "ladder-differences" }),
     h("p", { class: "note" }, "Below zero: this ladder is better."),
   ];
 }

@@ -3,6 +3,7 @@
 import { get } from "../api.js";
 import { catalogue, titleOf } from "../catalogue.js";
 import { h } from "../dom.js";
+import { judged } from "../errors.js";
 import { percent } from "../format.js";
 import { MODEL_JOBS } from "../jobs.js";
 import { address, go } from "../location.js";
@@ -40,8 +41,8 @@ export async function page(target, wanted, signal) {
       plainColumn("robot", "robot", (one) => robots.get(one.robot_id) ?? ""),
       dateColumn(),
       plainColumn("effects", "effects", (one) => effectsOf(one, effects)),
-      { id: "error", name: "held-out error", right: true, value: (one) => one.result?.validation?.relative_total ?? null, text: () => "", cell: (one) => errorOf(one) },
-      figureColumn("fit", "error of the fit", (one) => one.result?.residual.relative_total ?? null, percent),
+      { id: "error", name: "held-out error", right: true, value: (one) => (one.result?.validation ? judged(one.result.validation).relative_total : null), text: () => "", cell: (one) => errorOf(one) },
+      figureColumn("fit", "error of the fit", (one) => (one.result ? judged(one.result.residual).relative_total : null), percent),
       tags,
       { id: "verdict", name: "verdict", value: (one) => verdicts.get(one.id)?.words ?? "", cell: (one) => verdictOf(one, table) },
       change,
@@ -83,7 +84,9 @@ function effectsOf(model, effects) {
 
 function errorOf({ result }) {
   if (!result) return "–";
-  return result.validation ? h("data", { value: result.validation.relative_total }, percent(result.validation.relative_total)) : "no data held out";
+  if (!result.validation) return "no data held out";
+  const { relative_total: total } = judged(result.validation);
+  return h("data", { value: total }, percent(total));
 }
 
 function verdictInWords(found) {

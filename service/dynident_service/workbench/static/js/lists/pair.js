@@ -3,6 +3,7 @@
 import { get } from "../api.js";
 import { catalogue, choiceInWords } from "../catalogue.js";
 import { h, numeric, part, put, right, row, table } from "../dom.js";
+import { judged } from "../errors.js";
 import { exportLinks } from "../exports.js";
 import { interval, moment, number, percent, quantity } from "../format.js";
 import { address } from "../location.js";
@@ -52,13 +53,14 @@ function listed(model, which) {
 
 function errors(models, names) {
   const joints = [...new Set(models.flatMap((one) => one.result.joints))];
-  const of = (model, kind, joint) => model.result[kind]?.relative[model.result.joints.indexOf(joint)] ?? null;
-  const rows = [...joints.map((joint) => [joint, (model, kind) => of(model, kind, joint)]), ["all joints", (model, kind) => model.result[kind]?.relative_total ?? null]].map(([name, value]) => {
+  const errorsOf = (model, kind) => (model.result[kind] ? judged(model.result[kind]) : null);
+  const of = (model, kind, joint) => errorsOf(model, kind)?.relative[model.result.joints.indexOf(joint)] ?? null;
+  const rows = [...joints.map((joint) => [joint, (model, kind) => of(model, kind, joint)]), ["all joints", (model, kind) => errorsOf(model, kind)?.relative_total ?? null]].map(([name, value]) => {
     const four = ["validation", "residual"].map((kind) => models.map((one) => value(one, kind)));
     return row([name, ...four.flatMap(([one, other]) => [numeric(percent(one), one), numeric(percent(other), other), { class: "n", text: change(one, other) }])], name === "all joints" ? { class: "total" } : {});
   });
   const head = ["joint", ...["held out", "fit"].flatMap((kind) => [right(`${names[0]}, ${kind}`), right(`${names[1]}, ${kind}`), right("second over first")])];
-  return part("Errors", table("Relative errors by joint", head, rows, { id: "pair-errors" }));
+  return part("Errors", table("Relative errors where joints move, by joint", head, rows, { id: "pair-errors" }));
 }
 
 function change(one, other) {
