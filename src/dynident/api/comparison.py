@@ -9,7 +9,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.api.data_frames import Columns, Framed
+from dynident.api.data_frames import Framed, Table
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
@@ -56,8 +56,8 @@ class ComparedRecording(Framed):
         """The name of the recording."""
         return self.recording.name
 
-    def _columns(self) -> Columns:
-        return Columns(self._build_arrays())
+    def _columns(self) -> Table:
+        return Table(self._build_arrays())
 
     def plot(self, joints: Sequence[str] = ()) -> Figure:
         """Draw measured and predicted torque, and the residual, over time.
@@ -168,7 +168,7 @@ class Comparisons(Sequence[ComparedRecording], Framed):
     model: Model
     items: tuple[ComparedRecording, ...]
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         arrays = [item._build_arrays() for item in self.items]
         counts = [len(recording_arrays["t"]) for recording_arrays in arrays]
         columns: dict[str, NDArray[np.generic]] = {"recording": np.repeat([item.name for item in self.items], counts)}
@@ -176,7 +176,7 @@ class Comparisons(Sequence[ComparedRecording], Framed):
             name: np.concatenate([recording_arrays[name] for recording_arrays in arrays])
             for name in (arrays[0] if arrays else ())
         }
-        return Columns(columns)
+        return Table(columns)
 
     def plot(self, joints: Sequence[str] = ()) -> Figure:
         """Draw all of them, one below the other.
@@ -198,8 +198,8 @@ class Comparisons(Sequence[ComparedRecording], Framed):
         """
         # One <svg> per recording, each under the recording's name.
         names = [item.name for item in self.items]
-        svgs = [item.plot(joints).svg for item in self.items]
-        return join_figures(svgs, f"measured and predicted torque of {', '.join(names)}", names)
+        parts = [item.plot(joints) for item in self.items]
+        return join_figures(parts, f"measured and predicted torque of {', '.join(names)}", names)
 
     def __len__(self) -> int:
         return len(self.items)

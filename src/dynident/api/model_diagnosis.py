@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment, advise
-from dynident.api.data_frames import Columns, Framed, build_columns
+from dynident.api.data_frames import Framed, Table, build_columns
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
@@ -97,7 +97,7 @@ class DiagnosedModel(Framed):
         significant = [candidate for candidate in self.candidates if candidate.significant]
         return evidence(self.model.identification, significant, self.recordings.recordings)
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         return build_columns(_FRAME_COLUMNS, [self._build_frame_row(candidate) for candidate in self.candidates])
 
     def plot(self) -> Figure:

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import re
-import tempfile
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import TypedDict, Unpack
 
+from dynident.api.recording_sources import RecordingData, SourceFile, TemporaryFile, open_recording_source
 from dynident.api.recordings import CheckedRecording, Recordings, RecordingSource
 from dynident.api.robot_files import DriveGains, set_drive_gains
 from dynident.errors import DynidentError
 from dynident.identification.column_inference import Guess, Inspection, Question, inspect_file
 from dynident.identification.robot_recordings import MOST_CURES, import_cured
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
+from dynident.recordings import Check, RecordingError, RecordingMetadata, Revision
 from dynident.recordings.metadata import RevisionFields
 from dynident.recordings.recording_files import check_readable_path, make_unique_names
 from dynident.robot import Robot
@@ -153,8 +152,9 @@ _REWORDINGS = (
 
 
 def read_recordings(
-    *paths: str | Path | tuple[str | Path, ...],
+    *sources: RecordingData,
     robot: Robot,
+    names: str | Sequence[str] = (),
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     windows: Sequence[tuple[float, float]] = (),
@@ -163,7 +163,7 @@ def read_recordings(
     cure: bool = False,
     progress: Progress = ignore_progress,
 ) -> Recordings:
-    """Read files of recordings, and check them for common faults.
+    """Read recordings from files, data frames or arrays, and check them for common faults.
 
     Files hold the columns `t`, `q1`, … (or `q_<joint>`, …) and `tau1`, … or `current1`, …; see docs/my-robot.md. The
     arguments apply to all files of a call: read files that differ by a call each, and join the results with +.
@@ -174,11 +174,14 @@ def read_recordings(
 
     Parameters
     ----------
-    *paths : path, or several
-        Each recording gets the name of its file, without the ending. Files that are one recording are given as a tuple:
-        ("q.csv", "dq.csv", "tau.csv").
+    *sources : paths, data frames or dictionaries
+        One recording each. Files that are one recording are given as a tuple: ("q.csv", "dq.csv", "tau.csv"). A data
+        frame (pandas, polars, Arrow) has the columns of a file. A dictionary may also hold signals of all joints as
+        arrays (m, n), and a sampling period instead of times: {"dt": 0.001, "q": q, "tau": tau}.
     robot : Robot
         The columns are of its joints; its limits are checked against, and its drive gains turn currents into torques.
+    names : sequence of str, optional
+        A name for each recording; by default those of the files without their endings, "recording" of other data.
     columns : mapping of our name to the file's
         Such as {"q1": "shoulder_angle", "tau1": "torque_a"}.
     units : mapping of a kind of signal, or of one column, to its unit
@@ -208,9 +211,10 @@ def read_recordings(
     RecordingError
         Where files cannot be used: one error for all of them, with all findings in its text and `checks`.
     """
-    files = [check_readable_path(path) for path in paths]
-    if not files:
+    if not sources:
         raise DynidentError("give at least one file to read", title="No such file")
+    files = [open_recording_source(source, robot) for source in sources]
+    recording_names = _choose_names(files, names)
     machine = robot if drive_gains is None else set_drive_gains(robot, drive_gains)
     stated = metadata or RecordingMetadata()
     if columns is not None:
@@ -220,21 +224,34 @@ def read_recordings(
     if windows:
         stated = replace(stated, windows=tuple((float(start), float(end)) for start, end in windows))
     recordings: list[CheckedRecording] = []
-    failures: list[tuple[Path, RecordingError]] = []
-    for index, (path, name) in enumerate(zip(files, make_unique_names(files), strict=True)):
+    failures: list[tuple[str, RecordingError]] = []
+    for index, (file, name) in enumerate(zip(files, recording_names, strict=True)):
         share = scale_progress(progress, index / len(files), (index + 1) / len(files))
+        own = replace(stated, name=name, rate=file.rate or stated.rate)
         try:
-            recordings.append(_read_recording(path, machine, replace(stated, name=name), cure=cure, progress=share))
+            recordings.append(_read_recording(file, machine, own, cure=cure, progress=share))
         # All files are read before the error is raised, so that one attempt reports what is wrong with every file.
         except RecordingError as error:
-            failures.append((path, error))
+            failures.append((name if file.owner else file.path.name, error))
     if failures:
         raise _join_errors(failures, len(files)) from failures[0][1]
     return Recordings(tuple(recordings))
 
 
+def _choose_names(files: Sequence[SourceFile], names: str | Sequence[str]) -> list[str]:
+    stated = [names] if isinstance(names, str) else [str(name) for name in names]
+    if not stated:
+        return make_unique_names([Path(file.name) for file in files])
+    if len(stated) != len(files) or len(set(stated)) != len(stated):
+        raise DynidentError(
+            f"{len(stated)} names ({', '.join(stated)}) for {len(files)} recordings; give a different name for each",
+            pointer="names",
+        )
+    return stated
+
+
 def _read_recording(
-    path: Path,
+    file: SourceFile,
     robot: Robot,
     metadata: RecordingMetadata,
     *,
@@ -242,19 +259,14 @@ def _read_recording(
     edits: tuple[Revision, ...] = (),
     progress: Progress = ignore_progress,
 ) -> CheckedRecording:
-    # Only the name is wanted: the importer writes the file by itself, and Windows cannot open a file twice.
-    with tempfile.NamedTemporaryFile(dir=_temporary_folder().name, suffix=".parquet", delete=False) as file:
-        destination = Path(file.name)
-    try:
-        read = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
-    # An interrupt counts, too: a half-written file of some gigabytes must not stay behind.
-    except BaseException:
-        destination.unlink(missing_ok=True)
-        raise
-    _remove_when_unused(read.recording, destination)
+    destination = TemporaryFile()
+    read = import_cured(robot, file.path, destination.path, metadata, progress, most=MOST_CURES if cure else 0)
+    # Copies of a recording (other windows, another name) share its source, so the source decides how long the file is
+    # needed.
+    weakref.finalize(read.recording.source, _let_go, destination)
     checks = tuple(replace(check, detail=_reword(check.detail)) for check in read.checks)
     return CheckedRecording(
-        read.recording, checks, robot, RecordingSource(path, read.metadata, (*edits, *read.revisions))
+        read.recording, checks, robot, RecordingSource(file.path, read.metadata, (*edits, *read.revisions), file.owner)
     )
 
 
@@ -304,29 +316,22 @@ def revise(
     # A revised recording stands beside the first one in tables: it needs a name of its own.
     if revision.name is None:
         revised = replace(revised, name=f"{source.metadata.name} r{len(edits)}")
-    return _read_recording(source.path, recording.robot, revised, edits=edits)
+    file = SourceFile(source.path, source.metadata.name, owner=source.owner)
+    return _read_recording(file, recording.robot, revised, edits=edits)
 
 
-@cache
-def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
-    """Return this process's folder for checked recordings, which is removed when the process ends."""
-    return tempfile.TemporaryDirectory(prefix="dynident-", ignore_cleanup_errors=True)
+def _let_go(_: TemporaryFile) -> None:
+    """Drop the last reference to a temporary file."""
 
 
-def _remove_when_unused(recording: Recording, path: Path) -> None:
-    # Copies of a recording (other windows, another name) share its source, so the source decides how long the file
-    # is needed.
-    weakref.finalize(recording.source, path.unlink, missing_ok=True)
-
-
-def _join_errors(failures: Sequence[tuple[Path, RecordingError]], n_files: int) -> RecordingError:
+def _join_errors(failures: Sequence[tuple[str, RecordingError]], n_files: int) -> RecordingError:
     """Join the errors of all files that cannot be used to one, with every blocking finding in it."""
     texts, checks = [], list[Check]()
-    for path, error in failures:
+    for name, error in failures:
         # The error's text quotes the first failed check already; only the others are added.
         own = [check for check in error.checks if check.status == "error" and check.detail not in error.detail]
         further = [f"\n    also {check.name.replace('_', ' ')}: {_reword(check.detail)}" for check in own]
-        texts.append(f"{path.name}: {_reword(error.detail)}{''.join(further)}")
+        texts.append(f"{name}: {_reword(error.detail)}{''.join(further)}")
         checks += error.checks
     _, first = failures[0]
     if len(failures) == 1:

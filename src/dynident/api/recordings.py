@@ -11,7 +11,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.api.data_frames import Columns, Framed
+from dynident.api.data_frames import Framed, Table
 from dynident.api.figure import Figure, join_figures
 from dynident.errors import DynidentError
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
@@ -37,11 +37,14 @@ class RecordingSource:
         How the file was read at last, with all changes.
     edits : tuple of Revision
         The changes of the metadata since the first reading, in their order.
+    owner : object
+        Keeps the temporary file of a recording that was given as data; None for a user's file.
     """
 
     path: Path
     metadata: RecordingMetadata
     edits: tuple[Revision, ...] = ()
+    owner: object = None
 
     @property
     def sha256(self) -> str:
@@ -100,9 +103,9 @@ class CheckedRecording(Framed):
         """
         Recordings((self,)).save(folder)
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         samples = self._read_samples()
-        return Columns(samples.columns, samples.units)
+        return Table(samples.columns, samples.units)
 
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time.
@@ -195,7 +198,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
             shutil.copyfile(item.recording.path, unfinished)
             unfinished.replace(destination)
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         # The stored samples, not the filtered ones: a frame is for looking at the data themselves.
         samples = [item._read_samples() for item in self.items]
         counts = [len(recording_samples.columns["t"]) for recording_samples in samples]
@@ -208,7 +211,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
                 for recording_samples, m in zip(samples, counts, strict=True)
             ]
             columns[name] = np.concatenate(parts)
-        return Columns(
+        return Table(
             columns, {name: unit for recording_samples in samples for name, unit in recording_samples.units.items()}
         )
 
@@ -227,8 +230,8 @@ class Recordings(Sequence[CheckedRecording], Framed):
         """
         if not self.items:
             raise DynidentError("nothing to draw: there are no recordings")
-        svgs = [item.plot().svg for item in self.items]
-        return join_figures(svgs, f"recordings {', '.join(self.names)}", self.names)
+        parts = [item.plot() for item in self.items]
+        return join_figures(parts, f"recordings {', '.join(self.names)}", self.names)
 
     def __len__(self) -> int:
         return len(self.items)

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-from dynident.api.figure import check_folder_exists
+from dynident.api.figure import check_ending
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.model_validation import Validations
 from dynident.api.motion_design import DesignedMotion
 from dynident.diagnosis import compare
 from dynident.encoding import encode_text
-from dynident.errors import DynidentError
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.reports import ReportedRecording, ReportedValidation
 
@@ -48,12 +47,8 @@ class Report:
         DynidentError
             For another ending than .html or .pdf, or a folder that does not exist.
         """
-        path = Path(path)
-        if path.suffix not in _ENDINGS:
-            detail = f"cannot write {path.name}; the file name must end in .html or .pdf"
-            raise DynidentError(detail, pointer=str(path))
-        check_folder_exists(path)
-        if path.suffix == ".pdf":
+        path = check_ending(path, _ENDINGS)
+        if path.suffix.lower() == ".pdf":
             from dynident.reports import render_pdf
 
             path.write_bytes(render_pdf(self.html))

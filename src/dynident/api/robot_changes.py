@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, overload
 
 from dynident.advice import AdvisedDiagnosis, advise
-from dynident.api.data_frames import Columns, Framed, build_columns
+from dynident.api.data_frames import Framed, Table, build_columns
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import check_not_empty
@@ -88,7 +88,7 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         """
         return _extend_series(self.model, self.measure, self.days, days, progress)
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         rows = [
             (track.parameter, track.effect, track.joint, track.unit, day, track.values[k], *track.intervals[k])
             for track in self.series.courses
@@ -259,7 +259,7 @@ class Changes(Sequence[Change], Framed):
         """The changes, each with its values, intervals and evidence."""
         return self.diagnosis.changes or ()
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         rows = [
             (
                 change.choice.effect,

@@ -98,6 +98,32 @@ class Catalogue(Mapping[str, Effect]):
             self._effects.clear()
             self._effects.update(before)
 
+    def add(self, effect: Effect) -> None:
+        """Add an effect until this process ends, or replace one of the same id that was added so.
+
+        Parameters
+        ----------
+        effect : Effect
+            The effect.
+
+        Raises
+        ------
+        DynidentError
+            Where an effect of the library or of an installed package has the same id.
+        """
+        if effect.id in self._effects and effect.id not in self._added:
+            raise DynidentError(
+                f"the id {effect.id!r} belongs to another effect, {self._effects[effect.id].title}; choose another id",
+                pointer="id",
+                title="Effect not registered",
+            )
+        self._effects[effect.id] = effect
+        self._added.add(effect.id)
+
+    @cached_property
+    def _added(self) -> set[str]:
+        return set()
+
     def __getitem__(self, identifier: str) -> Effect:
         return self._effects[identifier]
 
