@@ -36,6 +36,7 @@ def shown(
         "extended model": better,
         "ladder": better.ladder,
         "parameters": better.parameters,
+        "labelled values": better.params,
         "errors": better.errors,
         "diagnosis": found,
         "changes": dy.changes(better, before=runs, after=today),
@@ -60,6 +61,7 @@ THINGS = (
     "extended model",
     "ladder",
     "parameters",
+    "labelled values",
     "errors",
     "diagnosis",
     "changes",
@@ -280,5 +282,5 @@ def test_errors_tell_each_joint_where_it_moves_and_on_all_rows(better: dy.Model)
 
 
 def test_the_summary_is_a_few_sentences(better: dy.Model) -> None:
-    assert "on held-out data" in better.summary
-    assert "of 20 base parameters are determined" in better.summary
+    assert "held out" in better.summary()
+    assert "of 20 base parameters" in better.summary()

@@ -127,7 +127,7 @@ def join_figures(parts: Sequence[str | Figure], title: str, headings: Sequence[s
         if headings:
             top += _HEADING
             elements.append(
-                f'<text x="4" y="{top - 4:g}" font-family="sans-serif" font-size="9" font-weight="bold" '
+                f'<text x="4" y="{top - 4:g}" font-family="DejaVu Sans, sans-serif" font-size="9" font-weight="bold" '
                 f'fill="#333333">{escape(headings[k])}</text>'
             )
         # A nested <svg> needs a place and a size of its own; its viewBox still scales what is inside.

@@ -153,8 +153,8 @@ def _expand_columns(source: Mapping[str, Any], robot: Robot) -> tuple[dict[str, 
         if name in _KINDS:
             if array.ndim != 2 or array.shape[1] != robot.n:
                 raise DynidentError(
-                    f"{name} has the shape {array.shape}; give (m, {robot.n}): a row for each sample, a column for "
-                    f"each joint ({', '.join(robot.joint_names)})",
+                    f"{name} has the shape {array.shape}; give (m, {robot.n}): a row a sample and a column a "
+                    f"joint ({', '.join(robot.joint_names)})",
                     pointer=str(name),
                     title=_TITLE,
                 )
@@ -163,7 +163,7 @@ def _expand_columns(source: Mapping[str, Any], robot: Robot) -> tuple[dict[str, 
             columns[str(name)] = array
         else:
             raise DynidentError(
-                f"{name} has the shape {array.shape}; only {', '.join(_KINDS)} have a column for each joint, all others "
+                f"{name} has the shape {array.shape}; only {', '.join(_KINDS)} have a column a joint, all others "
                 "are (m,)",
                 pointer=str(name),
                 title=_TITLE,
