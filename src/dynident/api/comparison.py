@@ -9,6 +9,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.api.argument_checks import check_arguments
 from dynident.api.data_frames import Framed, Table
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
@@ -59,7 +60,7 @@ class ComparedRecording(Framed):
     def _columns(self) -> Table:
         return Table(self._build_arrays())
 
-    def plot(self, joints: Sequence[str] = ()) -> Figure:
+    def plot(self, joints: str | Sequence[str] = ()) -> Figure:
         """Draw measured and predicted torque, and the residual, over time.
 
         Parameters
@@ -80,6 +81,7 @@ class ComparedRecording(Framed):
         from dynident.reports.figures.signals import JOINTS_PER_FIGURE, draw_torque
 
         names = self.comparison.joint_names
+        joints = [joints] if isinstance(joints, str) else joints
         # A misspelt joint is refused: leaving it out would look as if all had been drawn.
         strangers = [name for name in joints if name not in names]
         if strangers:
@@ -178,7 +180,7 @@ class Comparisons(Sequence[ComparedRecording], Framed):
         }
         return Table(columns)
 
-    def plot(self, joints: Sequence[str] = ()) -> Figure:
+    def plot(self, joints: str | Sequence[str] = ()) -> Figure:
         """Draw all of them, one below the other.
 
         Parameters
@@ -230,6 +232,7 @@ class Comparisons(Sequence[ComparedRecording], Framed):
         return join_html(*(item._repr_html_() for item in self.items))
 
 
+@check_arguments
 def compare(
     model: Model | Identification,
     recordings: SomeRecordings,

@@ -9,6 +9,7 @@ from typing import overload
 
 import numpy as np
 
+from dynident.api.argument_checks import require
 from dynident.api.data_frames import Framed, Table, build_columns
 from dynident.api.effect_arguments import Addition, collect_added_effects, resolve_effects
 from dynident.api.figure import Figure, check_ending, join_figures
@@ -125,6 +126,12 @@ class Model(ModelResults):
         ModelVerdict
             Whether the model is fit for each use, why, and what to do next.
         """
+        require(
+            not isinstance(validations, str) and all(isinstance(item, Outcome) for item in validations),
+            validations,
+            "validations",
+            "give the results of dy.validate(model)",
+        )
         # Checks of the recordings can veto a verdict, however small the errors are.
         checks = {recording.name: recording.checks for recording in (*self.recordings, *self.validation)}
         return verdict(self.identification, self.recordings.recordings, self.validation.recordings, checks, validations)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment, advise
+from dynident.api.argument_checks import check_arguments
 from dynident.api.data_frames import Framed, Table, build_columns
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
@@ -168,11 +169,12 @@ class DiagnosedModel(Framed):
         )
 
 
+@check_arguments
 def diagnose(
     model: Model | Identification,
     recordings: SomeRecordings | None = None,
     *,
-    candidates: Sequence[str] | None = None,
+    candidates: str | Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     progress: Progress = ignore_progress,
 ) -> DiagnosedModel:
@@ -210,7 +212,7 @@ def diagnose(
     diagnosis = examine(
         desk_model.identification,
         checked_recordings.recordings,
-        candidates=candidates,
+        candidates=[candidates] if isinstance(candidates, str) else candidates,
         most_effects=most_effects,
         progress=progress,
     )

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from dynident.api.argument_checks import check_arguments, check_is_file, require
 from dynident.api.effect_arguments import check_effects, resolve_effects
 from dynident.api.model import NO_RECORDINGS, Model
 from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
@@ -21,6 +22,7 @@ from dynident.recordings import Filters, Preprocessing, preprocessing_from_reque
 from dynident.robot import Robot
 
 
+@check_arguments
 def identify(
     robot: Robot,
     recordings: SomeRecordings,
@@ -92,6 +94,7 @@ def _resolve_filters(filters: Filters | Preprocessing, recordings: Recordings) -
     return preprocessing_from_request(filters, motions)
 
 
+@check_arguments
 def load_model(path: str | Path) -> Model:
     """Read a model that `Model.save` or `dynident identify --out` wrote.
 
@@ -113,8 +116,7 @@ def load_model(path: str | Path) -> Model:
         Where there is no such file, or it holds no model that this version can read.
     """
     path = Path(path)
-    if not path.is_file():
-        raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
+    check_is_file(path, "model")
     try:
         return Model(from_bytes(path.read_bytes()), NO_RECORDINGS, NO_RECORDINGS)
     except DynidentError as error:
@@ -136,5 +138,16 @@ def as_model(model: Model | Identification) -> Model:
     -------
     Model
         The same model, in the form that the methods of this package need.
+
+    Raises
+    ------
+    DynidentError
+        For anything else, such as the path of its file.
     """
+    require(
+        isinstance(model, (Model, Identification)),
+        model,
+        "model",
+        'give one model, as identify(…) gives it or as it is read from its file: dy.load_model("model.npz")',
+    )
     return model if isinstance(model, Model) else Model(model, NO_RECORDINGS, NO_RECORDINGS)

@@ -8,6 +8,7 @@ from math import pi
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dynident.api.argument_checks import describe_value
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.identification.robot_recordings import build_recorded_joints
@@ -17,7 +18,6 @@ from dynident.robot import Robot
 _TITLE = "Unusable motion"
 _DEGREE = pi / 180.0
 _LEAST_LEVEL = 0.5
-_LONGEST = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,29 +226,3 @@ def _check_angles(robot: Robot, q: FloatArray) -> None:
                 pointer="q",
                 title=_TITLE,
             )
-
-
-def describe_value(value: object) -> str:
-    """Return what an argument is in a few words, for messages: "a list of 3 items", "'arm.urdf'".
-
-    Parameters
-    ----------
-    value : object
-        What was given.
-
-    Returns
-    -------
-    str
-        Part of a sentence, at most some 60 characters.
-    """
-    shape = getattr(value, "shape", None)
-    if isinstance(shape, tuple) and shape:
-        return f"{_add_article(type(value).__name__)} of shape {shape}"
-    if isinstance(value, (list, tuple, set, dict)):
-        return f"{_add_article(type(value).__name__)} of {len(value)} item{'' if len(value) == 1 else 's'}"
-    text = repr(value)
-    return text if len(text) <= _LONGEST else f"{_add_article(type(value).__name__)}"
-
-
-def _add_article(noun: str) -> str:
-    return f"{'an' if noun[0].lower() in 'aeiou' else 'a'} {noun}"

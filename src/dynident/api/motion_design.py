@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from dynident.api.argument_checks import check_arguments
 from dynident.api.data_frames import Framed, Table
 from dynident.api.effect_arguments import check_effects, resolve_effects
 from dynident.api.figure import Figure, check_ending, join_figures
@@ -131,6 +132,7 @@ class DesignedMotion(Framed):
         )
 
 
+@check_arguments
 def design(
     robot: Robot,
     request: DesignRequest | DiagnosedModel | None = None,

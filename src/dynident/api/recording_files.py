@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypedDict, Unpack
 
+from dynident.api.argument_checks import check_arguments, require
 from dynident.api.recording_sources import RecordingData, SourceFile, TemporaryFile, open_recording_source
 from dynident.api.recordings import CheckedRecording, Recordings, RecordingSource
 from dynident.api.robot_files import DriveGains, set_drive_gains
@@ -95,6 +96,7 @@ class InspectedFile:
         return f"{self.inspection.format}, {len(names)} columns: {', '.join(names[:_NAMES])}{rest}"
 
 
+@check_arguments
 def inspect(
     path: str | Path | tuple[str | Path, ...],
     robot: Robot | None = None,
@@ -151,6 +153,7 @@ _REWORDINGS = (
 )
 
 
+@check_arguments
 def read_recordings(
     *sources: RecordingData,
     robot: Robot,
@@ -297,6 +300,12 @@ def revise(
     RecordingError
         Where the file cannot be used with these changes.
     """
+    require(
+        isinstance(recording, CheckedRecording),
+        recording,
+        "recording",
+        "give one recording of read_recordings: runs[0]",
+    )
     if recording.source is None or recording.robot is None:
         raise DynidentError(
             f"{recording.name} was not read from a file with read_recordings, so it cannot be revised",

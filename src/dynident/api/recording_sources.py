@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from dynident.api.motion_arguments import describe_value
+from dynident.api.argument_checks import describe_value
 from dynident.errors import DynidentError
 from dynident.recordings.recording_files import check_readable_path, split_path
 from dynident.robot import Robot

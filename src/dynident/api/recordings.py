@@ -11,6 +11,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.api.argument_checks import describe_value
 from dynident.api.data_frames import Framed, Table
 from dynident.api.figure import Figure, join_figures
 from dynident.errors import DynidentError
@@ -256,8 +257,8 @@ class Recordings(Sequence[CheckedRecording], Framed):
     def __contains__(self, item: object) -> bool:
         return item in self.names if isinstance(item, str) else item in self.items
 
-    def __add__(self, other: Recordings) -> Recordings:
-        return Recordings(self.items + other.items)
+    def __add__(self, other: SomeRecordings) -> Recordings:
+        return Recordings(self.items + as_recordings(other).items)
 
     def __repr__(self) -> str:
         lines = [f"  {_format_line(item.recording)}" for item in self.items[:_SHOWN]]
@@ -314,7 +315,8 @@ def as_recordings(recordings: SomeRecordings) -> Recordings:
     if isinstance(recordings, Recordings):
         return recordings
     # A text counts as one item, so that a file's name is refused as a whole and not letter by letter.
-    items = [recordings] if isinstance(recordings, (CheckedRecording, Recording, str)) else list(recordings)
+    is_one = isinstance(recordings, (CheckedRecording, Recording, str)) or not isinstance(recordings, Iterable)
+    items: list[object] = [recordings] if is_one else list(recordings)  # type: ignore[arg-type]
     return Recordings(tuple(_to_checked(item) for item in items))
 
 
@@ -324,7 +326,8 @@ def _to_checked(item: object) -> CheckedRecording:
     if isinstance(item, Recording):
         return CheckedRecording(item)
     raise DynidentError(
-        f"{item!r} is not a recording; read files with read_recordings(…, robot=robot) first", title="Not a recording"
+        f"{describe_value(item)} is not a recording; read files with read_recordings(…, robot=robot) first",
+        title="Not a recording",
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, overload
 
 from dynident.advice import AdvisedDiagnosis, advise
+from dynident.api.argument_checks import check_arguments
 from dynident.api.data_frames import Framed, Table, build_columns
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
@@ -141,6 +142,7 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         return [(days[item.since], *row) for item in self.items for row in format_change(item.change, robot)]
 
 
+@check_arguments
 def series(
     model: Model | Identification,
     days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings],
@@ -334,6 +336,7 @@ class Changes(Sequence[Change], Framed):
         )
 
 
+@check_arguments
 def changes(
     model: Model | Identification,
     *,

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
+from dynident.api.argument_checks import check_arguments, check_is_file
 from dynident.errors import DynidentError
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
@@ -137,6 +138,7 @@ DriveGains = Mapping[str, float] | Sequence[float]
 """Drive gains [12.17] in N m (N) per unit of current: by joint, or one a joint in the robot's order."""
 
 
+@check_arguments
 def load_robot(
     source: str | Path,
     *,
@@ -230,6 +232,8 @@ def set_drive_gains(robot: Robot, gains: DriveGains) -> Robot:
 
 def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
     path = Path(source)
+    if path.is_dir():
+        check_is_file(path, "robot")
     if not path.is_file():
         arm = _find_known_arm(str(source))
         return robot_from_description(name or arm.name, arm.description, **stated)

@@ -136,7 +136,13 @@ class TorquePredictor:
         self, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, further: FurtherSignals = NOTHING_FURTHER
     ) -> FloatArray:
         """Predict the torque (n,) of the next sample; q, dq, ddq (n,)."""
-        rows = (np.asarray(values, dtype=np.float64)[None] for values in (q, dq, ddq))
+        rows = [np.asarray(values, dtype=np.float64)[None] for values in (q, dq, ddq)]
+        n = self._model.robot.n
+        for name, row in zip(("q", "dq", "ddq"), rows, strict=True):
+            if row.shape != (1, n):
+                raise DynidentError(
+                    f"{name} has the shape {row.shape[1:]}; give ({n},), one value a joint", pointer=name
+                )
         return np.asarray(self.torque(*rows, further=further)[0])
 
     def torque(

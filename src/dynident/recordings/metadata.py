@@ -192,7 +192,13 @@ class RecordingMetadata:
                 f"Both a rate and a time column, {self.columns['t']!r}, are given: leave one of them out.",
                 pointer="/rate",
             )
+        if self.role is not None and self.role not in ROLES.names:
+            raise RecordingError(f"role is {self.role!r}; choose from {', '.join(ROLES.names)}.", pointer="/role")
         for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
+            if not all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in pairs):
+                raise RecordingError(
+                    f"{name} is {pairs!r}; give pairs (from, to) in s, such as [(3.5, 28)].", pointer=f"/{name}"
+                )
             for index, (start, end) in enumerate(pairs):
                 if not (isfinite(start) and isfinite(end) and start < end):
                     raise RecordingError(
