@@ -72,11 +72,9 @@ def test_tables_of_arrow_and_frames_of_polars_are_read(desk: Path, robot: dy.Rob
 def test_names_are_given_or_made_different(desk: Path, robot: dy.Robot) -> None:
     frame = pandas.read_csv(desk / "run1.csv")
     assert dy.read_recordings(frame, frame, robot=robot).names == ("recording", "recording_2")
-    assert dy.read_recordings(frame, robot=robot, names="monday").names == ("monday",)
-    assert dy.read_recordings(desk / "run1.csv", frame, robot=robot, names=["a", "b"]).names == ("a", "b")
-    for names in (["a"], ["a", "a"]):
-        with pytest.raises(dy.DynidentError, match="for 2 recordings; give a different name"):
-            dy.read_recordings(frame, frame, robot=robot, names=names)
+    monday = dy.RecordingMetadata(name="monday")
+    assert dy.read_recordings(frame, frame, robot=robot, metadata=monday).names == ("monday", "monday_2")
+    assert dy.read_recordings(desk / "run1.csv", frame, robot=robot, metadata=monday).names == ("run1", "monday")
 
 
 def test_a_recording_from_memory_can_be_revised_and_leaves_nothing_behind(desk: Path, robot: dy.Robot) -> None:

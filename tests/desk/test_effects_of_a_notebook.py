@@ -24,11 +24,11 @@ def hose() -> Iterator[type[Effect]]:
     assert block
     namespace: dict[str, Any] = {}
     exec(block[1].replace("from __future__ import annotations", ""), namespace)
-    before, added = dict(CATALOGUE), set(CATALOGUE._added)
+    before, added = dict(CATALOGUE), set(CATALOGUE._own_ids)
     yield namespace["HoseFriction"]
     CATALOGUE._effects.clear()
     CATALOGUE._effects.update(before)
-    CATALOGUE._added.intersection_update(added)
+    CATALOGUE._own_ids.intersection_update(added)
 
 
 def test_a_registered_effect_is_identified_extended_and_diagnosed_by_its_id(

@@ -114,7 +114,7 @@ class Table(Framed):
         """Return the names of the rows; where rows have none, those of the columns."""
         return tuple(self.labels) or tuple(self.columns)
 
-    def items(self) -> Iterator[tuple[str, Any]]:
+    def items(self) -> Iterator[tuple[str, object]]:
         """Yield each of `keys` with its row, or its column."""
         return ((name, self[name]) for name in self.keys())
 

@@ -157,7 +157,6 @@ _REWORDINGS = (
 def read_recordings(
     *sources: RecordingData,
     robot: Robot,
-    names: str | Sequence[str] = (),
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     windows: Sequence[tuple[float, float]] = (),
@@ -183,8 +182,6 @@ def read_recordings(
         arrays (m, n), and a sampling period instead of times: {"dt": 0.001, "q": q, "tau": tau}.
     robot : Robot
         The columns are of its joints; its limits are checked against, and its drive gains turn currents into torques.
-    names : sequence of str, optional
-        A name for each recording; by default those of the files without their endings, "recording" of other data.
     columns : mapping of our name to the file's
         Such as {"q1": "shoulder_angle", "tau1": "torque_a"}.
     units : mapping of a kind of signal, or of one column, to its unit
@@ -196,7 +193,8 @@ def read_recordings(
     metadata : RecordingMetadata, optional
         All options of a file: its role ("friction" for motions at constant velocity, one joint at a time), a known
         payload, the rate of rows without a time, checks to accept, signs, factors and order of columns, a delay of the
-        torque. The other arguments take precedence over it, and recordings are named after their files in any case.
+        torque. The other arguments take precedence over it. Its name is that of data from memory; recordings in files
+        are named after these.
     cure : bool
         Read what would be refused as its checks propose (their `apply`), and say so among the findings.
     progress : function, optional
@@ -217,7 +215,6 @@ def read_recordings(
     if not sources:
         raise DynidentError("give at least one file to read", title="No such file")
     files = [open_recording_source(source, robot) for source in sources]
-    recording_names = _choose_names(files, names)
     machine = robot if drive_gains is None else set_drive_gains(robot, drive_gains)
     stated = metadata or RecordingMetadata()
     if columns is not None:
@@ -226,9 +223,10 @@ def read_recordings(
         stated = replace(stated, units=dict(units))
     if windows:
         stated = replace(stated, windows=tuple((float(start), float(end)) for start, end in windows))
+    names = make_unique_names([Path(file.name or stated.name) for file in files])
     recordings: list[CheckedRecording] = []
     failures: list[tuple[str, RecordingError]] = []
-    for index, (file, name) in enumerate(zip(files, recording_names, strict=True)):
+    for index, (file, name) in enumerate(zip(files, names, strict=True)):
         share = scale_progress(progress, index / len(files), (index + 1) / len(files))
         own = replace(stated, name=name, rate=file.rate or stated.rate)
         try:
@@ -241,18 +239,6 @@ def read_recordings(
     return Recordings(tuple(recordings))
 
 
-def _choose_names(files: Sequence[SourceFile], names: str | Sequence[str]) -> list[str]:
-    stated = [names] if isinstance(names, str) else [str(name) for name in names]
-    if not stated:
-        return make_unique_names([Path(file.name) for file in files])
-    if len(stated) != len(files) or len(set(stated)) != len(stated):
-        raise DynidentError(
-            f"{len(stated)} names ({', '.join(stated)}) for {len(files)} recordings; give a different name for each",
-            pointer="names",
-        )
-    return stated
-
-
 def _read_recording(
     file: SourceFile,
     robot: Robot,
@@ -263,7 +249,12 @@ def _read_recording(
     progress: Progress = ignore_progress,
 ) -> CheckedRecording:
     destination = TemporaryFile()
-    read = import_cured(robot, file.path, destination.path, metadata, progress, most=MOST_CURES if cure else 0)
+    try:
+        read = import_cured(robot, file.path, destination.path, metadata, progress, most=MOST_CURES if cure else 0)
+    # An interrupt counts, too. The error refers to this call, so the file would stay as long as the error is known.
+    except BaseException:
+        destination.path.unlink(missing_ok=True)
+        raise
     # Copies of a recording (other windows, another name) share its source, so the source decides how long the file is
     # needed.
     weakref.finalize(read.recording.source, _let_go, destination)

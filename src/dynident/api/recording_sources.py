@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -19,11 +19,19 @@ from dynident.errors import DynidentError
 from dynident.recordings.recording_files import check_readable_path, split_path
 from dynident.robot import Robot
 
-RecordingData = str | Path | tuple[str | Path, ...] | Mapping[str, Any] | Any
+
+class ArrowFrame(Protocol):
+    """A data frame of pandas, polars or Arrow, which gives its columns by Arrow's interface."""
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Return the columns as a capsule."""
+        ...
+
+
+RecordingData = str | Path | tuple[str | Path, ...] | Mapping[str, object] | ArrowFrame
 """A path, several paths of one recording, a dictionary of columns, or a data frame (of pandas, polars or Arrow)."""
 
 _TITLE = "Unusable data"
-_NAME = "recording"
 _KINDS = ("q", "dq", "ddq", "tau", "current", "temperature", "q_command")
 """Signals of joints that a dictionary may hold as one array (m, n)."""
 _UNNAMED_INDEX = "__index_level_0__"
@@ -38,7 +46,7 @@ class SourceFile:
     path : Path
         The user's file, or a temporary one with data from memory.
     name : str
-        What the recording is called by default.
+        The name of the user's file without its ending; "" of data from memory.
     rate : float or None
         Hz of the rows, where the data state a sampling period instead of times.
     owner : object
@@ -108,7 +116,7 @@ def _write(table: pa.Table, rate: float | None) -> SourceFile:
         raise DynidentError("the data hold no samples: there are no rows", title=_TITLE)
     owner = TemporaryFile()
     pq.write_table(table, owner.path)
-    return SourceFile(owner.path, _NAME, rate, owner)
+    return SourceFile(owner.path, "", rate, owner)
 
 
 def _from_frame(frame: Any) -> pa.Table:

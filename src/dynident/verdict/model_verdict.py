@@ -433,18 +433,7 @@ def is_stopped(identification: Identification) -> bool:
 
 
 def explain_stop(identification: Identification) -> str:
-    """Return why a model is not to be used, in a sentence without its full stop.
-
-    Parameters
-    ----------
-    identification : Identification
-        The identified model.
-
-    Returns
-    -------
-    str
-        "" for a model that may be used (`is_stopped`).
-    """
+    """Return why a model is not to be used (`is_stopped`), in a sentence without its full stop; else ""."""
     if not is_stopped(identification):
         return ""
     if identification.data.copied:
