@@ -13,6 +13,7 @@ from dynident.estimation import (
     FactorAccumulator,
     Reduction,
     RestRows,
+    ReversalRows,
     RowGroup,
     compute_errors,
     compute_row_noise,
@@ -142,3 +143,14 @@ def test_where_no_joint_turns_round_nothing_changes():
     data = reduction(found, np.zeros((N_ROWS, 2), dtype=bool))
     assert (estimate_reversal_weights(data) == 1.0).all()
     np.testing.assert_array_equal(ordinary(data.weight_reversals(np.full(2, 0.5))).values, ordinary(data).values)
+
+
+def test_a_zero_row_among_others_loses_none_of_them() -> None:
+    factors = np.zeros((2, 4, 4))
+    factors[:, 0, :] = 1.0
+    factors[:, 2, 2:] = 3.0
+    rows_at_reversals = ReversalRows.from_factors(np.zeros((2, 4, 4)), factors, np.array([5, 7]))
+    np.testing.assert_array_equal(
+        np.einsum("sri,srj->sij", rows_at_reversals.rows, rows_at_reversals.rows),
+        np.einsum("sri,srj->sij", factors, factors),
+    )

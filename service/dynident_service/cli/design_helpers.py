@@ -12,6 +12,7 @@ from rich.console import Console
 
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest
+from dynident.known_robots import locate_robot
 from dynident.motion import Surroundings
 from dynident.reports.number_format import format_number, format_percent
 from dynident.robot import Limits, Robot
@@ -49,9 +50,9 @@ def choose_mesh_folders(robot: Robot, argument: str, folders: Sequence[Path] | N
     """Return the folders to search for meshes: those stated, or those above the robot's file that hold any."""
     if folders:
         return tuple(folders)
-    file = Path(argument)
-    # A well-known arm has no file, and no meshes of the user's.
-    return find_mesh_folders(robot, file) if file.is_file() else ()
+    file = locate_robot(argument)
+    # An arm of this package has no file, and no meshes.
+    return () if file is None else find_mesh_folders(robot, file)
 
 
 def load_surroundings(path: Path | None, mesh_folders: Sequence[Path], *, floor: bool) -> Surroundings:

@@ -7,11 +7,11 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, get_origin, get_type_hints
 
 from dynident.errors import DynidentError
+from dynident.known_robots import locate_robot
 from dynident.recordings.recording_files import split_path
 
 
@@ -25,7 +25,7 @@ class InputCheck:
         Takes one value of the option and raises `DynidentError` where it is missing.
     """
 
-    check: Callable[[Any], None]
+    check: Callable[[Any], object]
 
 
 def check_inputs(command: Callable[..., None], options: Mapping[str, object]) -> None:
@@ -117,23 +117,6 @@ def check_folder(path: Path) -> None:
         raise DynidentError(f"there is no folder {path}", pointer=str(path), title="No such folder")
 
 
-def check_robot(text: str) -> None:
-    """Raise `DynidentError` where a text names neither a file nor a well-known arm."""
-    if not Path(text).is_file() and text not in list_known_arms():
-        raise DynidentError(
-            f"there is neither a file nor a well-known arm {text!r}; the arms are: {', '.join(list_known_arms())}",
-            pointer="ROBOT",
-            title="Unknown robot",
-        )
-
-
-def list_known_arms() -> list[str]:
-    """Return the names of the well-known arms, sorted."""
-    # The names of the files are enough: importing `dynident.robot` would take longer than most commands.
-    names = (entry.name for entry in (files("dynident") / "robot" / "library").iterdir())
-    return sorted(name.removesuffix(".json") for name in names if name.endswith(".json"))
-
-
 READABLE_FILE = InputCheck(check_readable)
 READABLE_FOLDER = InputCheck(check_folder)
-KNOWN_ROBOT = InputCheck(check_robot)
+KNOWN_ROBOT = InputCheck(locate_robot)

@@ -23,7 +23,7 @@ from dynident.recordings import Check, Recording, RecordingError, RecordingMetad
 from dynident.recordings.recording_files import make_unique_names
 from dynident.robot import Robot
 from dynident_service.cli import parsing
-from dynident_service.cli.files import check_readable, check_robot, read_json_object
+from dynident_service.cli.files import check_readable, read_json_object
 from dynident_service.cli.metadata import StatedAnswers, accept_proposal, read_metadata
 from dynident_service.cli.options import RobotAdditions, TimedReading
 from dynident_service.cli.terminal import show_progress_bar
@@ -83,7 +83,6 @@ def load_robot_argument(text: str, additions: RobotAdditions = _NOTHING_BESIDE) 
     DynidentError
         Where there is no such robot, or an option does not fit it.
     """
-    check_robot(text)
     upright = parsing.parse_vector(additions.gravity, "--gravity") if additions.gravity else None
     robot = load_robot(text, locked_joints=parsing.parse_locks(additions.lock), gravity=upright)
     return with_gains(robot, additions.drive_gains)

@@ -11,8 +11,9 @@ from typing import Annotated, get_args
 
 import typer
 
+from dynident.known_robots import list_library_arms
 from dynident.recordings.metadata import ConditioningStep
-from dynident_service.cli.files import KNOWN_ROBOT, READABLE_FILE, list_known_arms
+from dynident_service.cli.files import KNOWN_ROBOT, READABLE_FILE
 
 
 def repeatable_option(*names: str, metavar: str, help: str) -> object:
@@ -38,7 +39,7 @@ RobotArgument = Annotated[
         metavar="ROBOT",
         help="A URDF, xacro or MJCF file, a text file with a classical or modified Denavit-Hartenberg table, a "
         "JSON file (a modified table, or a robot in the format of the service), or a well-known arm: "
-        f"{', '.join(list_known_arms())}.",
+        f"{', '.join(list_library_arms())}; or a robot of the package example-robot-data, such as so101.",
         show_default=False,
     ),
     KNOWN_ROBOT,

@@ -15,8 +15,9 @@ from typing import Any, cast
 
 from dynident.api.argument_checks import check_arguments, check_is_file
 from dynident.errors import DynidentError
+from dynident.known_robots import locate_robot
 from dynident.optional_dependencies import format_install_hint
-from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
+from dynident.robot import Description, Drive, Limits, Robot, robot_from_description, robot_from_library
 from dynident.robot.format_names import FORMATS, DescriptionFormat
 from dynident.robot.json_fields import (
     expect_mapping,
@@ -156,7 +157,8 @@ def load_robot(
     source : str or path
         A URDF or xacro file; an MJCF model; a text file with a classical or modified Denavit-Hartenberg table (see
         `dynident.robot.dh_text`); a JSON file with a modified one (see `dynident.robot.modified_dh`) or with a robot as
-        `POST /v1/robots` takes it (see docs/my-robot.md); or the name of a well-known arm, such as "ur10".
+        `POST /v1/robots` takes it (see docs/my-robot.md); or the name of a well-known arm, such as "ur10", or of a
+        robot of the package example-robot-data, if that is installed, such as "so101".
     name : str
         Its name; by default the one in the file, or the file's own.
     limits : mapping of joint name to Limits
@@ -231,11 +233,11 @@ def set_drive_gains(robot: Robot, gains: DriveGains) -> Robot:
 
 
 def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
-    path = Path(source)
-    if path.is_dir():
-        check_is_file(path, "robot")
-    if not path.is_file():
-        arm = _find_known_arm(str(source))
+    if Path(source).is_dir():
+        check_is_file(Path(source), "robot")
+    path = locate_robot(str(source))
+    if path is None:
+        arm = robot_from_library(str(source))
         return robot_from_description(name or arm.name, arm.description, **stated)
     content = _read_text(path)
     place_of_content = _CONTENT
@@ -281,15 +283,6 @@ def _parse_document(content: str) -> Any:
         return parse_json(content, "", _ROBOT_TITLE)
     except DynidentError as error:
         raise DynidentError(f"this is neither XML (URDF, MJCF) nor JSON: {error.detail}", title=error.title) from error
-
-
-def _find_known_arm(name: str) -> Robot:
-    if name in library_names():
-        return robot_from_library(name)
-    raise DynidentError(
-        f"there is neither a file nor a well-known arm {name!r}; the arms are: {', '.join(library_names())}",
-        title="Unknown robot",
-    )
 
 
 def _read_text(path: Path) -> str:

@@ -14,7 +14,7 @@ from dynident.effects.usual_sizes import UsualSize, get_largest_torque
 from dynident.robot.model import Robot
 
 # Index of the last joint that may have such a spring: those beyond it carry too little weight.
-_FIRST_JOINTS = 3
+_LAST_JOINT = 3
 # Candidates of the search: directions in a turn, and short and long cranks.
 _DIRECTIONS = 12
 _CRANK_RATIOS = (0.25, 0.6)
@@ -82,7 +82,7 @@ class GravityCompensator(Effect):
             upright = joint.parent < 0 and abs(float(joint.placement[:3, :3] @ joint.axis @ down)) > 0.99
             if joint.kind == "revolute" and not upright:
                 loaded_joints.append(j)
-        return tuple(j for j in loaded_joints if j <= _FIRST_JOINTS)
+        return tuple(j for j in loaded_joints if j <= _LAST_JOINT)
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Return twelve directions, a short and a long crank."""

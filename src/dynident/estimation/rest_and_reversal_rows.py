@@ -97,10 +97,9 @@ class ReversalRows:
         ReversalRows
             With a weight of 1.
         """
-        # A block has few rows at reversals, so that most rows of its padded square factor are zero. They come last,
-        # because the padding is at the bottom.
-        most = int(np.count_nonzero(turning.any(axis=2).any(axis=0)))
-        return cls(others, turning[:, :most], counts)
+        # A block has few rows at reversals, so that most rows of its padded square factor are zero.
+        filled = turning.any(axis=2).any(axis=0)
+        return cls(others, turning[:, filled], counts)
 
     @classmethod
     def from_parts(cls, parts: Sequence[ReversalRows]) -> ReversalRows:

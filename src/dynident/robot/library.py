@@ -6,6 +6,7 @@ import json
 from importlib.resources import files
 
 from dynident.errors import DynidentError
+from dynident.known_robots import list_library_arms
 from dynident.robot.json_fields import join_names
 from dynident.robot.model import Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
@@ -21,8 +22,7 @@ def library_names() -> tuple[str, ...]:
     tuple of str
         Sorted.
     """
-    entries = (entry.name for entry in _FOLDER.iterdir())
-    return tuple(sorted(name.removesuffix(".json") for name in entries if name.endswith(".json")))
+    return list_library_arms()
 
 
 def library_table(name: str) -> str:

@@ -248,10 +248,4 @@ def _classify_signal(plain: list[str], words: tuple[str, ...]) -> Signal | None:
         return "dq"
     if kind is None and "index" in plain:
         return "other"
-    if "current" in plain and kind in ("q", "dq", "tau") and not _is_last(plain, "current"):
-        return kind
     return kind
-
-
-def _is_last(plain: list[str], word: str) -> bool:
-    return plain[-1] == word

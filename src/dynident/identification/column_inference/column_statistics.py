@@ -222,8 +222,7 @@ def compute_roughness(t: FloatArray, values: FloatArray) -> FloatArray:
         Values of the columns.
     """
     values = fill_gaps(values)
-    first, second = np.diff(values, axis=0), np.diff(values, n=2, axis=0)
+    second = np.diff(values, n=2, axis=0)
     size = values.std(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        del first
         return np.asarray(np.nan_to_num(np.sqrt((second**2).mean(axis=0)) / size))

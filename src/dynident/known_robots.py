@@ -1,0 +1,80 @@
+"""Robots that are known by name: the arms of this package, and the descriptions of the package example-robot-data.
+
+Nothing slow is imported here, so that a command line can check a name at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from difflib import get_close_matches
+from importlib.resources import files
+from pathlib import Path
+
+from dynident.errors import DynidentError
+
+_STOCK_PACKAGE = "example-robot-data"
+_STOCK_FOLDER = Path("cmeel.prefix", "share", _STOCK_PACKAGE, "robots")
+_PACKAGE_SUFFIX = "_description"
+
+
+def list_library_arms() -> tuple[str, ...]:
+    """Return the names of the arms that come with this package, sorted."""
+    names = (entry.name for entry in (files("dynident") / "robot" / "library").iterdir())
+    return tuple(sorted(name.removesuffix(".json") for name in names if name.endswith(".json")))
+
+
+def list_stock_robots(search_path: Sequence[str] | None = None) -> dict[str, Path]:
+    """Return the URDF files of example-robot-data by name, such as "so101"; empty where it is not installed.
+
+    Parameters
+    ----------
+    search_path : sequence of str, optional
+        Folders of installed packages; by default `sys.path`.
+    """
+    folders = (Path(entry) / _STOCK_FOLDER for entry in (sys.path if search_path is None else search_path))
+    folder = next((folder for folder in folders if folder.is_dir()), None)
+    if folder is None:
+        return {}
+    descriptions: dict[str, list[Path]] = {}
+    for path in sorted(folder.rglob("*.urdf")):
+        descriptions.setdefault(path.stem, []).append(path)
+    by_name = {}
+    for stem, paths in descriptions.items():
+        for path in paths:
+            # Two packages may call their file alike; then the package tells them apart.
+            package = path.relative_to(folder).parts[0].removesuffix(_PACKAGE_SUFFIX)
+            by_name[stem if len(paths) == 1 else package] = path
+    return by_name
+
+
+def locate_robot(text: str) -> Path | None:
+    """Return the file that a text names: a path, or the name of a stock robot; None for an arm of this package.
+
+    Raises
+    ------
+    DynidentError
+        Where there is no such robot, or several robots begin with this name.
+    """
+    path = Path(text)
+    if path.is_file():
+        return path
+    if text in list_library_arms():
+        return None
+    stock = list_stock_robots()
+    if text in stock:
+        return stock[text]
+    alike = [name for name in stock if name.startswith(f"{text}_")] if text else []
+    if len(alike) == 1:
+        return stock[alike[0]]
+    if alike:
+        detail = f"several robots of {_STOCK_PACKAGE} begin with {text!r}: {', '.join(alike)}; name one of them"
+    else:
+        names = (*list_library_arms(), *sorted(stock))
+        if not stock:
+            names = (*names, f"and, after `pip install {_STOCK_PACKAGE}`, its robots, such as so101")
+        detail = f"there is neither a file nor a well-known robot {text!r}"
+        if near := get_close_matches(text, names, n=3, cutoff=0.7):
+            detail += f"; did you mean {' or '.join(near)}?"
+        detail += f" The robots are: {', '.join(names)}"
+    raise DynidentError(detail, pointer="ROBOT", title="Unknown robot")

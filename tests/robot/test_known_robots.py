@@ -1,0 +1,66 @@
+"""Robots by name: arms of this package, and descriptions of example-robot-data where it is installed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dynident.errors import DynidentError
+from dynident.known_robots import list_library_arms, list_stock_robots, locate_robot
+from dynident.robot import robot_from_library
+
+STOCK = "cmeel.prefix/share/example-robot-data/robots"
+
+
+@pytest.fixture
+def stock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Packages as example-robot-data installs them: two files of one name, and two variants of one robot."""
+    folder = tmp_path / STOCK
+    for place in (
+        "a_description/urdf/dog.urdf",
+        "b_description/robots/dog.urdf",
+        "arm_description/urdf/arm7.urdf",
+        "g1_description/urdf/g1_plain.urdf",
+        "g1_description/urdf/g1_hands.urdf",
+        "leg_description/urdf/leg_robot.urdf",
+    ):
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        (folder / place).write_text("<robot name='r'/>")
+    monkeypatch.setattr("sys.path", [str(tmp_path)])
+    return folder
+
+
+def test_stock_robots_have_the_name_of_their_file_or_of_their_package(stock: Path) -> None:
+    assert set(list_stock_robots()) == {"a", "b", "arm7", "g1_plain", "g1_hands", "leg_robot"}
+    assert locate_robot("a") == stock / "a_description/urdf/dog.urdf"
+    assert locate_robot("arm7") == stock / "arm_description/urdf/arm7.urdf"
+
+
+def test_the_beginning_of_a_name_is_enough_where_one_robot_has_it(stock: Path) -> None:
+    assert locate_robot("leg") == stock / "leg_description/urdf/leg_robot.urdf"
+    with pytest.raises(DynidentError, match="begin with 'g1': g1_hands, g1_plain"):
+        locate_robot("g1")
+
+
+def test_a_file_comes_first_and_then_the_arms_of_this_package(stock: Path, tmp_path: Path) -> None:
+    (tmp_path / "arm7").write_text("a table")
+    assert locate_robot(str(tmp_path / "arm7")) == tmp_path / "arm7"
+    (stock / "ur5.urdf").write_text("<robot name='another'/>")
+    assert locate_robot("ur5") is None
+
+
+def test_an_unknown_name_lists_what_there_is(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(
+        DynidentError, match=r"well-known robot 'ur100'; did you mean ur10\?.* scara, ur10, ur5, a, arm7"
+    ) as caught:
+        locate_robot("ur100")
+    assert caught.value.pointer == "ROBOT"
+    monkeypatch.setattr("sys.path", [])
+    with pytest.raises(DynidentError, match="pip install example-robot-data"):
+        locate_robot("")
+
+
+def test_every_arm_of_this_package_can_be_read() -> None:
+    for name in list_library_arms():
+        assert robot_from_library(name).n > 0
