@@ -30,6 +30,7 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "a window backwards": (lambda d: d["read"](windows=[(5, 1)]), "end must be later"),
     "a list for a model": (lambda d: dy.diagnose([d["model"]]), "model is .*; give one model"),
     "two models at once": (lambda d: dy.compare([d["model"]] * 2, d["runs"]), "give one model"),
+    "two models to compare": (lambda d: dy.compare(d["model"], d["model"]), r"dy\.Ladder\(\(a, b\)\)"),
     "a path for a model": (lambda d: dy.validate("model.npz"), "give one model.*load_model"),
     "a path for a robot": (lambda d: dy.identify("arm.urdf", d["runs"]), "robot is 'arm.urdf'; read the robot first"),
     "a path for recordings": (lambda d: dy.identify(d["robot"], "run1.csv"), "not a recording; read files with"),

@@ -9,7 +9,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.api.argument_checks import check_arguments
+from dynident.api.argument_checks import check_arguments, require
 from dynident.api.data_frames import Framed, Table
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
@@ -264,7 +264,14 @@ def compare(
     DynidentError
         Where there is no recording, it is another robot's, or no row is left after filtering.
     """
-    desk_model, checked_recordings = as_model(model), as_recordings(recordings)
+    desk_model = as_model(model)
+    require(
+        not isinstance(recordings, (Model, Identification)),
+        recordings,
+        "recordings",
+        "a model is compared with recordings; dy.Ladder((a, b)) shows the errors of two models",
+    )
+    checked_recordings = as_recordings(recordings)
     if not checked_recordings:
         raise DynidentError("give at least one recording for the comparison", title="Recordings needed")
     # Only with the recordings of the fit can it be told whether a recording was fitted to, or repeats one of these.

@@ -130,12 +130,12 @@ class Table(Framed):
     def __getitem__(self, name: str | tuple[str, str]) -> Any:
         if isinstance(name, tuple):
             row, column = name
-            return self._get_column(column)[self._find_row(row)]
+            return _to_python(self._get_column(column)[self._find_row(row)])
         if name in self.columns:
             return self._get_column(name)
         row_number = self._find_row(name)
         row_values = [self._get_column(column)[row_number] for column in self.columns]
-        return row_values[0] if len(row_values) == 1 else np.array(row_values)
+        return _to_python(row_values[0]) if len(row_values) == 1 else np.array(row_values)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         arrays = [self._get_column(name) for name in self.columns]
@@ -205,6 +205,11 @@ def build_columns(names: Sequence[str], rows: Sequence[Sequence[object]]) -> Tab
         The same values, column by column; without units.
     """
     return Table({name: [row[k] for row in rows] for k, name in enumerate(names)})
+
+
+def _to_python(value: object) -> object:
+    """Return a number of NumPy as one of Python, which prints itself as a number alone."""
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _format_cell(value: object) -> str:

@@ -30,7 +30,7 @@ def register(effect: AnyEffect) -> AnyEffect:
     Returns
     -------
     subclass of Effect, or instance
-        The same, so that it can be used as a decorator.
+        The same, so that it can be used as a decorator (`@dy.register`).
 
     Raises
     ------
@@ -39,10 +39,20 @@ def register(effect: AnyEffect) -> AnyEffect:
 
     Examples
     --------
-    >>> from dynident.effects import Effect
-    >>> @dy.register  # doctest: +SKIP
-    ... class HoseFriction(Effect):
-    ...     id = "hose_friction"
+    >>> import dynident as dy
+    >>> from dynident.effects import Effect, ParameterSpec
+    >>> class CubicFriction(Effect):
+    ...     id = "cubic_friction"
+    ...     title = "Cubic friction"
+    ...     formula = r"F_3\\,\\dot q^3"
+    ...     parameters = (ParameterSpec("F3", "N m s³/rad³", "friction by the cube of the velocity"),)
+    ...     signature = "torque that grows with the cube of the velocity"
+    ...     sources = ("our own measurements",)
+    ...     is_friction = True
+    ...     def columns(self, signals, joints, shape):
+    ...         return [self._column(signals, self.parameters[0], j, signals.dq[j] ** 3, {}) for j in joints]
+    >>> effect = dy.register(CubicFriction)
+    >>> model.extend("cubic_friction@elbow")  # doctest: +SKIP
     """
     is_class = isinstance(effect, type) and issubclass(effect, Effect)
     if not (is_class or isinstance(effect, Effect)):
