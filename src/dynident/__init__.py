@@ -28,12 +28,14 @@ from dynident.version import __version__
 
 if TYPE_CHECKING:
     from dynident.api.comparison import ComparedRecording, Comparisons, compare
+    from dynident.api.data_frames import Table
     from dynident.api.figure import Figure
     from dynident.api.model import Ladder, Model
     from dynident.api.model_diagnosis import DiagnosedModel, diagnose
     from dynident.api.model_identification import identify, load_model
     from dynident.api.model_validation import Validation, Validations, validate
     from dynident.api.motion_design import DesignedMotion, design
+    from dynident.api.own_effects import register
     from dynident.api.parameter_tables import ErrorTable, JointError, Parameters
     from dynident.api.recording_files import InspectedFile, inspect, read_recordings, revise
     from dynident.api.recordings import CheckedRecording, Recordings
@@ -45,7 +47,7 @@ if TYPE_CHECKING:
     from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest
     from dynident.identification import IdentificationChoices
     from dynident.motion import Surroundings
-    from dynident.recordings import RecordingError, RecordingMetadata, Revision
+    from dynident.recordings import Filters, RecordingError, RecordingMetadata, Revision
     from dynident.robot import Drive, Limits, Robot
 
 __all__ = [
@@ -62,6 +64,7 @@ __all__ = [
     "EffectChoice",
     "ErrorTable",
     "Figure",
+    "Filters",
     "FollowedRobot",
     "IdentificationChoices",
     "InspectedFile",
@@ -77,6 +80,7 @@ __all__ = [
     "Revision",
     "Robot",
     "Surroundings",
+    "Table",
     "TrajectoryRequest",
     "Validation",
     "Validations",
@@ -90,6 +94,7 @@ __all__ = [
     "load_model",
     "load_robot",
     "read_recordings",
+    "register",
     "report",
     "revise",
     "series",
@@ -130,4 +135,5 @@ if not TYPE_CHECKING:
         return value
 
     def __dir__() -> list[str]:
-        return sorted({*globals(), *__all__})
+        # What is documented; the modules of the library stand in its reference.
+        return sorted(__all__)

@@ -33,6 +33,7 @@ EXTRA_OF_PACKAGE = {
     "mcap": "formats",
     "mujoco": "formats",
     "opentelemetry": "otel",
+    "pandas": "frames",
     "psycopg": "postgresql",
     "rosbags": "formats",
     "xacro": "formats",

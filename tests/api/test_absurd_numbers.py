@@ -26,7 +26,7 @@ from dynident.identification.methods.bases import ESTIMATORS
 from dynident.identification.study.correlated_and_essential_parameters import essential_parameters
 from dynident.motion.collision.surroundings import Box, ToolRange, Wall
 from dynident.progress import ignore_progress
-from dynident.recordings.metadata import PreprocessingChoices
+from dynident.recordings.metadata import Filters
 from dynident.recordings.preprocessing import preprocessing_from_request
 from dynident.robot import robot_from_urdf
 from dynident.simulation import ActingEffect, Simulated, Warming, build_simulation_request, simulate
@@ -121,7 +121,7 @@ CASES: dict[str, tuple[Callable[[], Any], Callable[[Any], object]]] = {
     "energy": (lambda: dy.IdentificationChoices(model="energy"), _identified),
     "filtered": (lambda: dy.IdentificationChoices(model="filtered"), _identified),
     "prior": (lambda: dy.IdentificationChoices(prior="description"), _identified),
-    "filters": (PreprocessingChoices, _filtered),
+    "filters": (Filters, _filtered),
     "simulation": (lambda: SIMULATED, _simulated),
     "diagnosis": (DiagnosisChoices, lambda choices: dy.diagnose(model(), most_effects=choices.max_effects)),
     "essential": (

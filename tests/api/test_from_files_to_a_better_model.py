@@ -191,7 +191,7 @@ def test_a_report_is_one_page_with_the_diagnosis_in_it(
     assert "cross: on data that no parameter saw" in text
     page.save(tmp_path / "report.pdf")
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
-    with pytest.raises(DynidentError, match=r"report\.txt; the file name must end in \.html or \.pdf"):
+    with pytest.raises(DynidentError, match=r"report\.txt; the file name must end in \.html, \.htm or \.pdf"):
         page.save(tmp_path / "report.txt")
 
 

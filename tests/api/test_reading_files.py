@@ -167,7 +167,7 @@ def test_a_file_that_is_not_there_is_named_before_any_is_read(desk: Path, robot:
         dy.read_recordings(desk / "run1.csv", desk / "run9.csv", robot=robot)
     with pytest.raises(dy.DynidentError, match="at least one file"):
         dy.read_recordings(robot=robot)
-    with pytest.raises(dy.DynidentError, match="give the files one by one"):
+    with pytest.raises(dy.DynidentError, match="give several recordings one by one"):
         dy.read_recordings([desk / "run1.csv"], robot=robot)  # type: ignore[arg-type]
 
 

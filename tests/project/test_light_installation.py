@@ -126,7 +126,11 @@ def test_hints_name_the_extra_that_pyproject_puts_a_package_in() -> None:
     science = {re.split(r"[<>=\[]", text)[0] for text in EXTRAS["science"]}
     imported = {name for one in science for name in IMPORTED_AS.get(one, (one.replace("-", "_"),))}
     assert set(SCIENCE_PACKAGES) == imported
-    few = {re.split(r"[<>=\[]", one)[0]: extra for extra in ("formats", "otel", "postgresql") for one in EXTRAS[extra]}
+    few = {
+        re.split(r"[<>=\[]", one)[0]: extra
+        for extra in ("formats", "frames", "otel", "postgresql")
+        for one in EXTRAS[extra]
+    }
     assert {FEW_IMPORTED_AS.get(name, name): extra for name, extra in few.items()} == EXTRA_OF_PACKAGE
     assert "dynident[postgresql]" in format_install_hint("psycopg")
     assert "dynident[service]" in format_install_hint("uvicorn")

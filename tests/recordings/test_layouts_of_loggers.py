@@ -88,7 +88,7 @@ def test_an_import_gives_what_the_look_at_the_file_proposed(tmp_path, layout):
     )
     assert item.recording.n_samples >= len(run.t) - 2
     assert abs(item.recording.sampling_rate - case[1]) < 0.01 * case[1]
-    frame = item._columns().values
+    frame = item._columns()
     for j, joint in enumerate(robot.joint_names):
         stored = frame[f"tau_{joint}"][: len(run.t)]
         assert np.corrcoef(stored, run.tau[: len(stored), j])[0, 1] > 0.99

@@ -22,7 +22,7 @@ from dynident.identification.choices import EssentialChoices
 from dynident.identification.loads.known_load import KnownLoad
 from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
 from dynident.recordings import RecordingMetadata, Revision
-from dynident.recordings.metadata import PreprocessingChoices
+from dynident.recordings.metadata import Filters
 from dynident.reports import ReportChoices
 from dynident.robot import Drive, Limits
 from dynident.robot.library import library_names, robot_from_library
@@ -193,7 +193,7 @@ BODIES = (
     (ReportChoices, "ReportRequest", "report"),
     (RecordingMetadata, "MeasurementMetadata", ""),
     (Revision, "RevisionRequest-Input", ""),
-    (PreprocessingChoices, "Preprocessing", ""),
+    (Filters, "Preprocessing", ""),
     (Limits, "Limits", ""),
     (Drive, "Drive", ""),
 )

@@ -10,7 +10,7 @@ from pydantic import Field
 from dynident.effects.choices import DEFAULT_EFFECTS
 from dynident.export.request import ExportChoices
 from dynident.identification.choices import EssentialChoices, IdentificationChoices
-from dynident.recordings.metadata import PreprocessingChoices
+from dynident.recordings.metadata import Filters
 from dynident_service.storage.records import State
 from dynident_service.wire_types.common import (
     LARGEST_BATCH,
@@ -40,7 +40,7 @@ else:
     ExportQuery = derive_query(ExportChoices)
 
 
-@derive_body(PreprocessingChoices)
+@derive_body(Filters)
 class Preprocessing(RequestModel):
     """Cut-off frequencies in Hz (null: no filter) and decimation; missing values are chosen from the data."""
 

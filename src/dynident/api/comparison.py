@@ -9,7 +9,8 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.api.data_frames import Columns, Framed
+from dynident.api.argument_checks import check_arguments, require
+from dynident.api.data_frames import Framed, Table
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
@@ -56,10 +57,10 @@ class ComparedRecording(Framed):
         """The name of the recording."""
         return self.recording.name
 
-    def _columns(self) -> Columns:
-        return Columns(self._build_arrays())
+    def _columns(self) -> Table:
+        return Table(self._build_arrays())
 
-    def plot(self, joints: Sequence[str] = ()) -> Figure:
+    def plot(self, joints: str | Sequence[str] = ()) -> Figure:
         """Draw measured and predicted torque, and the residual, over time.
 
         Parameters
@@ -80,6 +81,7 @@ class ComparedRecording(Framed):
         from dynident.reports.figures.signals import JOINTS_PER_FIGURE, draw_torque
 
         names = self.comparison.joint_names
+        joints = [joints] if isinstance(joints, str) else joints
         # A misspelt joint is refused: leaving it out would look as if all had been drawn.
         strangers = [name for name in joints if name not in names]
         if strangers:
@@ -168,7 +170,7 @@ class Comparisons(Sequence[ComparedRecording], Framed):
     model: Model
     items: tuple[ComparedRecording, ...]
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         arrays = [item._build_arrays() for item in self.items]
         counts = [len(recording_arrays["t"]) for recording_arrays in arrays]
         columns: dict[str, NDArray[np.generic]] = {"recording": np.repeat([item.name for item in self.items], counts)}
@@ -176,9 +178,9 @@ class Comparisons(Sequence[ComparedRecording], Framed):
             name: np.concatenate([recording_arrays[name] for recording_arrays in arrays])
             for name in (arrays[0] if arrays else ())
         }
-        return Columns(columns)
+        return Table(columns)
 
-    def plot(self, joints: Sequence[str] = ()) -> Figure:
+    def plot(self, joints: str | Sequence[str] = ()) -> Figure:
         """Draw all of them, one below the other.
 
         Parameters
@@ -198,8 +200,8 @@ class Comparisons(Sequence[ComparedRecording], Framed):
         """
         # One <svg> per recording, each under the recording's name.
         names = [item.name for item in self.items]
-        svgs = [item.plot(joints).svg for item in self.items]
-        return join_figures(svgs, f"measured and predicted torque of {', '.join(names)}", names)
+        parts = [item.plot(joints) for item in self.items]
+        return join_figures(parts, f"measured and predicted torque of {', '.join(names)}", names)
 
     def __len__(self) -> int:
         return len(self.items)
@@ -230,6 +232,7 @@ class Comparisons(Sequence[ComparedRecording], Framed):
         return join_html(*(item._repr_html_() for item in self.items))
 
 
+@check_arguments
 def compare(
     model: Model | Identification,
     recordings: SomeRecordings,
@@ -268,7 +271,14 @@ def compare(
     >>> comparison.name
     'run2'
     """
-    desk_model, checked_recordings = as_model(model), as_recordings(recordings)
+    desk_model = as_model(model)
+    require(
+        not isinstance(recordings, (Model, Identification)),
+        recordings,
+        "recordings",
+        "a model is compared with recordings; dy.Ladder((a, b)) shows the errors of two models",
+    )
+    checked_recordings = as_recordings(recordings)
     if not checked_recordings:
         raise DynidentError("give at least one recording for the comparison", title="Recordings needed")
     # Only with the recordings of the fit can it be told whether a recording was fitted to, or repeats one of these.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Protocol, runtime_checkable
 
+from dynident.api.argument_checks import require
 from dynident.diagnosis import Diagnosis, RankedEffect
 from dynident.effects import EffectChoice
 from dynident.effects.text_format import parse_effects
@@ -49,6 +50,11 @@ def resolve_effects(effects: str | EffectChoice | Iterable[str | EffectChoice]) 
     """
     # A text is iterable itself: without this test its letters would be taken for effects.
     items = [effects] if isinstance(effects, (str, EffectChoice)) else effects
+    remedy = 'give texts such as "stribeck@joint2", or dy.EffectChoice(…)'
+    require(isinstance(items, Iterable) and not isinstance(items, Mapping), effects, "effects", remedy)
+    items = list(items)
+    for item in items:
+        require(isinstance(item, (str, EffectChoice)), item, "an effect", remedy)
     return tuple(
         choice for item in items for choice in ((item,) if isinstance(item, EffectChoice) else parse_effects([item]))
     )

@@ -7,12 +7,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dynident.encoding import encode_text, replace_control_characters
 from dynident.errors import DynidentError
+from dynident.optional_dependencies import format_install_hint
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MatplotlibFigure
 
 _BOX = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
 _GAP, _HEADING = 10.0, 16.0
+
+
+_ENDINGS = (".svg", ".png", ".pdf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,45 +34,77 @@ class Figure:
         Source of the drawing, one <svg> element.
     title : str
         What the drawing shows.
+    drawn_from : tuple of matplotlib.figure.Figure
+        The figures of its parts, from top to bottom.
+
+    Examples
+    --------
+    >>> model.plot().save("ladder.png", dpi=300)  # doctest: +SKIP
+    >>> axes = model.plot().axes  # doctest: +SKIP
+    >>> axes[0].set_title("before"); axes[0].figure.savefig("mine.png")  # doctest: +SKIP
     """
 
     svg: str
     title: str
+    drawn_from: tuple[MatplotlibFigure, ...] = ()
 
-    def save(self, path: str | Path) -> None:
-        """Write the drawing to an .svg file.
+    @property
+    def axes(self) -> list[Axes]:
+        """The matplotlib axes of all panels, to be changed; `axes[0].figure.savefig(…)` writes what was changed.
+
+        Changes do not show in `svg` and `save`.
+        """
+        return [axes for figure in self.drawn_from for axes in figure.axes]
+
+    def save(self, path: str | Path, *, dpi: float = 200.0) -> None:
+        """Write the drawing to a file.
 
         Parameters
         ----------
         path : path
-            The file to write; its ending has to be .svg.
+            The file to write; its ending has to be .svg, .png or .pdf.
+        dpi : float
+            Pixels per inch of a PNG.
 
         Raises
         ------
         DynidentError
-            For another ending, or a folder that does not exist.
+            For another ending, a folder that does not exist, or where the package that renders PNG and PDF (typst) is
+            not installed.
         """
-        path = Path(path)
-        if path.suffix != ".svg":
-            raise DynidentError(f"cannot write {path.name}; the file name must end in .svg", pointer=str(path))
-        check_folder_exists(path)
-        path.write_bytes(encode_text(self.svg))
+        path = check_ending(path, _ENDINGS)
+        ending = path.suffix.lower()
+        if ending == ".svg":
+            path.write_bytes(encode_text(self.svg))
+            return
+        if not (isinstance(dpi, (int, float)) and 10 <= dpi <= 2400):
+            raise DynidentError(f"dpi is {dpi!r:.60}; give pixels per inch from 10 to 2400", pointer="dpi")
+        try:
+            from dynident.reports.pdf import render_drawing
+        except ModuleNotFoundError as missing:
+            raise DynidentError(
+                f"writing {ending} needs the package {missing.name}, which is not installed; "
+                f"{format_install_hint(missing.name or '')}. SVG needs nothing more: save('{path.stem}.svg')",
+                pointer=str(path),
+                title="Not installed",
+            ) from missing
+        path.write_bytes(render_drawing(self.svg, "png" if ending == ".png" else "pdf", dpi))
 
     def __repr__(self) -> str:
-        return f"Figure({self.title}; save(…) writes it as SVG)"
+        return f"Figure({self.title}; save(…) writes it as SVG, PNG or PDF)"
 
     def _repr_html_(self) -> str:
         # The ground is white whatever the notebook's theme, since the colours are chosen for paper.
         return f'<div style="background:#fff;max-width:1060px">{self.svg}</div>'
 
 
-def join_figures(parts: Sequence[str], title: str, headings: Sequence[str] = ()) -> Figure:
+def join_figures(parts: Sequence[str | Figure], title: str, headings: Sequence[str] = ()) -> Figure:
     """Join drawings, one below the other.
 
     Parameters
     ----------
-    parts : sequence of str
-        <svg> elements, at least one.
+    parts : sequence of str or Figure
+        <svg> elements or drawings, at least one.
     title : str
         What the drawing shows.
     headings : sequence of str, optional
@@ -75,9 +116,10 @@ def join_figures(parts: Sequence[str], title: str, headings: Sequence[str] = ())
         One drawing as wide as the widest part.
     """
     # Figures arrive as markupsafe.Markup, whose string methods escape their arguments; plain strings do not.
-    svgs = [str(part) for part in parts]
+    svgs = [str(part.svg if isinstance(part, Figure) else part) for part in parts]
+    drawn_from = tuple(figure for part in parts for figure in _list_figures(part))
     if len(svgs) == 1:
-        return Figure(svgs[0], title)
+        return Figure(svgs[0], title, drawn_from)
     sizes = [_read_size(svg) for svg in svgs]
     width = max(wide for wide, _ in sizes)
     elements, top = [], 0.0
@@ -85,7 +127,7 @@ def join_figures(parts: Sequence[str], title: str, headings: Sequence[str] = ())
         if headings:
             top += _HEADING
             elements.append(
-                f'<text x="4" y="{top - 4:g}" font-family="sans-serif" font-size="9" font-weight="bold" '
+                f'<text x="4" y="{top - 4:g}" font-family="DejaVu Sans, sans-serif" font-size="9" font-weight="bold" '
                 f'fill="#333333">{escape(headings[k])}</text>'
             )
         # A nested <svg> needs a place and a size of its own; its viewBox still scales what is inside.
@@ -98,7 +140,45 @@ def join_figures(parts: Sequence[str], title: str, headings: Sequence[str] = ())
     )
     svg_text = f'{head}<rect width="100%" height="100%" fill="#ffffff"/>{"".join(elements)}</svg>'
     # Names come from users' files, and one control character makes the whole document invalid XML.
-    return Figure(replace_control_characters(svg_text), title)
+    return Figure(replace_control_characters(svg_text), title, drawn_from)
+
+
+def _list_figures(part: str | Figure) -> tuple[MatplotlibFigure, ...]:
+    if isinstance(part, Figure):
+        return part.drawn_from
+    figure = getattr(part, "figure", None)
+    return () if figure is None else (figure,)
+
+
+def check_ending(path: str | Path, endings: tuple[str, ...]) -> Path:
+    """Return the path of a file to write.
+
+    Parameters
+    ----------
+    path : path
+        What was given.
+    endings : tuple of str
+        Endings that are possible, each with its dot.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    DynidentError
+        For what is no path, another ending, or a folder that does not exist.
+    """
+    if not isinstance(path, (str, Path)):
+        raise DynidentError(f"{path!r:.60} is not a path; give the name of the file to write", pointer="path")
+    file = Path(path)
+    if file.suffix.lower() not in endings:
+        *others, last = endings
+        wanted = f"{', '.join(others)} or {last}" if others else last
+        raise DynidentError(f"cannot write {file.name}; the file name must end in {wanted}", pointer=str(file))
+    check_folder_exists(file)
+    return file
 
 
 def check_folder_exists(path: Path) -> None:

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import overload
 
-from dynident.api.data_frames import Columns, Framed, build_columns
+import numpy as np
+
+from dynident.api.argument_checks import require
+from dynident.api.data_frames import Framed, Table, build_columns
 from dynident.api.effect_arguments import Addition, collect_added_effects, resolve_effects
-from dynident.api.figure import Figure, check_folder_exists, join_figures
-from dynident.api.parameter_tables import ErrorTable, Parameters
+from dynident.api.figure import Figure, check_ending, join_figures
+from dynident.api.model_results import ModelResults
 from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
-from dynident.array_types import FloatArray
+from dynident.diagnosis import compare
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import Errors
-from dynident.export import PredictingModel, TorquePredictor
 from dynident.identification import Identification, check_same_recordings, extend, remove, to_bytes
 from dynident.identification.study.held_out_gain import find_best_step
-from dynident.identification.study.prediction import PredictedTorque, predict
-from dynident.progress import Progress, ignore_progress
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.reports.labels import format_joints, format_shape_constants, get_effect_title, get_step_mark
 from dynident.reports.number_format import format_count, format_number, format_percent
 from dynident.robot import Robot
@@ -40,7 +39,7 @@ _LONGEST = 90
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class Model(ModelResults):
     """An identified model.
 
     A model that was read from a file has no recordings until `with_data` adds them.
@@ -62,75 +61,61 @@ class Model:
     ['viscous', 'stribeck']
     """
 
-    identification: Identification
     recordings: Recordings = NO_RECORDINGS
     validation: Recordings = NO_RECORDINGS
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that was identified."""
-        return self.identification.model.robot
-
-    @cached_property
-    def parameters(self) -> Parameters:
-        """The base parameters with their standard deviations and intervals."""
-        return Parameters(self.identification.parameters)
-
-    @property
-    def effects(self) -> tuple[EffectChoice, ...]:
-        """The effects in the model."""
-        return self.identification.choices.effects
-
-    @property
-    def fit(self) -> Errors:
-        """Errors on all rows of the data of the fit: `fit.relative_total`, `fit.relative` (n,) and more."""
-        return self.identification.fit
-
-    @property
-    def held_out(self) -> Errors | None:
-        """Errors on all rows of the validation data; None where there are none."""
-        return self.identification.held_out
-
-    @property
-    def held_out_moving(self) -> Errors | None:
-        """Errors on the validation data where each joint moves, by which models are compared; None without any."""
-        return self.identification.held_out_moving
-
-    @cached_property
-    def errors(self) -> ErrorTable:
-        """Errors joint by joint: in the fit and held out, where the joint moves and on all rows."""
-        return ErrorTable.from_identification(self.identification)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The warnings of the identification."""
-        return self.identification.warnings
 
     @property
     def ladder(self) -> Ladder:
         """The models that led to this one, in order, with this one as the last."""
         return Ladder(tuple(Model(rung, self.recordings, self.validation) for rung in self.identification.ladder()))
 
-    @property
-    def summary(self) -> str:
-        """The quality of the model, in a few sentences."""
-        identification = self.identification
-        n_determined = sum(parameter.well_identified for parameter in self.parameters)
-        n_parameters = format_count(identification.model.n_parameters, "base parameter")
-        errors = identification.held_out_judged
-        held_out = "" if errors is None else f", {format_percent(errors.relative_total)} on held-out data"
-        sentences = [
-            f"Where joints move, the relative error of the torque is "
-            f"{format_percent(identification.fit_judged.relative_total)} in the "
-            f"fit{held_out}.",
-            f"{n_determined} of {n_parameters} are determined by the data.",
-            f"The condition number of W is {format_number(identification.condition_number)}; there are "
-            f"{identification.equations_per_parameter:.0f} equations per parameter.",
-        ]
-        if identification.warnings:
-            sentences.append(f"There {'is' if len(identification.warnings) == 1 else 'are'} "
-                             f"{format_count(len(identification.warnings), 'warning')}.")  # fmt: skip
-        return " ".join(sentences)
+    def residuals(self, recordings: SomeRecordings | None = None, *, progress: Progress = ignore_progress) -> Table:
+        """Return measured minus predicted torque.
+
+        Parameters
+        ----------
+        recordings : recordings, optional
+            Those that the model was identified from by default.
+        progress : function, optional
+            Called with the fraction done and a message.
+
+        Returns
+        -------
+        Table
+            A row for each filtered, decimated sample: recording (its name), t (s), and a column for each joint (N m, or
+            N). Where a joint stands it is the distance to what static friction may hold. `compare` has more: measured
+            and predicted torque, and the phases of the motion.
+
+        Raises
+        ------
+        DynidentError
+            Where there are no recordings (see `with_data`), or they are another robot's.
+
+        Examples
+        --------
+        >>> model.residuals()["shoulder"].std()  # doctest: +SKIP
+        >>> model.residuals(runs[1:]).to_frame().plot(x="t", y="shoulder")  # doctest: +SKIP
+        """
+        if recordings is None:
+            self.check_data("compute residuals")
+        checked_recordings = self.recordings if recordings is None else as_recordings(recordings)
+        if not checked_recordings:
+            raise DynidentError("give at least one recording", pointer="recordings", title="Recordings needed")
+        parts = []
+        for index, recording in enumerate(checked_recordings.recordings):
+            share = scale_progress(progress, index / len(checked_recordings), (index + 1) / len(checked_recordings))
+            parts.append(compare(self.identification, recording, share))
+        residuals = np.concatenate([part.residual for part in parts])
+        joints, units = parts[0].joint_names, parts[0].units
+        return Table(
+            {
+                "recording": np.repeat(checked_recordings.names, [len(part.t) for part in parts]),
+                "t": np.concatenate([part.t for part in parts]),
+                **{name: residuals[:, j] for j, name in enumerate(joints)},
+            },
+            {"t": "s", **dict(zip(joints, units, strict=True))},
+            title=f"Residuals of {', '.join(checked_recordings.names)}: measured minus predicted torque",
+        )
 
     def verdict(self, validations: Sequence[Outcome] = ()) -> ModelVerdict:
         """Judge what the model is fit for (simulation, feed-forward, collision detection, payload).
@@ -148,6 +133,12 @@ class Model:
         ModelVerdict
             Whether the model is fit for each use, why, and what to do next.
         """
+        require(
+            not isinstance(validations, str) and all(isinstance(item, Outcome) for item in validations),
+            validations,
+            "validations",
+            "give the results of dy.validate(model)",
+        )
         # Checks of the recordings can veto a verdict, however small the errors are.
         checks = {recording.name: recording.checks for recording in (*self.recordings, *self.validation)}
         return verdict(self.identification, self.recordings.recordings, self.validation.recordings, checks, validations)
@@ -248,39 +239,6 @@ class Model:
                 title="Recordings needed",
             )
 
-    def predict(self, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, level: float = 0.95) -> PredictedTorque:
-        """Predict torque along a motion, with its interval.
-
-        Parameters
-        ----------
-        q, dq, ddq : (m, n) arrays
-            Samples of one motion in the order of time: rad, rad/s, rad/s² (m, …). Hysteresis remembers the path.
-        level : float
-            Probability of the intervals.
-
-        Returns
-        -------
-        PredictedTorque
-            `torque` (m, n) in N m or N; `half_width` of the interval of what would be measured, `mean_half_width` of
-            that of the model's own torque.
-
-        Raises
-        ------
-        DynidentError
-            For arrays that do not fit, or effects that depend on more than the motion.
-        """
-        return predict(self.identification.estimate, q, dq, ddq, level=level)
-
-    def predictor(self) -> TorquePredictor:
-        """Return a predictor for a controller.
-
-        Returns
-        -------
-        TorquePredictor
-            Call `step(q, dq, ddq)` once a sample, and `reset()` before a new motion.
-        """
-        return PredictingModel.from_identification(self.identification).predictor()
-
     def save(self, path: str | Path) -> None:
         """Write the model, with the models that led to it, to an .npz file, which `load_model` and the commands read.
 
@@ -297,11 +255,7 @@ class Model:
         DynidentError
             For another ending, or a folder that does not exist.
         """
-        path = Path(path)
-        if path.suffix != ".npz":
-            raise DynidentError(f"cannot write {path.name}; the file name must end in .npz", pointer=str(path))
-        check_folder_exists(path)
-        path.write_bytes(to_bytes(self.identification))
+        check_ending(path, (".npz",)).write_bytes(to_bytes(self.identification))
 
     def plot(self) -> Figure:
         """Draw the errors of every model of the ladder, in total and joint by joint.
@@ -323,7 +277,7 @@ class Model:
     def _repr_html_(self) -> str:
         return join_html(
             render_paragraph(f"Model of {self.robot.name}", strong=True),
-            render_paragraph(self.summary),
+            render_paragraph(_describe_quality(self.identification)),
             self.errors._repr_html_(),
             render_list(self.warnings),
             render_details("parameters", self.parameters._repr_html_()),
@@ -348,7 +302,7 @@ class Ladder(Sequence[Model], Framed):
 
     items: tuple[Model, ...]
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         models = [model.identification for model in self.items]
         # Without a held-out error of every model no step is best, and no column says so.
         best_step = find_best_step(models)
@@ -419,6 +373,24 @@ class Ladder(Sequence[Model], Framed):
                 held_out,
                 mark,
             )
+
+
+def _describe_quality(identification: Identification) -> str:
+    n_determined = sum(parameter.well_identified for parameter in identification.parameters)
+    n_parameters = format_count(identification.model.n_parameters, "base parameter")
+    errors = identification.held_out
+    held_out = "" if errors is None else f", {format_percent(errors.relative_total)} on held-out data"
+    sentences = [
+        f"The relative error of the torque is {format_percent(identification.fit.relative_total)} in the "
+        f"fit{held_out}.",
+        f"{n_determined} of {n_parameters} are determined by the data.",
+        f"The condition number of W is {format_number(identification.condition_number)}; there are "
+        f"{identification.equations_per_parameter:.0f} equations per parameter.",
+    ]
+    if identification.warnings:
+        sentences.append(f"There {'is' if len(identification.warnings) == 1 else 'are'} "
+                         f"{format_count(len(identification.warnings), 'warning')}.")  # fmt: skip
+    return " ".join(sentences)
 
 
 def _check_recording_names(recordings: Recordings, names: tuple[str, ...], use: str) -> None:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment, advise
-from dynident.api.data_frames import Columns, Framed, build_columns
+from dynident.api.argument_checks import check_arguments
+from dynident.api.data_frames import Framed, Table, build_columns
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
@@ -173,7 +174,7 @@ class DiagnosedModel(Framed):
         significant = [candidate for candidate in self.candidates if candidate.significant]
         return evidence(self.model.identification, significant, self.recordings.recordings)
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         return build_columns(_FRAME_COLUMNS, [self._build_frame_row(candidate) for candidate in self.candidates])
 
     def plot(self) -> Figure:
@@ -253,11 +254,12 @@ class DiagnosedModel(Framed):
         return [f"{are_open}: .next_experiment looks for a motion that decides."]
 
 
+@check_arguments
 def diagnose(
     model: Model | Identification,
     recordings: SomeRecordings | None = None,
     *,
-    candidates: Sequence[str] | None = None,
+    candidates: str | Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
     progress: Progress = ignore_progress,
@@ -310,7 +312,7 @@ def diagnose(
     examination = examine(
         desk_model.identification,
         checked_recordings.recordings,
-        candidates=candidates,
+        candidates=[candidates] if isinstance(candidates, str) else candidates,
         most_effects=most_effects,
         significance=significance,
         progress=progress,

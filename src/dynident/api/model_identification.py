@@ -6,19 +6,23 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from dynident.api.argument_checks import check_arguments, check_is_file, require
 from dynident.api.effect_arguments import check_effects, resolve_effects
 from dynident.api.model import NO_RECORDINGS, Model
-from dynident.api.recordings import SomeRecordings, as_recordings
-from dynident.effects import EffectChoice
+from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
+from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.errors import DynidentError
 from dynident.identification import Identification, IdentificationChoices, from_bytes
 from dynident.identification import identify as identify_parameters
 from dynident.identification.choices import EstimatorName
+from dynident.identification.equations.reduce_data import split_friction_tests
 from dynident.identification.methods.bases import Estimator
 from dynident.progress import Progress, ignore_progress
+from dynident.recordings import Filters, Preprocessing, preprocessing_from_request
 from dynident.robot import Robot
 
 
+@check_arguments
 def identify(
     robot: Robot,
     recordings: SomeRecordings,
@@ -26,6 +30,7 @@ def identify(
     validation: SomeRecordings = (),
     effects: str | EffectChoice | Iterable[str | EffectChoice] | None = None,
     estimator: EstimatorName | Estimator | None = None,
+    filters: Filters | Preprocessing | None = None,
     choices: IdentificationChoices | None = None,
     progress: Progress = ignore_progress,
 ) -> Model:
@@ -44,8 +49,11 @@ def identify(
         Coulomb and viscous friction. `dynident effects` lists all.
     estimator : str or Estimator, optional
         How the parameters are solved for, by its name or with options of its own: see docs/methods.md.
+    filters : Filters, optional
+        Filters of the recordings, `dy.Filters(torque_cutoff=15.0)`; by default all of them are chosen from the data.
+        `model.filters` gives those of a model, also to be used for another one. A diagnosis uses those of its model.
     choices : IdentificationChoices, optional
-        All options: equation type, strategy, prior, filters and the rest. `effects` and `estimator` take precedence.
+        All options: equation type, strategy, prior and the rest. The arguments of their own take precedence.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -78,10 +86,27 @@ def identify(
     if estimator is not None:
         all_choices = replace(all_choices, estimator=estimator)
     fit_recordings, held_out = as_recordings(recordings), as_recordings(validation)
+    if filters is not None:
+        all_choices = replace(all_choices, preprocessing=_resolve_filters(filters, fit_recordings))
     identification = identify_parameters(robot, fit_recordings.recordings, held_out.recordings, all_choices, progress)
     return Model(identification, fit_recordings, held_out)
 
 
+def _resolve_filters(filters: Filters | Preprocessing, recordings: Recordings) -> Preprocessing:
+    if isinstance(filters, Preprocessing):
+        return filters
+    if not isinstance(filters, Filters):
+        raise DynidentError(
+            f"filters is {filters!r:.60}; give dy.Filters(…), such as dy.Filters(torque_cutoff=15.0) in Hz",
+            pointer="filters",
+            title="Impossible preprocessing",
+        )
+    # Tests of friction at constant velocity say nothing about the bandwidth of the motion.
+    motions, _ = split_friction_tests(recordings.recordings)
+    return preprocessing_from_request(filters, motions)
+
+
+@check_arguments
 def load_model(path: str | Path) -> Model:
     """Read a model that `Model.save` or `dynident identify --out` wrote.
 
@@ -110,13 +135,14 @@ def load_model(path: str | Path) -> Model:
     'scara'
     """
     path = Path(path)
-    if not path.is_file():
-        raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
+    check_is_file(path, "model")
     try:
         return Model(from_bytes(path.read_bytes()), NO_RECORDINGS, NO_RECORDINGS)
     except DynidentError as error:
         # The reader sees bytes alone, so the name of the file is added here.
-        raise DynidentError(f"{path.name}: {error.detail}", pointer=str(path), title=error.title) from error
+        own = isinstance(error, UnknownEffectError)
+        hint = ". An effect of your own is registered before a model with it is read: dy.register(…)" if own else ""
+        raise DynidentError(f"{path.name}: {error.detail}{hint}", pointer=str(path), title=error.title) from error
 
 
 def as_model(model: Model | Identification) -> Model:
@@ -131,5 +157,16 @@ def as_model(model: Model | Identification) -> Model:
     -------
     Model
         The same model, in the form that the methods of this package need.
+
+    Raises
+    ------
+    DynidentError
+        For anything else, such as the path of its file.
     """
+    require(
+        isinstance(model, (Model, Identification)),
+        model,
+        "model",
+        'give one model, as identify(…) gives it or as it is read from its file: dy.load_model("model.npz")',
+    )
     return model if isinstance(model, Model) else Model(model, NO_RECORDINGS, NO_RECORDINGS)

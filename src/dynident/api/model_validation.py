@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import overload
 
+from dynident.api.argument_checks import check_arguments
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
 from dynident.api.recordings import SomeRecordings, as_recordings
@@ -92,6 +93,7 @@ class Validations(Sequence[Validation]):
         return [(validation.title, _WORDS[validation.verdict], validation.judged.reason) for validation in self.items]
 
 
+@check_arguments
 def validate(
     model: Model | Identification,
     validation: SomeRecordings | None = None,

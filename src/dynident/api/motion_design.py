@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from dynident.api.data_frames import Columns, Framed
+from dynident.api.argument_checks import check_arguments
+from dynident.api.data_frames import Framed, Table
 from dynident.api.effect_arguments import check_effects, resolve_effects
-from dynident.api.figure import Figure, check_folder_exists, join_figures
+from dynident.api.figure import Figure, check_ending, join_figures
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.recordings import SomeRecordings, as_recordings
@@ -81,13 +82,7 @@ class DesignedMotion(Framed):
             For another ending, or a folder that does not exist.
         """
         # The ending is checked before anything is computed or written.
-        path = Path(path)
-        if path.suffix not in _FILE_ENDINGS:
-            raise DynidentError(
-                f"cannot write {path.name}; the file name must end in .csv, .parquet or .yaml (ROS 2)",
-                pointer=str(path),
-            )
-        check_folder_exists(path)
+        path = check_ending(path, _FILE_ENDINGS)
         if path.suffix == ".yaml":
             design = self.design
             lines = format_joint_trajectory(design.joint_names, design.t, design.q, design.dq, design.ddq)
@@ -95,12 +90,12 @@ class DesignedMotion(Framed):
         else:
             write_design(self.design, path)
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         # The same table that `save` writes, so that a frame and a file have the same columns.
         table = design_table(self.design)
         columns = {name: table_column_to_numbers(table.column(name)) for name in table.column_names}
         units = list_signal_units(columns, self.design.joint_names, [joint.kind for joint in self.robot.joints])
-        return Columns(columns, units)
+        return Table(columns, units)
 
     def plot(self) -> Figure:
         """Draw the joints within their limits, their velocity over position, and the path of the tool.
@@ -138,6 +133,7 @@ class DesignedMotion(Framed):
         )
 
 
+@check_arguments
 def design(
     robot: Robot | Model,
     request: DesignRequest | DiagnosedModel | None = None,

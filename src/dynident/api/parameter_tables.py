@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import overload
 
-from dynident.api.data_frames import Columns, Framed
+from dynident.api.data_frames import Framed, Table
 from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
 from dynident.reports.labels import PARAMETER_JUDGEMENTS
-from dynident.reports.number_format import format_estimate, format_number, format_percent
+from dynident.reports.number_format import format_count, format_estimate, format_number, format_percent
 from dynident.text_and_html_tables import format_text_table, join_html, render_paragraph, render_table
 
 _SHOWN = 30
-_LONGEST = 40
+_LONGEST, _LONGEST_JOINT, _WIDTH = 40, 16, 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +33,9 @@ class Parameters(Sequence[IdentifiedParameter], Framed):
 
     items: tuple[IdentifiedParameter, ...]
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         items = self.items
-        return Columns(
+        return Table(
             {
                 "name": [item.name for item in items],
                 "joint": [item.link for item in items],
@@ -175,9 +176,9 @@ class ErrorTable(Sequence[JointError], Framed):
             )
         )
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         names = tuple(JointError.__dataclass_fields__)
-        return Columns({name: [getattr(joint_error, name) for joint_error in self.items] for name in names})
+        return Table({name: [getattr(joint_error, name) for joint_error in self.items] for name in names})
 
     def __len__(self) -> int:
         return len(self.items)
@@ -198,6 +199,13 @@ class ErrorTable(Sequence[JointError], Framed):
 
     def _repr_html_(self) -> str:
         return render_table(_ERROR_COLUMNS, [_format_joint_error(joint_error) for joint_error in self.items])
+
+
+class PlainText(str):
+    """A text that a console and a notebook show as it is printed, with its line breaks."""
+
+    def __repr__(self) -> str:
+        return str(self)
 
 
 _COLUMNS = ("parameter", "joint", "value", "deviation", "95 % interval", "unit", "determined")
@@ -235,5 +243,61 @@ def _get_moving_error(errors: Errors | None, joint: int) -> tuple[float | None, 
     return float(errors.relative[joint]), float(errors.rms[joint])
 
 
-def _shorten(text: str) -> str:
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+def _shorten(text: str, longest: int = _LONGEST) -> str:
+    return text if len(text) <= longest else f"{text[: longest - 1]}…"
+
+
+def format_summary(identification: Identification) -> str:
+    """Return quality, errors joint by joint and parameters of a model as plain text.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+
+    Returns
+    -------
+    str
+        Lines of at most 100 characters.
+    """
+    data, choices, errors = identification.data, identification.choices, identification.held_out_judged
+    parameters = identification.parameters
+    n_determined = sum(parameter.well_identified for parameter in parameters)
+    held_out = "no held-out data" if errors is None else f"{format_percent(errors.relative_total)} held out"
+    facts = [
+        ("identified from", ", ".join(data.measurement_names)),
+        ("held out", ", ".join(data.validation_names) or "nothing"),
+        ("equation type, estimator", f"{choices.model}, {choices.solver.name_with_options}"),
+        (
+            "error where joints move",
+            f"{format_percent(identification.fit_judged.relative_total)} in the fit, {held_out}",
+        ),
+        ("determined parameters", f"{n_determined} of {format_count(len(parameters), 'base parameter')}"),
+        ("condition number of W", format_number(identification.condition_number)),
+        ("equations per parameter", f"{identification.equations_per_parameter:.0f}"),
+        ("warnings", str(len(identification.warnings) or "none")),
+    ]
+    width = max(len(name) for name, _ in facts)
+    indent = " " * (width + 4)
+    lines = [
+        line
+        for name, value in facts
+        for line in wrap(value, _WIDTH, initial_indent=f"  {name:<{width}}  ", subsequent_indent=indent)
+    ]
+    joints = [_format_joint_error(error) for error in ErrorTable.from_identification(identification)]
+    rows = [_format_parameter(parameter) for parameter in parameters]
+    return "\n".join(
+        [
+            f"Model of {identification.model.robot.name}",
+            *lines,
+            "",
+            format_text_table("Errors", _ERROR_COLUMNS, _shorten_first(joints, 0), len(joints)),
+            "",
+            format_text_table("Parameters", _COLUMNS, _shorten_first(rows, 1), len(rows), right_from=2),
+        ]
+    )
+
+
+def _shorten_first(rows: Sequence[tuple[str, ...]], column: int) -> list[tuple[str, ...]]:
+    """Return rows in which the names of joints are cut to what leaves room for the other columns."""
+    return [(*row[:column], _shorten(row[column], _LONGEST_JOINT), *row[column + 1 :]) for row in rows]

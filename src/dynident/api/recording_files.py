@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import re
-import tempfile
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import TypedDict, Unpack
 
+from dynident.api.argument_checks import check_arguments, require
+from dynident.api.recording_sources import RecordingData, SourceFile, TemporaryFile, open_recording_source
 from dynident.api.recordings import CheckedRecording, Recordings, RecordingSource
 from dynident.api.robot_files import DriveGains, set_drive_gains
 from dynident.errors import DynidentError
 from dynident.identification.column_inference import Guess, Inspection, Question, inspect_file
 from dynident.identification.robot_recordings import MOST_CURES, import_cured
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
+from dynident.recordings import Check, RecordingError, RecordingMetadata, Revision
 from dynident.recordings.metadata import RevisionFields
 from dynident.recordings.recording_files import check_readable_path, make_unique_names
 from dynident.robot import Robot
@@ -96,6 +96,7 @@ class InspectedFile:
         return f"{self.inspection.format}, {len(names)} columns: {', '.join(names[:_NAMES])}{rest}"
 
 
+@check_arguments
 def inspect(
     path: str | Path | tuple[str | Path, ...],
     robot: Robot | None = None,
@@ -161,8 +162,9 @@ _REWORDINGS = (
 )
 
 
+@check_arguments
 def read_recordings(
-    *paths: str | Path | tuple[str | Path, ...],
+    *sources: RecordingData,
     robot: Robot,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
@@ -172,7 +174,7 @@ def read_recordings(
     cure: bool = False,
     progress: Progress = ignore_progress,
 ) -> Recordings:
-    """Read files of recordings, and check them for common faults.
+    """Read recordings from files, data frames or arrays, and check them for common faults.
 
     Files hold the columns `t`, `q1`, … (or `q_<joint>`, …) and `tau1`, … or `current1`, …; see docs/my-robot.md. The
     arguments apply to all files of a call: read files that differ by a call each, and join the results with +.
@@ -183,9 +185,10 @@ def read_recordings(
 
     Parameters
     ----------
-    *paths : path, or several
-        Each recording gets the name of its file, without the ending. Files that are one recording are given as a tuple:
-        ("q.csv", "dq.csv", "tau.csv").
+    *sources : paths, data frames or dictionaries
+        One recording each. Files that are one recording are given as a tuple: ("q.csv", "dq.csv", "tau.csv"). A data
+        frame (pandas, polars, Arrow) has the columns of a file. A dictionary may also hold signals of all joints as
+        arrays (m, n), and a sampling period instead of times: {"dt": 0.001, "q": q, "tau": tau}.
     robot : Robot
         The columns are of its joints; its limits are checked against, and its drive gains turn currents into torques.
     columns : mapping of our name to the file's
@@ -199,7 +202,8 @@ def read_recordings(
     metadata : RecordingMetadata, optional
         All options of a file: its role ("friction" for motions at constant velocity, one joint at a time), a known
         payload, the rate of rows without a time, checks to accept, signs, factors and order of columns, a delay of the
-        torque. The other arguments take precedence over it, and recordings are named after their files in any case.
+        torque. The other arguments take precedence over it. Its name is that of data from memory; recordings in files
+        are named after these.
     cure : bool
         Read what would be refused as its checks propose (their `apply`), and say so among the findings.
     progress : function, optional
@@ -230,9 +234,9 @@ def read_recordings(
     >>> runs[0].recording.sampling_rate
     200.0
     """
-    files = [check_readable_path(path) for path in paths]
-    if not files:
+    if not sources:
         raise DynidentError("give at least one file to read", title="No such file")
+    files = [open_recording_source(source, robot) for source in sources]
     machine = robot if drive_gains is None else set_drive_gains(robot, drive_gains)
     stated = metadata or RecordingMetadata()
     if columns is not None:
@@ -241,22 +245,24 @@ def read_recordings(
         stated = replace(stated, units=dict(units))
     if windows:
         stated = replace(stated, windows=tuple((float(start), float(end)) for start, end in windows))
+    names = make_unique_names([Path(file.name or stated.name) for file in files])
     recordings: list[CheckedRecording] = []
-    failures: list[tuple[Path, RecordingError]] = []
-    for index, (path, name) in enumerate(zip(files, make_unique_names(files), strict=True)):
+    failures: list[tuple[str, RecordingError]] = []
+    for index, (file, name) in enumerate(zip(files, names, strict=True)):
         share = scale_progress(progress, index / len(files), (index + 1) / len(files))
+        own = replace(stated, name=name, rate=file.rate or stated.rate)
         try:
-            recordings.append(_read_recording(path, machine, replace(stated, name=name), cure=cure, progress=share))
+            recordings.append(_read_recording(file, machine, own, cure=cure, progress=share))
         # All files are read before the error is raised, so that one attempt reports what is wrong with every file.
         except RecordingError as error:
-            failures.append((path, error))
+            failures.append((name if file.owner else file.path.name, error))
     if failures:
         raise _join_errors(failures, len(files)) from failures[0][1]
     return Recordings(tuple(recordings))
 
 
 def _read_recording(
-    path: Path,
+    file: SourceFile,
     robot: Robot,
     metadata: RecordingMetadata,
     *,
@@ -264,19 +270,19 @@ def _read_recording(
     edits: tuple[Revision, ...] = (),
     progress: Progress = ignore_progress,
 ) -> CheckedRecording:
-    # Only the name is wanted: the importer writes the file by itself, and Windows cannot open a file twice.
-    with tempfile.NamedTemporaryFile(dir=_temporary_folder().name, suffix=".parquet", delete=False) as file:
-        destination = Path(file.name)
+    destination = TemporaryFile()
     try:
-        read = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
-    # An interrupt counts, too: a half-written file of some gigabytes must not stay behind.
+        read = import_cured(robot, file.path, destination.path, metadata, progress, most=MOST_CURES if cure else 0)
+    # An interrupt counts, too. The error refers to this call, so the file would stay as long as the error is known.
     except BaseException:
-        destination.unlink(missing_ok=True)
+        destination.path.unlink(missing_ok=True)
         raise
-    _remove_when_unused(read.recording, destination)
+    # Copies of a recording (other windows, another name) share its source, so the source decides how long the file is
+    # needed.
+    weakref.finalize(read.recording.source, _let_go, destination)
     checks = tuple(replace(check, detail=_reword(check.detail)) for check in read.checks)
     return CheckedRecording(
-        read.recording, checks, robot, RecordingSource(path, read.metadata, (*edits, *read.revisions))
+        read.recording, checks, robot, RecordingSource(file.path, read.metadata, (*edits, *read.revisions), file.owner)
     )
 
 
@@ -315,6 +321,12 @@ def revise(
     >>> shorter.source.metadata.windows
     ((1.0, 6.0),)
     """
+    require(
+        isinstance(recording, CheckedRecording),
+        recording,
+        "recording",
+        "give one recording of read_recordings: runs[0]",
+    )
     if recording.source is None or recording.robot is None:
         raise DynidentError(
             f"{recording.name} was not read from a file with read_recordings, so it cannot be revised",
@@ -334,29 +346,22 @@ def revise(
     # A revised recording stands beside the first one in tables: it needs a name of its own.
     if revision.name is None:
         revised = replace(revised, name=f"{source.metadata.name} r{len(edits)}")
-    return _read_recording(source.path, recording.robot, revised, edits=edits)
+    file = SourceFile(source.path, source.metadata.name, owner=source.owner)
+    return _read_recording(file, recording.robot, revised, edits=edits)
 
 
-@cache
-def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
-    """Return this process's folder for checked recordings, which is removed when the process ends."""
-    return tempfile.TemporaryDirectory(prefix="dynident-", ignore_cleanup_errors=True)
+def _let_go(_: TemporaryFile) -> None:
+    """Drop the last reference to a temporary file."""
 
 
-def _remove_when_unused(recording: Recording, path: Path) -> None:
-    # Copies of a recording (other windows, another name) share its source, so the source decides how long the file
-    # is needed.
-    weakref.finalize(recording.source, path.unlink, missing_ok=True)
-
-
-def _join_errors(failures: Sequence[tuple[Path, RecordingError]], n_files: int) -> RecordingError:
+def _join_errors(failures: Sequence[tuple[str, RecordingError]], n_files: int) -> RecordingError:
     """Join the errors of all files that cannot be used to one, with every blocking finding in it."""
     texts, checks = [], list[Check]()
-    for path, error in failures:
+    for name, error in failures:
         # The error's text quotes the first failed check already; only the others are added.
         own = [check for check in error.checks if check.status == "error" and check.detail not in error.detail]
         further = [f"\n    also {check.name.replace('_', ' ')}: {_reword(check.detail)}" for check in own]
-        texts.append(f"{path.name}: {_reword(error.detail)}{''.join(further)}")
+        texts.append(f"{name}: {_reword(error.detail)}{''.join(further)}")
         checks += error.checks
     _, first = failures[0]
     if len(failures) == 1:

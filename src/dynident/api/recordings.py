@@ -11,7 +11,8 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.api.data_frames import Columns, Framed
+from dynident.api.argument_checks import describe_value
+from dynident.api.data_frames import Framed, Table
 from dynident.api.figure import Figure, join_figures
 from dynident.errors import DynidentError
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
@@ -37,11 +38,14 @@ class RecordingSource:
         How the file was read at last, with all changes.
     edits : tuple of Revision
         The changes of the metadata since the first reading, in their order.
+    owner : object
+        Keeps the temporary file of a recording that was given as data; None for a user's file.
     """
 
     path: Path
     metadata: RecordingMetadata
     edits: tuple[Revision, ...] = ()
+    owner: object = None
 
     @property
     def sha256(self) -> str:
@@ -100,9 +104,9 @@ class CheckedRecording(Framed):
         """
         Recordings((self,)).save(folder)
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         samples = self._read_samples()
-        return Columns(samples.columns, samples.units)
+        return Table(samples.columns, samples.units)
 
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time.
@@ -201,7 +205,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
             shutil.copyfile(item.recording.path, unfinished)
             unfinished.replace(destination)
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         # The stored samples, not the filtered ones: a frame is for looking at the data themselves.
         samples = [item._read_samples() for item in self.items]
         counts = [len(recording_samples.columns["t"]) for recording_samples in samples]
@@ -214,7 +218,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
                 for recording_samples, m in zip(samples, counts, strict=True)
             ]
             columns[name] = np.concatenate(parts)
-        return Columns(
+        return Table(
             columns, {name: unit for recording_samples in samples for name, unit in recording_samples.units.items()}
         )
 
@@ -233,8 +237,8 @@ class Recordings(Sequence[CheckedRecording], Framed):
         """
         if not self.items:
             raise DynidentError("nothing to draw: there are no recordings")
-        svgs = [item.plot().svg for item in self.items]
-        return join_figures(svgs, f"recordings {', '.join(self.names)}", self.names)
+        parts = [item.plot() for item in self.items]
+        return join_figures(parts, f"recordings {', '.join(self.names)}", self.names)
 
     def __len__(self) -> int:
         return len(self.items)
@@ -259,8 +263,8 @@ class Recordings(Sequence[CheckedRecording], Framed):
     def __contains__(self, item: object) -> bool:
         return item in self.names if isinstance(item, str) else item in self.items
 
-    def __add__(self, other: Recordings) -> Recordings:
-        return Recordings(self.items + other.items)
+    def __add__(self, other: SomeRecordings) -> Recordings:
+        return Recordings(self.items + as_recordings(other).items)
 
     def __repr__(self) -> str:
         lines = [f"  {_format_line(item.recording)}" for item in self.items[:_SHOWN]]
@@ -317,7 +321,8 @@ def as_recordings(recordings: SomeRecordings) -> Recordings:
     if isinstance(recordings, Recordings):
         return recordings
     # A text counts as one item, so that a file's name is refused as a whole and not letter by letter.
-    items = [recordings] if isinstance(recordings, (CheckedRecording, Recording, str)) else list(recordings)
+    is_one = isinstance(recordings, (CheckedRecording, Recording, str)) or not isinstance(recordings, Iterable)
+    items: list[object] = [recordings] if is_one else list(recordings)  # type: ignore[arg-type]
     return Recordings(tuple(_to_checked(item) for item in items))
 
 
@@ -327,7 +332,8 @@ def _to_checked(item: object) -> CheckedRecording:
     if isinstance(item, Recording):
         return CheckedRecording(item)
     raise DynidentError(
-        f"{item!r} is not a recording; read files with read_recordings(…, robot=robot) first", title="Not a recording"
+        f"{describe_value(item)} is not a recording; read files with read_recordings(…, robot=robot) first",
+        title="Not a recording",
     )
 
 

@@ -6,17 +6,19 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-from dynident.api.figure import check_folder_exists
+from dynident.api.argument_checks import check_arguments, require
+from dynident.api.figure import check_ending
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
+from dynident.api.model_identification import as_model
 from dynident.api.model_validation import Validations
 from dynident.api.motion_design import DesignedMotion
 from dynident.diagnosis import compare
 from dynident.encoding import encode_text
-from dynident.errors import DynidentError
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.reports import ReportedRecording, ReportedValidation
 
+_MADE_BY = {"diagnosis": "diagnose", "validations": "validate", "design": "design"}
 _ENDINGS = (".html", ".htm", ".pdf")
 
 
@@ -48,12 +50,8 @@ class Report:
         DynidentError
             For another ending than .html or .pdf, or a folder that does not exist.
         """
-        path = Path(path)
-        if path.suffix not in _ENDINGS:
-            detail = f"cannot write {path.name}; the file name must end in .html or .pdf"
-            raise DynidentError(detail, pointer=str(path))
-        check_folder_exists(path)
-        if path.suffix == ".pdf":
+        path = check_ending(path, _ENDINGS)
+        if path.suffix.lower() == ".pdf":
             from dynident.reports import render_pdf
 
             path.write_bytes(render_pdf(self.html))
@@ -70,6 +68,7 @@ class Report:
         return f'<iframe title="{title}" style="{style}" srcdoc="{page}"></iframe>'
 
 
+@check_arguments
 def report(
     model: Model,
     *,
@@ -113,6 +112,14 @@ def report(
     """
     from dynident.reports import html_report
 
+    model = as_model(model)
+    for value, kind, name in (
+        (diagnosis, DiagnosedModel, "diagnosis"),
+        (validations, Validations, "validations"),
+        (design, DesignedMotion, "design"),
+    ):
+        remedy = f"give what dy.{_MADE_BY[name]}(…) gives"
+        require(value is None or isinstance(value, kind), value, name, remedy)
     model.check_data("report on the model")
     all_recordings = [*((item, False) for item in model.recordings), *((item, True) for item in model.validation)]
     runs = []

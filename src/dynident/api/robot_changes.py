@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, overload
 
-from dynident.api.data_frames import Columns, Framed, build_columns
+from dynident.api.argument_checks import check_arguments
+from dynident.api.data_frames import Framed, Table, build_columns
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import check_not_empty
@@ -87,7 +88,7 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         """
         return _extend_series(self.model, self.measure, self.days, days, progress)
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         rows = [
             (track.parameter, track.effect, track.joint, track.unit, day, track.values[k], *track.intervals[k])
             for track in self.series.courses
@@ -140,6 +141,7 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         return [(days[item.since], *row) for item in self.items for row in format_change(item.change, robot)]
 
 
+@check_arguments
 def series(
     model: Model | Identification,
     days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings],
@@ -265,7 +267,7 @@ class Changes(Sequence[Change], Framed):
         """The changes, each with its values, intervals and evidence."""
         return self.diagnosis.changes or ()
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> Table:
         rows = [
             (
                 change.choice.effect,
@@ -340,6 +342,7 @@ class Changes(Sequence[Change], Framed):
         )
 
 
+@check_arguments
 def changes(
     model: Model | Identification,
     *,

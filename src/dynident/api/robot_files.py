@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
+from dynident.api.argument_checks import check_arguments, check_is_file
 from dynident.errors import DynidentError
 from dynident.known_robots import locate_robot
 from dynident.optional_dependencies import format_install_hint
@@ -138,6 +139,7 @@ DriveGains = Mapping[str, float] | Sequence[float]
 """Drive gains [12.17] in N m (N) per unit of current: by joint, or one a joint in the robot's order."""
 
 
+@check_arguments
 def load_robot(
     source: str | Path,
     *,
@@ -241,6 +243,8 @@ def set_drive_gains(robot: Robot, gains: DriveGains) -> Robot:
 
 
 def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
+    if Path(source).is_dir():
+        check_is_file(Path(source), "robot")
     path = locate_robot(str(source))
     if path is None:
         arm = robot_from_library(str(source))

@@ -181,6 +181,10 @@ class Catalogue(Mapping[str, Effect]):
     Effects of other distributions are loaded on first use, because these distributions import this package.
     """
 
+    def __init__(self) -> None:
+        # Ids of effects that were added by `add`, which alone may be replaced.
+        self._own_ids: set[str] = set()
+
     @cached_property
     def _effects(self) -> dict[str, Effect]:
         ours = {effect.id: effect for effect in _BUILT_IN_EFFECTS}
@@ -199,6 +203,28 @@ class Catalogue(Mapping[str, Effect]):
         finally:
             self._effects.clear()
             self._effects.update(before)
+
+    def add(self, effect: Effect) -> None:
+        """Add an effect until this process ends, or replace one of the same id that was added so.
+
+        Parameters
+        ----------
+        effect : Effect
+            The effect.
+
+        Raises
+        ------
+        DynidentError
+            Where an effect of the library or of an installed package has the same id.
+        """
+        if effect.id in self._effects and effect.id not in self._own_ids:
+            raise DynidentError(
+                f"the id {effect.id!r} belongs to another effect, {self._effects[effect.id].title}; choose another id",
+                pointer="id",
+                title="Effect not registered",
+            )
+        self._effects[effect.id] = effect
+        self._own_ids.add(effect.id)
 
     def __getitem__(self, identifier: str) -> Effect:
         return self._effects[identifier]

@@ -156,6 +156,10 @@ class ExportedFile:
     content: bytes
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        head = f"ExportedFile({self.name}, {len(self.content) / 1e3:.1f} kB)"
+        return "\n".join([head, *(f"  note: {note}" for note in self.notes)])
+
 
 @dataclass(frozen=True, eq=False)
 class FeasibleLinks:

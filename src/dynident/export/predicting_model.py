@@ -15,9 +15,6 @@ from dynident.regressors.model import Model
 from dynident.regressors.observation import NOTHING_FURTHER, FurtherSignals, Observation
 from dynident.robot.model import Robot
 
-FAR = 1e6
-"""Number of slip distances after which any hysteresis slides steadily: its start has faded by exp(-FAR)."""
-
 
 @dataclass(frozen=True, eq=False)
 class PredictingModel:
@@ -85,7 +82,7 @@ class PredictingModel:
             For a single sample of a model with hysteresis, whose torque depends on the path before it.
         """
         if sliding:
-            return self._compute_torque(q, dq, ddq, self._compute_sliding_states(dq), further)
+            return self._compute_torque(q, dq, ddq, self.observation.compute_sliding_states(dq), further)
         # Any state before it could be meant: a guess would be wrong by the whole stroke of the hysteresis.
         if len(q) == 1 and self.observation.memory:
             joints = sorted({self.robot.joint_names[signal.joint] for signal in self.observation.memory})
@@ -107,15 +104,6 @@ class PredictingModel:
     ) -> FloatArray:
         entries = self.observation.evaluate(q, dq, ddq, reference=self.reference, memory=states, further=further)
         return self.observation.compute_torque(entries, self.values)
-
-    def _compute_sliding_states(self, dq: FloatArray) -> FloatArray:
-        """Return the steady states (m, number of hysteresis signals) of joints that keep on moving."""
-        states = np.zeros((len(dq), self.observation.n_memory))
-        for k, signal in enumerate(self.observation.memory):
-            moved = FAR * np.sign(dq[:, signal.joint])
-            # Only the sign of the velocity counts: after such a way every operator slides in its direction.
-            states[:, k] = [signal.operator.stroke(np.zeros(1), np.array([[way]]))[0, 0] for way in moved]
-        return states
 
 
 class TorquePredictor:
@@ -148,7 +136,13 @@ class TorquePredictor:
         self, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, further: FurtherSignals = NOTHING_FURTHER
     ) -> FloatArray:
         """Predict the torque (n,) of the next sample; q, dq, ddq (n,)."""
-        rows = (np.asarray(values, dtype=np.float64)[None] for values in (q, dq, ddq))
+        rows = [np.asarray(values, dtype=np.float64)[None] for values in (q, dq, ddq)]
+        n = self._model.robot.n
+        for name, row in zip(("q", "dq", "ddq"), rows, strict=True):
+            if row.shape != (1, n):
+                raise DynidentError(
+                    f"{name} has the shape {row.shape[1:]}; give ({n},), one value a joint", pointer=name
+                )
         return np.asarray(self.torque(*rows, further=further)[0])
 
     def torque(

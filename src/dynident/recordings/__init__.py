@@ -8,7 +8,7 @@ from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.recordings.importing import FurtherColumns, import_recording, recording_from_arrays
-    from dynident.recordings.metadata import Check, RecordingError, RecordingMetadata, Revision
+    from dynident.recordings.metadata import Check, Filters, RecordingError, RecordingMetadata, Revision
     from dynident.recordings.parallel_filter import FilteredRows, ParallelFilter, low_pass
     from dynident.recordings.phases import PhaseShares, phase_shares
     from dynident.recordings.position_filter import compute_edge_margin, filtered_blocks
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Check",
     "FilteredRows",
+    "Filters",
     "FurtherColumns",
     "JointLimits",
     "ParallelFilter",

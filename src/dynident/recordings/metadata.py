@@ -192,7 +192,13 @@ class RecordingMetadata:
                 f"Both a rate and a time column, {self.columns['t']!r}, are given: leave one of them out.",
                 pointer="/rate",
             )
+        if self.role is not None and self.role not in ROLES.names:
+            raise RecordingError(f"role is {self.role!r}; choose from {', '.join(ROLES.names)}.", pointer="/role")
         for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
+            if not all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in pairs):
+                raise RecordingError(
+                    f"{name} is {pairs!r}; give pairs (from, to) in s, such as [(3.5, 28)].", pointer=f"/{name}"
+                )
             for index, (start, end) in enumerate(pairs):
                 if not (isfinite(start) and isfinite(end) and start < end):
                     raise RecordingError(
@@ -205,8 +211,31 @@ _BY_KEY = ("columns", "units", "permutation", "signs", "scale")
 
 
 @dataclass(frozen=True)
-class PreprocessingChoices:
-    """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
+class Filters:
+    """Filters of an identification; what is left at "auto" is chosen from the data.
+
+    Parameters
+    ----------
+    position_cutoff : float, "auto" or None
+        Cut-off frequency in Hz of the filter of the positions; None for no filter.
+    torque_cutoff : float, "auto" or None
+        Cut-off frequency in Hz of the filter that torque and columns of W go through; None for no filter.
+    decimation : int or "auto"
+        Every n-th row is kept.
+    filter_order : int or "auto"
+        Order of one pass of the filter of the positions.
+
+    Raises
+    ------
+    RecordingError
+        For a value that is no number, or out of its range.
+
+    Examples
+    --------
+    >>> from dynident.recordings import Filters
+    >>> Filters(torque_cutoff=15.0)
+    Filters(position_cutoff='auto', torque_cutoff=15.0, decimation='auto', filter_order='auto')
+    """
 
     position_cutoff: float | Literal["auto"] | None = declare_field(
         "Cut-off of the position filter", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
@@ -220,6 +249,23 @@ class PreprocessingChoices:
     filter_order: int | Literal["auto"] = declare_field(
         "Order of one pass of the position filter", default="auto", at_least=1, at_most=12
     )
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            is_none = value is None and item.name.endswith("cutoff")
+            is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not (value == "auto" or is_none or is_number):
+                no_filter = ", None for no filter," if item.name.endswith("cutoff") else ""
+                raise RecordingError(
+                    f'{item.name} is {value!r:.60}; give a number{no_filter} or "auto" to have it chosen from the data',
+                    pointer=f"/preprocessing/{item.name}",
+                    title="Impossible preprocessing",
+                )
+        try:
+            check_ranges(self, "/preprocessing")
+        except DynidentError as error:
+            raise RecordingError(error.detail, pointer=error.pointer, title="Impossible preprocessing") from None
 
 
 @dataclass(frozen=True)

@@ -174,7 +174,7 @@ def _check_position_unit(
                 column,
                 *where,
             )
-        if _has_other_unit(limit, low, high, rate, small):
+        if has_other_unit(limit, low, high, rate, small):
             # Of whole numbers a unit that fits is not enough to be taken unasked.
             counts = limit.kind == "revolute" and bool(
                 (positions.q[:, joint] == np.rint(positions.q[:, joint])).mean() > WHOLE
@@ -215,7 +215,7 @@ def _unit_of_same_kind(kind: str, unit: str, limit: JointLimits, limits: tuple[J
     return {f"{kind}{k + 1}": unit for k, other in enumerate(limits) if other.kind == limit.kind}
 
 
-def _has_other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
+def has_other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
     """Return whether a position makes sense in degrees (millimetres), and none in radians (metres)."""
     if limit.position is not None:
         lower, upper = limit.position

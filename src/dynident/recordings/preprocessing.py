@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from math import floor, isfinite, log10
 from weakref import WeakKeyDictionary
 
@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from dynident.array_types import FloatArray
-from dynident.recordings.metadata import PreprocessingChoices, RecordingError
+from dynident.recordings.metadata import Filters, RecordingError
 from dynident.recordings.poses import has_poses
 from dynident.recordings.recording import Recording
 from dynident.recordings.spectra import Spectra, estimate_spectra
@@ -140,13 +140,13 @@ def find_motion_band(recordings: Sequence[Recording]) -> float:
 
 
 def preprocessing_from_request(
-    request: Mapping[str, object] | str | None, recordings: Sequence[Recording]
+    request: Filters | Mapping[str, object] | str | None, recordings: Sequence[Recording]
 ) -> Preprocessing:
     """Return the preprocessing that a user asked for; what the user left open is chosen from the data.
 
     Parameters
     ----------
-    request : mapping, "auto" or None
+    request : Filters, mapping, "auto" or None
         Any of position_cutoff, torque_cutoff, decimation, filter_order; "auto" or None leave all open.
     recordings : sequence of Recording
         Recordings that are identified together.
@@ -162,7 +162,8 @@ def preprocessing_from_request(
         For a value that is impossible: names the Nyquist frequency, and points to "/preprocessing/…".
     """
     rate = min(recording.sampling_rate for recording in recordings)
-    fields = {} if request is None or request == "auto" else values_from_request(request)
+    stated = asdict(request) if isinstance(request, Filters) else request
+    fields = {} if stated is None or stated == "auto" else values_from_request(stated)
     if not fields:
         return choose_preprocessing(recordings)
     if "position_cutoff" in fields and "torque_cutoff" in fields:
@@ -371,7 +372,7 @@ class Preprocessing:
             )
 
 
-FIELDS = tuple(field.name for field in fields(PreprocessingChoices))
+FIELDS = tuple(field.name for field in fields(Filters))
 
 
 def values_from_request(request: object) -> dict[str, float | int | None]:

@@ -123,6 +123,12 @@ def check_readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
         )
     joined = Path(JOINT.join(map(str, several)))
     for part in split_path(joined):
+        if part.is_dir():
+            raise DynidentError(
+                f"{part} is a folder; give the files in it one by one, read_recordings(*Path(…).glob('*.csv'), …)",
+                pointer=str(part),
+                title="No such file",
+            )
         if not part.is_file():
             raise DynidentError(f"there is no file {part}", pointer=str(part), title="No such file")
     return joined

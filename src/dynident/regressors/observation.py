@@ -91,6 +91,8 @@ class ConcatenatedPrograms:
 
 # Places of these inputs in a program.
 _MEMORY, _RUNS = 8, 9
+FAR = 1e6
+"""Number of slip distances after which any hysteresis slides steadily: its start has faded by exp(-FAR)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,6 +278,15 @@ class Observation:
             reference.to_vector(self.robot),
             out=out,
         )
+
+    def compute_sliding_states(self, dq: FloatArray) -> FloatArray:
+        """Return the steady states (m, number of hysteresis signals) of joints that keep on moving at dq (m, n)."""
+        states = np.zeros((len(dq), self.n_memory))
+        for k, signal in enumerate(self.memory):
+            moved = FAR * np.sign(dq[:, signal.joint])
+            # Only the sign of the velocity counts: after such a way every operator slides in its direction.
+            states[:, k] = [signal.operator.stroke(np.zeros(1), np.array([[way]]))[0, 0] for way in moved]
+        return states
 
     def joint_entries(self, joint: int) -> tuple[IndexArray, IndexArray]:
         """Return the positions among the entries, and the columns (ascending), of one joint's row."""

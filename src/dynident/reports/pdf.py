@@ -13,6 +13,7 @@ from functools import lru_cache
 from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
+from typing import Literal
 
 import matplotlib
 import typst
@@ -372,6 +373,28 @@ def render_pdf(page: str) -> bytes:
     """
     source = f"{_read_preamble()}\n{typeset_page(parse_page(page))}\n"
     return typst.compile(encode_text(source), font_paths=_load_fonts(), format="pdf")
+
+
+def render_drawing(svg: str, image_format: Literal["png", "pdf"], dpi: float = 200.0) -> bytes:
+    """Render an SVG drawing as a picture or a page of its own size, on white.
+
+    Parameters
+    ----------
+    svg : str
+        One <svg> element whose viewBox is in points.
+    image_format : "png" or "pdf"
+        What is returned.
+    dpi : float
+        Pixels per inch of a PNG.
+
+    Returns
+    -------
+    bytes
+        The file.
+    """
+    source = svg.replace("\\", "\\\\").replace('"', '\\"')
+    page = f'#set page(width: auto, height: auto, margin: 4pt, fill: white)\n#image(bytes("{source}"), format: "svg")'
+    return typst.compile(encode_text(page), font_paths=_load_fonts(), format=image_format, ppi=dpi)
 
 
 @lru_cache(maxsize=1)

@@ -3,7 +3,7 @@
 from dynident.diagnosis.comparing.data_leakage import DataOverlap, find_overlaps
 from dynident.verdict.detectable_loads import DetectableForce
 from dynident.verdict.evidence import Outcome
-from dynident.verdict.model_verdict import ModelVerdict, Stop, is_stopped, verdict
+from dynident.verdict.model_verdict import ModelVerdict, Stop, explain_stop, is_stopped, verdict
 from dynident.verdict.use_findings import MARKS, State, Use, UseName
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "Stop",
     "Use",
     "UseName",
+    "explain_stop",
     "find_overlaps",
     "is_stopped",
     "verdict",

@@ -432,6 +432,19 @@ def is_stopped(identification: Identification) -> bool:
     return bool(identification.data.copied) or is_hopeless(identification.held_out) or is_hopeless(identification.fit)
 
 
+def explain_stop(identification: Identification) -> str:
+    """Return why a model is not to be used (`is_stopped`), in a sentence without its full stop; else ""."""
+    if not is_stopped(identification):
+        return ""
+    if identification.data.copied:
+        copied = ", ".join(identification.data.copied)
+        return (
+            f"the held-out data of this model ({copied}) contain samples of the fit, so they do not test the model. "
+            "Hold out a recording of another motion"
+        )
+    return f"the error of this model is above {STOP:.0%}, too large for a missing effect; its verdict names the cause"
+
+
 def _list_next_steps(identification: Identification, stop: Stop | None, common: Sequence[DataOverlap]) -> list[str]:
     if stop is not None and stop.apply is not None:
         return [f"Read {stop.recording} again with: {stop.apply}.", "Identify again, and look at the verdict again."]

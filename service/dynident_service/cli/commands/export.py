@@ -27,8 +27,7 @@ def export(
     """Write a model for other programs: URDF, MJCF, C, CasADi, JSON."""
     from dynident.errors import DynidentError
     from dynident.export import export_model
-    from dynident.identification.thresholds import STOP
-    from dynident.verdict import is_stopped
+    from dynident.verdict import explain_stop
     from dynident_service.cli import files, inputs, output
 
     format_name = format or ENDINGS.get(out.suffix.lower() if out is not None else "", "")
@@ -37,19 +36,9 @@ def export(
         raise DynidentError(detail, pointer="--format", title="No such format")
     choices = request_options.build_request(ExportChoices)
     identification = inputs.load_model(model)
-    if is_stopped(identification) and not choices.anyway:
-        copied = ", ".join(identification.data.copied)
-        why = (
-            f"the held-out data of this model ({copied}) contain samples of the fit, so they do not test the "
-            "model. Hold out a recording of another motion"
-            if copied
-            else (
-                f"the error of this model is above {STOP:.0%}, too large for a missing effect; `dynident "
-                "identify` names the probable cause"
-            )
-        )
-        detail = f"{why}. To write it anyway, add --anyway"
-        raise DynidentError(detail, pointer=str(model), title="Not fit for use")
+    reason = explain_stop(identification)
+    if reason and not choices.anyway:
+        raise DynidentError(f"{reason}. To write it anyway, add --anyway", pointer=str(model), title="Not fit for use")
     try:
         file = export_model(identification, format_name, nearest=choices.nearest)
     except DynidentError as error:

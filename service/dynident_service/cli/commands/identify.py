@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dynident.identification.choices import IdentificationChoices
-from dynident.recordings.metadata import PreprocessingChoices
+from dynident.recordings.metadata import Filters
 from dynident.schema.fields import get_description
 from dynident_service.cli.files import READABLE_FILE
 from dynident_service.cli.options import (
@@ -163,7 +163,7 @@ def extend(
 
 _FILTERS = ", ".join(
     f"{filter_field.name} ({unit})" if (unit := get_description(filter_field).unit) else filter_field.name
-    for filter_field in fields(PreprocessingChoices)
+    for filter_field in fields(Filters)
 )
 
 

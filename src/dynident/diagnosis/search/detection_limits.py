@@ -26,7 +26,6 @@ from dynident.diagnosis.candidates.products import Products, split_data_folds
 from dynident.diagnosis.candidates.significance import (
     SMALLEST_ERROR_DROP,
     FamilywiseLevels,
-    compute_evenness,
     compute_least_t,
     standardise_size,
 )
@@ -37,6 +36,7 @@ from dynident.diagnosis.search.outcomes import FinalScores
 from dynident.diagnosis.search.pruning import PRUNE_T
 from dynident.diagnosis.search.state import KINDS, find_acting_columns, may_use_scores
 from dynident.effects import EffectChoice, get_effect
+from dynident.estimation.errors import compute_evenness
 
 SURE, HALF = 0.95, 0.5
 """Shares of the draws in which an effect of the size of the limit, and of the half limit, is accepted."""

@@ -12,7 +12,7 @@ from dynident.effects import get_effect
 from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.identification.study.result import Estimate
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation import NOTHING_FURTHER, FurtherSignals, Observation
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +40,31 @@ class PredictedTorque:
     half_width: FloatArray
     level: float
 
+    @property
+    def lower(self) -> FloatArray:
+        """Lower end of the interval of what would be measured, N m or N."""
+        return np.asarray(self.torque - self.half_width)
+
+    @property
+    def upper(self) -> FloatArray:
+        """Upper end of the interval of what would be measured, N m or N."""
+        return np.asarray(self.torque + self.half_width)
+
+    def __repr__(self) -> str:
+        return (
+            f"PredictedTorque(shape {self.torque.shape}; .torque, .lower and .upper: {self.level:.4g} interval of what "
+            "would be measured; .mean_half_width: of the model's own torque)"
+        )
+
 
 def predict(
-    estimate: Estimate, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, level: float = 0.95
+    estimate: Estimate,
+    q: FloatArray,
+    dq: FloatArray,
+    ddq: FloatArray,
+    *,
+    level: float = 0.95,
+    t: FloatArray | None = None,
 ) -> PredictedTorque:
     """Predict torque along a motion, in its order: hysteresis remembers the path.
 
@@ -54,6 +76,9 @@ def predict(
         Positions, velocities and accelerations, in rad or m and s.
     level : float
         Probability of the intervals.
+    t : (m,), optional
+        Times of the samples in s, counted from the start of the session. With them the derivatives of the acceleration
+        are formed, which some effects depend on.
 
     Returns
     -------
@@ -67,6 +92,7 @@ def predict(
     """
     observation = estimate.model.observation
     _check_inputs(estimate, (q, dq, ddq), level)
+    _check_effects(estimate, has_time=t is not None)
     entries = observation.evaluate(
         q,
         dq,
@@ -74,6 +100,7 @@ def predict(
         reference=estimate.reference,
         # Hysteresis starts from its initial state and is carried along the path, so the order of the rows counts.
         memory=MemoryStates(observation.memory).push(observation.robot.positions(q)),
+        further=NOTHING_FURTHER if t is None else differentiate_acceleration(ddq, t),
     )
     torque = observation.compute_torque(entries, estimate.values)
     deviation = compute_prediction_deviation(observation, entries, estimate.statistics.covariance)
@@ -120,21 +147,46 @@ def _check_inputs(estimate: Estimate, motion: tuple[FloatArray, FloatArray, Floa
             raise DynidentError(f"{name} contains a value that is not finite", pointer=f"/{name}")
     if not 0 < level < 1:
         raise DynidentError(f"level is {level}; give a probability between 0 and 1, usually 0.95", pointer="/level")
+
+
+def _check_effects(estimate: Estimate, *, has_time: bool) -> None:
     signals = estimate.model.signals
-    for column in estimate.model.kept:
+    for column in estimate.model.kept if not has_time else ():
         # Derivatives of the acceleration, and the period, are not among the arguments.
         if ca.depends_on(column.torque, ca.vertcat(signals.dddq, signals.ddddq, signals.period)):
             raise DynidentError(
-                f"{column.effect} depends on derivatives of the acceleration or on the sampling period; compare the "
-                "model with a recording instead, or export it (JSON, C code, CasADi): the export takes these as "
+                f"{column.effect} depends on derivatives of the acceleration or on the sampling period; give the times "
+                "of the samples as well, or export the model (JSON, C code, CasADi): the export takes these as "
                 "arguments",
                 pointer="/effects",
             )
     for choice in estimate.model.effects:
         effect = get_effect(choice.effect)
-        if effect.needs_temperature or effect.needs_session or choice.runs or effect.in_some_runs:
+        without_time = effect.needs_session and not has_time
+        if effect.needs_temperature or without_time or choice.runs or effect.in_some_runs:
             raise DynidentError(
                 f"{choice.effect} depends on more than the motion (time of the session, temperature or run); compare "
                 "the model with a recording instead, because a recording contains them",
                 pointer="/effects",
             )
+
+
+def differentiate_acceleration(ddq: FloatArray, t: FloatArray) -> FurtherSignals:
+    """Return what effects may depend on besides q, dq and ddq: time, period, and derivatives by central differences.
+
+    Parameters
+    ----------
+    ddq : (m, n)
+        Accelerations in rad/s² or m/s².
+    t : (m,)
+        Times in s, increasing.
+
+    Returns
+    -------
+    FurtherSignals
+        Without temperature and runs.
+    """
+    if len(t) < 2:
+        return FurtherSignals(time=t)
+    dddq = np.gradient(ddq, t, axis=0)
+    return FurtherSignals(dddq=dddq, ddddq=np.gradient(dddq, t, axis=0), time=t, period=float(np.median(np.diff(t))))

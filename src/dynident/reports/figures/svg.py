@@ -123,7 +123,23 @@ def shorten_name(name: str) -> str:
     return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
 
 
-def to_svg(figure: Figure, description: str) -> Markup:
+class Drawing(Markup):
+    """An <svg> element that knows the matplotlib figure it was drawn from.
+
+    Attributes
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure; the element does not follow changes of it.
+    """
+
+    figure: Figure
+
+    def __reduce__(self) -> tuple[type[Markup], tuple[str]]:
+        # Jobs hand drawings on to other processes, which need the element alone.
+        return (Markup, (str(self),))
+
+
+def to_svg(figure: Figure, description: str) -> Drawing:
     """Return a figure as an <svg> element.
 
     Parameters
@@ -135,10 +151,12 @@ def to_svg(figure: Figure, description: str) -> Markup:
 
     Returns
     -------
-    Markup
+    Drawing
         The element, to be put into a page.
     """
-    return _to_inline_svg(_render_svg(figure, "none"), description)
+    drawing = Drawing(_to_inline_svg(_render_svg(figure, "none"), description))
+    drawing.figure = figure
+    return drawing
 
 
 def draw_formula(formula: str, size: float = 11.0) -> Markup | None:

@@ -1,0 +1,218 @@
+"""Checks of the arguments of this package's functions: what each has to be, stated once by its name."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import wraps
+from numbers import Integral, Real
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+from dynident.errors import DynidentError
+from dynident.excitation import DesignRequest
+from dynident.identification import IdentificationChoices
+from dynident.identification.methods.bases import Estimator
+from dynident.recordings import RecordingMetadata
+from dynident.robot import Drive, Limits, Robot
+
+_LONGEST = 60
+_TITLE = "Unusable argument"
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What an argument has to be.
+
+    Parameters
+    ----------
+    admits : function
+        Whether a value is one.
+    remedy : str
+        What to give instead, for the message.
+    """
+
+    admits: Callable[[object], bool]
+    remedy: str
+
+
+def _is_a(*kinds: type) -> Callable[[object], bool]:
+    return lambda value: isinstance(value, kinds)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _maps_to(*kinds: type) -> Callable[[object], bool]:
+    return lambda value: isinstance(value, Mapping) and all(isinstance(item, kinds) for item in value.values())
+
+
+def _is_one_number_a_joint(value: object) -> bool:
+    if isinstance(value, Mapping):
+        return all(map(_is_number, value.values()))
+    return isinstance(value, Iterable) and not isinstance(value, str) and all(map(_is_number, value))
+
+
+def _is_vector(value: object) -> bool:
+    items = list(value) if isinstance(value, Iterable) and not isinstance(value, (str, Mapping)) else []
+    return len(items) == 3 and all(map(_is_number, items))
+
+
+def _are_windows(value: object) -> bool:
+    pairs = list(value) if isinstance(value, Iterable) and not isinstance(value, (str, Mapping)) else [None]
+    return all(isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(_is_number, pair)) for pair in pairs)
+
+
+_TEXTS_BY_NAME = "give a dictionary of texts, such as"
+EXPECTED: Mapping[str, Expectation] = {
+    "robot": Expectation(_is_a(Robot), 'read the robot first: robot = dy.load_robot("arm.urdf")'),
+    "source": Expectation(_is_a(str, Path), 'give the path of a file, or the name of a well-known arm such as "ur10"'),
+    "path": Expectation(_is_a(str, Path, tuple), "give the path of a file"),
+    "name": Expectation(_is_a(str), "give a text"),
+    "title": Expectation(_is_a(str), "give a text"),
+    "progress": Expectation(callable, "give a function of the fraction done and a message"),
+    "choices": Expectation(_is_a(IdentificationChoices), 'give dy.IdentificationChoices(model="energy", …)'),
+    "estimator": Expectation(_is_a(str, Estimator), 'give its name, such as "wls", or an estimator with its options'),
+    "metadata": Expectation(_is_a(RecordingMetadata), 'give dy.RecordingMetadata(role="friction", …)'),
+    "columns": Expectation(_maps_to(str), f'{_TEXTS_BY_NAME} {{"q1": "shoulder_angle"}}'),
+    "units": Expectation(_maps_to(str), f'{_TEXTS_BY_NAME} {{"q": "deg"}}'),
+    "windows": Expectation(_are_windows, "give pairs (from, to) in s, such as [(3.5, 28)]"),
+    "cure": Expectation(_is_a(bool), "give True or False"),
+    "rate": Expectation(_is_number, "give a rate in Hz"),
+    "limits": Expectation(_maps_to(Limits), 'give limits by joint: {"elbow": dy.Limits(velocity=1.5)}'),
+    "drives": Expectation(_maps_to(Drive), 'give drives by joint: {"elbow": dy.Drive(14.9)}'),
+    "drive_gains": Expectation(
+        _is_one_number_a_joint, 'give one number a joint, [14.9, 13.3, …], or numbers by joint, {"elbow": 14.9}'
+    ),
+    "locked_joints": Expectation(
+        lambda value: isinstance(value, Mapping) and _is_one_number_a_joint(value),
+        'give positions by joint: {"finger": 0.0}',
+    ),
+    "gravity": Expectation(_is_vector, "give its three components in m/s²: (0, 0, -9.81)"),
+    "most_effects": Expectation(
+        lambda value: isinstance(value, Integral) and not isinstance(value, bool), "give a whole number"
+    ),
+    "limit": Expectation(lambda value: _is_number(value) and not value > 1, "give a fraction: 0.05 for 5 %"),  # type: ignore[operator]
+    "seed": Expectation(_is_a(Integral), "give a whole number"),
+    "kind": Expectation(_is_a(str), 'give its name, such as "random"'),
+    "duration": Expectation(_is_number, "give a number of seconds"),
+    "sampling_rate": Expectation(_is_number, "give a rate in Hz"),
+    "request": Expectation(
+        lambda value: isinstance(value, DesignRequest) or hasattr(value, "next_experiment"),
+        'give dy.DesignRequest(…) or a diagnosis; kinds of motions go by name: kind="random"',
+    ),
+    "days": Expectation(
+        lambda value: isinstance(value, Iterable) and not isinstance(value, str),
+        'give recordings by day: {"monday": runs}',
+    ),
+}
+"""What the arguments of the front door have to be, by their names; others are checked where they are used."""
+
+
+def check_arguments(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+    """Make a function check its arguments by `EXPECTED` before it does anything.
+
+    Parameters
+    ----------
+    function : function
+        A function of this package whose arguments have names of `EXPECTED`.
+
+    Returns
+    -------
+    function
+        The same, which raises a `DynidentError` for an argument of another kind. Defaults are not checked.
+    """
+    signature = inspect.signature(function)
+    defaults = {name: parameter.default for name, parameter in signature.parameters.items()}
+
+    @wraps(function)
+    def checked(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
+        try:
+            given = signature.bind(*args, **kwargs).arguments
+        except TypeError:
+            # Python's own message about missing and unknown arguments is better than that of `bind`.
+            return function(*args, **kwargs)
+        for name, value in given.items():
+            if name in EXPECTED and value is not defaults[name]:
+                require(EXPECTED[name].admits(value), value, name, EXPECTED[name].remedy)
+        return function(*args, **kwargs)
+
+    return checked
+
+
+def require(holds: bool, value: object, name: str, remedy: str) -> None:
+    """Raise an error about an argument unless a condition holds.
+
+    Parameters
+    ----------
+    holds : bool
+        Whether the argument can be used.
+    value : object
+        What was given.
+    name : str
+        Name of the argument.
+    remedy : str
+        What to give instead.
+
+    Raises
+    ------
+    DynidentError
+        Where it does not hold: names the argument, what it is, and what to give.
+    """
+    if not holds:
+        raise DynidentError(f"{name} is {describe_value(value)}; {remedy}", pointer=name, title=_TITLE)
+
+
+def check_is_file(path: Path, name: str) -> None:
+    """Check that there is a file.
+
+    Parameters
+    ----------
+    path : Path
+        Its path.
+    name : str
+        What the file holds, such as "model", for the message.
+
+    Raises
+    ------
+    DynidentError
+        Where there is none, or a folder instead.
+    """
+    if path.is_dir():
+        raise DynidentError(
+            f"{path} is a folder; give the file of a {name} in it", pointer=str(path), title="No such file"
+        )
+    if not path.is_file():
+        raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
+
+
+def describe_value(value: object) -> str:
+    """Return what an argument is in a few words, for messages: "a list of 3 items", "'arm.urdf'".
+
+    Parameters
+    ----------
+    value : object
+        What was given.
+
+    Returns
+    -------
+    str
+        Part of a sentence, at most some 60 characters.
+    """
+    shape = getattr(value, "shape", None)
+    if isinstance(shape, tuple) and shape:
+        return f"{_add_article(type(value).__name__)} of shape {shape}"
+    text = repr(value)
+    if len(text) <= _LONGEST and "\n" not in text:
+        return text
+    if isinstance(value, (list, tuple, set, dict)):
+        return f"{_add_article(type(value).__name__)} of {len(value)} item{'' if len(value) == 1 else 's'}"
+    return _add_article(type(value).__name__)
+
+
+def _add_article(noun: str) -> str:
+    return f"{'an' if noun[0].lower() in 'aeiou' else 'a'} {noun}"

@@ -1,0 +1,400 @@
+"""Results of an identification that need no recordings: parameters, their uncertainty, predicted torque, exports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dynident.api.data_frames import Table
+from dynident.api.figure import check_ending
+from dynident.api.motion_arguments import Motion, check_level, read_motion, read_times
+from dynident.api.parameter_tables import ErrorTable, Parameters, PlainText, format_summary
+from dynident.array_types import FloatArray
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.estimation import Errors
+from dynident.export import ExportedFile, PredictingModel, TorquePredictor, export_model
+from dynident.export.request import ENDINGS
+from dynident.identification import Estimate, Identification
+from dynident.identification.study.prediction import PredictedTorque, predict
+from dynident.identification.study.rigid_body_terms import (
+    compute_coriolis_matrix,
+    compute_friction,
+    compute_gravity,
+    compute_mass_matrix,
+)
+from dynident.recordings import Preprocessing
+from dynident.robot import Robot
+from dynident.verdict import explain_stop
+
+
+@dataclass(frozen=True, eq=False)
+class ModelResults:
+    """Parameters of an identified model, their uncertainty, and what can be computed from them.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model as the library gives it.
+    """
+
+    identification: Identification
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that was identified."""
+        return self.identification.model.robot
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """The base parameters with their standard deviations and intervals."""
+        return Parameters(self.identification.parameters)
+
+    @property
+    def effects(self) -> tuple[EffectChoice, ...]:
+        """The effects in the model."""
+        return self.identification.choices.effects
+
+    @property
+    def filters(self) -> Preprocessing:
+        """The filters of the recordings, with the reasons for those that were chosen from the data."""
+        return self.identification.preprocessing
+
+    @property
+    def fit(self) -> Errors:
+        """Errors on all rows of the data of the fit: `fit.relative_total`, `fit.relative` (n,) and more."""
+        return self.identification.fit
+
+    @property
+    def held_out(self) -> Errors | None:
+        """Errors on all rows of the validation data; None where there are none."""
+        return self.identification.held_out
+
+    @property
+    def held_out_moving(self) -> Errors | None:
+        """Errors on the validation data where each joint moves, by which models are compared; None without any."""
+        return self.identification.held_out_moving
+
+    @cached_property
+    def errors(self) -> ErrorTable:
+        """Errors joint by joint: in the fit and held out, where the joint moves and on all rows."""
+        return ErrorTable.from_identification(self.identification)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings of the identification."""
+        return self.identification.warnings
+
+    @property
+    def params(self) -> Table:
+        """Values of the base parameters by name, in SI units; `parameters` has units and judgements beside them.
+
+        Examples
+        --------
+        >>> model.params["Fc1"]  # doctest: +SKIP
+        3.02
+        """
+        return self._label({"value": self.identification.values}, "Base parameters")
+
+    @property
+    def bse(self) -> Table:
+        """Standard deviations of the base parameters by name: `model.bse["Fc1"]`."""
+        deviations = self.identification.statistics.standard_deviations
+        return self._label({"standard_deviation": deviations}, "Standard deviations of the base parameters")
+
+    @property
+    def covariance(self) -> Table:
+        """Covariance of the base parameters by name: `model.covariance["Fc1", "Fv1"]`.
+
+        It takes correlated residuals into account, as chosen (`IdentificationChoices.covariance`).
+        """
+        matrix, names = self.identification.statistics.covariance, self._names
+        columns = {name: matrix[:, k] for k, name in enumerate(names)}
+        return Table(columns, labels=names, label_name="parameter", title="Covariance of the base parameters, SI units")
+
+    def conf_int(self, level: float = 0.95) -> Table:
+        """Return the intervals that hold the true values of the parameters, by Student's t.
+
+        Parameters
+        ----------
+        level : float
+            Probability of each interval.
+
+        Returns
+        -------
+        Table
+            Columns lower and upper, a row for each parameter.
+
+        Examples
+        --------
+        >>> low, high = model.conf_int(0.99)["Fc1"]  # doctest: +SKIP
+        """
+        half = self.identification.statistics.half_widths(check_level(level, "level"))
+        values = self.identification.values
+        return self._label({"lower": values - half, "upper": values + half}, f"Intervals of {level:.4g} probability")
+
+    def summary(self) -> PlainText:
+        """Return quality and parameters of the model as a table of at most 100 columns.
+
+        Returns
+        -------
+        PlainText
+            A str that a notebook shows as it is printed.
+
+        Examples
+        --------
+        >>> print(model.summary())  # doctest: +SKIP
+        """
+        return PlainText(format_summary(self.identification))
+
+    @overload
+    def predict(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        interval: None = None,
+        t: ArrayLike | None = None,
+        dt: float | None = None,
+    ) -> FloatArray: ...
+    @overload
+    def predict(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        interval: float,
+        t: ArrayLike | None = None,
+        dt: float | None = None,
+    ) -> PredictedTorque: ...
+    def predict(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        interval: float | None = None,
+        t: ArrayLike | None = None,
+        dt: float | None = None,
+    ) -> FloatArray | PredictedTorque:
+        """Predict the torque of states, or of a motion over time.
+
+        Parameters
+        ----------
+        q, dq, ddq : (n,) or (m, n)
+            Positions, velocities and accelerations in rad, rad/s and rad/s² (m, m/s and m/s² of joints that slide): one
+            state, or m of them.
+        interval : float, optional
+            Probability of intervals, such as 0.95; None for the torque alone.
+        t : (m,), optional
+            Times in s, which make the samples one motion. Effects with a memory (hysteresis) or that depend on
+            derivatives of the acceleration need it, or `dt`.
+        dt : float, optional
+            Sampling period in s, instead of `t`.
+
+        Returns
+        -------
+        array of the shape of q, or PredictedTorque
+            Torque in N m, or N. With `interval` an object with `torque`, and `lower` and `upper` of what would be
+            measured: the covariance of the parameters and the variance of the residual. `mean_half_width` belongs to
+            the model's own torque, without the residual.
+
+        Raises
+        ------
+        DynidentError
+            For arrays that do not fit, positions that look like degrees, or effects that depend on more than the
+            motion.
+
+        Examples
+        --------
+        >>> model.predict(q, dq, ddq)  # doctest: +SKIP
+        >>> torque = model.predict(q, dq, ddq, interval=0.95)  # doctest: +SKIP
+        >>> torque.lower, torque.upper  # doctest: +SKIP
+        """
+        motion = read_motion(self.robot, q=q, dq=dq, ddq=ddq)
+        times = read_times(motion, t, dt)
+        level = 0.95 if interval is None else check_level(interval, "interval")
+        if times is None:
+            self._check_no_memory()
+        predicted = predict(self._estimate, *motion.arrays, level=level, t=times)
+        if interval is None:
+            return predicted.torque.reshape(motion.shape)
+        return PredictedTorque(
+            predicted.torque.reshape(motion.shape),
+            predicted.mean_half_width.reshape(motion.shape),
+            predicted.half_width.reshape(motion.shape),
+            level,
+        )
+
+    def predictor(self) -> TorquePredictor:
+        """Return a predictor for a controller, which carries the memory of hysteresis along.
+
+        Returns
+        -------
+        TorquePredictor
+            Call `step(q, dq, ddq)` once a sample, and `reset()` before a new motion.
+
+        Examples
+        --------
+        >>> predictor = model.predictor()  # doctest: +SKIP
+        >>> torque = predictor.step(q, dq, ddq)  # (n,), once for every sample  # doctest: +SKIP
+        """
+        return PredictingModel.from_identification(self.identification).predictor()
+
+    def gravity(self, q: ArrayLike) -> FloatArray:
+        """Return the torque that holds the links at rest.
+
+        Parameters
+        ----------
+        q : (n,) or (m, n)
+            Positions in rad, or m.
+
+        Returns
+        -------
+        array of the shape of q
+            Torque in N m, or N. Springs, offsets and other effects are not in it.
+
+        Examples
+        --------
+        >>> model.gravity(q)  # doctest: +SKIP
+        """
+        return self._compute(compute_gravity, read_motion(self.robot, q=q))
+
+    def mass_matrix(self, q: ArrayLike) -> FloatArray:
+        """Return the mass matrix of links and rotors, symmetric.
+
+        Parameters
+        ----------
+        q : (n,) or (m, n)
+            Positions in rad, or m.
+
+        Returns
+        -------
+        array (n, n) or (m, n, n)
+            In kg m² (kg m and kg where joints slide).
+
+        Examples
+        --------
+        >>> model.mass_matrix(q) @ ddq  # doctest: +SKIP
+        """
+        return self._compute(compute_mass_matrix, read_motion(self.robot, q=q))
+
+    def coriolis(self, q: ArrayLike, dq: ArrayLike) -> FloatArray:
+        """Return the Coriolis matrix C, by Christoffel symbols; C q̇ is the Coriolis and centrifugal torque.
+
+        Parameters
+        ----------
+        q, dq : (n,) or (m, n)
+            Positions and velocities in rad and rad/s, or m and m/s.
+
+        Returns
+        -------
+        array (n, n) or (m, n, n)
+            The matrix of Pinocchio's `computeCoriolisMatrix`.
+
+        Examples
+        --------
+        >>> model.coriolis(q, dq) @ dq  # doctest: +SKIP
+        """
+        return self._compute(compute_coriolis_matrix, read_motion(self.robot, q=q, dq=dq))
+
+    def friction(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike | None = None) -> FloatArray:
+        """Return the torque of friction.
+
+        Parameters
+        ----------
+        q, dq : (n,) or (m, n)
+            Positions and velocities in rad and rad/s, or m and m/s.
+        ddq : (n,) or (m, n), optional
+            Accelerations, where friction depends on the load; zero by default.
+
+        Returns
+        -------
+        array of the shape of q
+            Torque in N m, or N. Hysteresis counts as sliding steadily; `predictor` follows it along a path.
+
+        Raises
+        ------
+        DynidentError
+            For friction that depends on temperature, on the time of the session or on the run.
+
+        Examples
+        --------
+        >>> model.friction(q, dq)  # doctest: +SKIP
+        """
+        accelerations = np.zeros_like(np.asarray(dq, dtype=np.float64)) if ddq is None else ddq
+        return self._compute(compute_friction, read_motion(self.robot, q=q, dq=dq, ddq=accelerations))
+
+    def export(self, path: str | Path, *, nearest: bool = False, anyway: bool = False) -> ExportedFile:
+        """Write the model for another program, in the format that the ending of the path names.
+
+        Parameters
+        ----------
+        path : path
+            .urdf, .xml or .mjcf (MuJoCo), .c, .casadi or .json. C code, CasADi functions and JSON contain every effect;
+            URDF and MJCF hold links, rotors, Coulomb and viscous friction (MJCF also springs).
+        nearest : bool
+            URDF and MJCF: where no bodies that can exist have the identified parameters, write the nearest that can.
+        anyway : bool
+            Write also a model whose error is too large for any use.
+
+        Returns
+        -------
+        ExportedFile
+            What was written, with notes on what the format cannot hold.
+
+        Raises
+        ------
+        DynidentError
+            For another ending, a folder that does not exist, a model that is not to be used, or one that the format
+            cannot hold.
+
+        Examples
+        --------
+        >>> model.export("arm.urdf").notes  # doctest: +SKIP
+        """
+        path = check_ending(path, tuple(ENDINGS))
+        reason = explain_stop(self.identification)
+        if reason and not anyway:
+            raise DynidentError(f"{reason}. To write it anyway: export(…, anyway=True)", title="Not fit for use")
+        file = export_model(self.identification, ENDINGS[path.suffix.lower()], nearest=nearest)
+        path.write_bytes(file.content)
+        return ExportedFile(str(path), file.media_type, file.content, file.notes)
+
+    @property
+    def _estimate(self) -> Estimate:
+        return self.identification.estimate
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(column.name for column in self.identification.model.kept)
+
+    def _label(self, columns: dict[str, FloatArray], title: str) -> Table:
+        units = {column.name: column.unit for column in self.identification.model.kept}
+        return Table(columns, units, self._names, "parameter", title)
+
+    def _compute(self, function: Callable[..., FloatArray], motion: Motion) -> FloatArray:
+        result = function(self._estimate, *motion.arrays)
+        return np.asarray(result[0]) if motion.is_single else result
+
+    def _check_no_memory(self) -> None:
+        memory = self.identification.model.observation.memory
+        # Rows in any order would give a torque that depends on the order, and one state has no path at all.
+        if memory:
+            names = self.robot.joint_names
+            joints = ", ".join(sorted({names[signal.joint] for signal in memory if signal.joint < len(names)}))
+            raise DynidentError(
+                f"the torque of this model depends on the path before a state (hysteresis on {joints}): give the "
+                "samples of a motion with their times, predict(q, dq, ddq, dt=0.001), or make a predictor() and call "
+                "its step() for every sample",
+                pointer="q",
+                title="Path needed",
+            )

@@ -1,0 +1,98 @@
+"""Recordings from arrays, dictionaries and data frames are those of the file with the same numbers."""
+
+from __future__ import annotations
+
+import gc
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.csv as pacsv
+import pytest
+
+import dynident as dy
+from dynident.api.recording_sources import _get_temporary_folder
+
+pandas = pytest.importorskip("pandas")
+
+
+def _by_time(frame: Any) -> Any:
+    return frame.drop(columns="t").set_index(pandas.to_timedelta(frame.t, unit="s").rename(None))
+
+
+def _arrays(frame: Any, **times: Any) -> dict[str, Any]:
+    q, tau = ([f"{kind}{k}" for k in range(1, 5)] for kind in ("q", "tau"))
+    return {"q": frame[q].to_numpy(), "tau": frame[tau].to_numpy(), **times}
+
+
+FORMS: dict[str, Callable[[Any], Any]] = {
+    "pandas frame": lambda frame: frame,
+    "frame with names": lambda frame: frame.rename(columns={"q2": "q_elbow", "tau2": "tau_elbow"}),
+    "frame by time": _by_time,
+    "selected rows": lambda frame: frame[frame.t >= -1.0].sample(frac=1.0, random_state=0).sort_values("t"),
+    "dictionary of lists": lambda frame: frame.to_dict("list"),
+    "arrays with times": lambda frame: _arrays(frame, t=frame.t.to_numpy()),
+    "arrays with a period": lambda frame: _arrays(frame, dt=0.01),
+    "arrays that are frames": lambda frame: {
+        "q": frame.filter(regex="^q"),
+        "tau": frame.filter(regex="^tau"),
+        "t": frame.t,
+    },
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_data_in_memory_are_read_as_a_file(form: str, desk: Path, robot: dy.Robot, runs: dy.Recordings) -> None:
+    [read] = dy.read_recordings(FORMS[form](pandas.read_csv(desk / "run1.csv")), robot=robot)
+    of_file = runs["run1"].to_table()
+    for name in ("t", "q_elbow", "tau_quill"):
+        np.testing.assert_allclose(read.to_table()[name], of_file[name], atol=1e-9)
+    assert read.name == "recording"
+    assert [check.name for check in read.findings] == [check.name for check in runs["run1"].findings]
+
+
+def test_tables_of_arrow_and_frames_of_polars_are_read(desk: Path, robot: dy.Robot, runs: dy.Recordings) -> None:
+    table = pacsv.read_csv(desk / "run1.csv")
+
+    class Frame:
+        """What every data frame has: columns, and the data by Arrow's interface."""
+
+        columns = table.column_names
+
+        def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+            return table.__arrow_c_stream__(requested_schema)
+
+    for frame in (table, Frame()):
+        [read] = dy.read_recordings(frame, robot=robot)
+        np.testing.assert_array_equal(read.to_table()["q_elbow"], runs["run1"].to_table()["q_elbow"])
+
+
+def test_names_are_given_or_made_different(desk: Path, robot: dy.Robot) -> None:
+    frame = pandas.read_csv(desk / "run1.csv")
+    assert dy.read_recordings(frame, frame, robot=robot).names == ("recording", "recording_2")
+    monday = dy.RecordingMetadata(name="monday")
+    assert dy.read_recordings(frame, frame, robot=robot, metadata=monday).names == ("monday", "monday_2")
+    assert dy.read_recordings(desk / "run1.csv", frame, robot=robot, metadata=monday).names == ("run1", "monday")
+
+
+def test_a_recording_from_memory_can_be_revised_and_leaves_nothing_behind(desk: Path, robot: dy.Robot) -> None:
+    gc.collect()
+    before = set(os.listdir(_get_temporary_folder().name))
+    read = dy.read_recordings(pandas.read_csv(desk / "run1.csv"), robot=robot)
+    revised = dy.revise(read[0], windows=((1.0, 5.0),))
+    del read
+    gc.collect()
+    again = dy.revise(revised, windows=((1.0, 4.0),))
+    assert again.recording.windows == ((1.0, 4.0),)
+    del revised, again
+    gc.collect()
+    assert set(os.listdir(_get_temporary_folder().name)) <= before
+
+
+def test_a_model_of_arrays_is_that_of_the_file(desk: Path, robot: dy.Robot, runs: dy.Recordings) -> None:
+    read = dy.read_recordings(_arrays(pandas.read_csv(desk / "run1.csv"), dt=0.01), robot=robot)
+    np.testing.assert_allclose(
+        np.asarray(dy.identify(robot, read).params), np.asarray(dy.identify(robot, runs[:1]).params), rtol=1e-6
+    )

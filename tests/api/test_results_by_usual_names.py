@@ -1,0 +1,272 @@
+"""Results by the names that users of statsmodels, scikit-learn and Pinocchio look for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from support.oracles import arm, fourier_motion, pinocchio_torque
+
+import dynident as dy
+from dynident.recordings import recording_from_arrays
+from dynident.robot import to_pinocchio
+
+RNG = np.random.default_rng(42)
+
+
+@pytest.fixture(scope="module")
+def state(robot: dy.Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return RNG.uniform(-0.1, 0.1, robot.n), RNG.uniform(-1, 1, robot.n), RNG.uniform(-2, 2, robot.n)
+
+
+# Parameters and their uncertainty.
+
+
+def test_values_deviations_and_intervals_go_by_the_names_of_the_parameters(model: dy.Model) -> None:
+    fc2 = model.parameters["Fc2"]
+    assert model.params["Fc2"] == fc2.value
+    assert model.bse["Fc2"] == fc2.standard_deviation
+    np.testing.assert_allclose(model.conf_int()["Fc2"], fc2.interval)
+    assert model.conf_int(0.99)["Fc2", "lower"] < fc2.interval[0]
+    assert dict(model.params.items()).keys() == {one.name for one in model.parameters}
+    np.testing.assert_array_equal(np.asarray(model.params), model.identification.values)
+
+
+def test_the_covariance_goes_by_two_names_and_agrees_with_the_deviations(model: dy.Model) -> None:
+    covariance = model.covariance
+    assert covariance["Fc1", "Fv1"] == covariance["Fv1", "Fc1"] != 0
+    assert np.sqrt(covariance["Fc1", "Fc1"]) == pytest.approx(model.bse["Fc1"])
+    assert np.asarray(covariance).shape == (len(model.params), len(model.params))
+    with pytest.raises(KeyError, match="there is no 'Fc9'; there are: ZZ1"):
+        covariance["Fc9", "Fc1"]
+
+
+def test_a_labelled_table_becomes_a_frame_with_an_index(model: dy.Model) -> None:
+    pytest.importorskip("pandas")
+    frame = model.covariance.to_frame("pandas")
+    assert frame.loc["Fc1", "Fv1"] == model.covariance["Fc1", "Fv1"]
+    params = model.params.to_frame("pandas")
+    assert params.index.name == "parameter"
+    assert params.attrs["units"]["Fc3"] == "N"
+
+
+def test_the_summary_prints_every_parameter_within_a_hundred_columns(better: dy.Model) -> None:
+    text = better.summary()
+    assert repr(text) == str(text)
+    assert max(map(len, text.splitlines())) <= 100
+    assert all(f"\n  {one.name} " in text for one in better.parameters)
+    assert all(joint in text for joint in better.robot.joint_names)
+
+
+def test_long_names_leave_the_summary_within_a_hundred_columns(runs: dy.Recordings, robot: dy.Robot) -> None:
+    joints = tuple(replace(one, name=f"the_{one.name}_of_the_left_manipulator_arm") for one in robot.joints)
+    named = replace(robot, joints=joints, description=None)
+    longer = [replace(one.recording, joint_names=named.joint_names) for one in runs]
+    text = dy.identify(named, longer[:1], validation=longer[1:]).summary()
+    assert max(map(len, text.splitlines())) <= 100
+
+
+# Predicted torque.
+
+
+def test_one_state_and_several_are_predicted_in_the_shape_in_which_they_are_given(
+    model: dy.Model, state: tuple[np.ndarray, ...]
+) -> None:
+    one, many = model.predict(*state), model.predict(*(np.tile(values, (3, 1)) for values in state))
+    assert one.shape == (4,)
+    np.testing.assert_allclose(many, np.tile(one, (3, 1)))
+    np.testing.assert_allclose(model.predict(*(values.tolist() for values in state)), one)
+    np.testing.assert_allclose(model.predictor().step(*state), one)
+
+
+def test_an_interval_holds_what_is_measured_and_that_of_the_model_is_narrower(robot: dy.Robot, model: dy.Model) -> None:
+    motion = fourier_motion(arm("scara"), 20.0, 100.0, 7)
+    moving = np.abs(motion.dq).min(axis=1) > 0.05
+    q, dq, ddq = (values[moving] for values in (motion.q, motion.dq, motion.ddq))
+    torque = pinocchio_torque(robot, q, dq, ddq) + 3 * np.sign(dq) + 2 * dq
+    predicted = model.predict(q, dq, ddq, interval=0.95)
+    # The shoulder has Stribeck friction that the model lacks; the others are complete.
+    inside = (predicted.lower <= torque) & (torque <= predicted.upper)
+    assert inside[:, 1:].mean() > 0.9
+    assert (predicted.mean_half_width < predicted.half_width).all()
+    np.testing.assert_allclose(predicted.torque, model.predict(q, dq, ddq))
+    wider = model.predict(q, dq, ddq, interval=0.99)
+    assert (wider.upper > predicted.upper).all()
+
+
+def test_a_model_with_memory_wants_times_and_then_predicts_as_its_predictor_steps(model: dy.Model) -> None:
+    remembering = model.extend("presliding@elbow:d0=0.002,law=dahl")
+    motion = fourier_motion(arm("scara"), 2.0, 100.0, 3)
+    with pytest.raises(dy.DynidentError, match=r"hysteresis on elbow.*dt=0\.001.*predictor"):
+        remembering.predict(motion.q, motion.dq, motion.ddq)
+    predictor = remembering.predictor()
+    stepped = np.array([predictor.step(*row) for row in zip(motion.q, motion.dq, motion.ddq, strict=True)])
+    np.testing.assert_allclose(remembering.predict(motion.q, motion.dq, motion.ddq, dt=0.01), stepped)
+    np.testing.assert_allclose(remembering.predict(motion.q, motion.dq, motion.ddq, t=motion.t), stepped)
+    predictor.reset()
+    np.testing.assert_allclose(predictor.step(motion.q[0], motion.dq[0], motion.ddq[0]), stepped[0])
+
+
+def test_with_times_the_derivatives_of_the_acceleration_are_formed(model: dy.Model) -> None:
+    late = model.extend("torque_delay")
+    motion = fourier_motion(arm("scara"), 10.0, 200.0, 3)
+    with pytest.raises(dy.DynidentError, match="derivatives of the acceleration"):
+        late.predict(motion.q, motion.dq, motion.ddq)
+    delayed, punctual = (_with_last_values(late, [delay, 0.0]) for delay in (0.01, 0.0))
+    plain = punctual.predict(motion.q, motion.dq, motion.ddq, dt=0.005)[:, 1]
+    added = delayed.predict(motion.q, motion.dq, motion.ddq, t=motion.t)[:, 1] - plain
+    # A delay takes off its share of the torque's rate, here away from the steps of friction.
+    inside = np.abs(motion.dq[:, 1]) > 0.3
+    assert inside.sum() > 300
+    slope = np.polyfit(np.gradient(plain, motion.t)[inside], added[inside], 1)[0]
+    assert slope == pytest.approx(-0.01, rel=0.05)
+
+
+def _with_last_values(model: dy.Model, last: list[float]) -> dy.Model:
+    below = model.identification
+    values = np.append(below.values[: -len(last)], last)
+    estimate = replace(below.estimate, solution=replace(below.estimate.solution, values=values))
+    return dy.Model(replace(below, estimate=estimate))
+
+
+# Terms of the equation of motion, against Pinocchio.
+
+
+@pytest.fixture(scope="module")
+def six(tmp_path_factory: pytest.TempPathFactory) -> dy.Model:
+    """A model of six revolute joints whose bodies can exist, so that Pinocchio can hold them."""
+    robot = arm("ur10")
+    motion = fourier_motion(robot, 20.0, 100.0, 5)
+    torque = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + 4 * np.sign(motion.dq) + 2 * motion.dq
+    torque += RNG.normal(0.0, 0.1, torque.shape)
+    run = recording_from_arrays(motion.t, motion.q, torque, joint_names=robot.joint_names)
+    return dy.identify(robot, run, estimator="feasible")
+
+
+def test_gravity_mass_matrix_and_coriolis_matrix_are_those_of_pinocchio(six: dy.Model) -> None:
+    estimate = six.identification.estimate
+    described = replace(six.robot, inertias=estimate.standard_inertia().reshape(-1, 10))
+    model = to_pinocchio(described)
+    # The rotors' inertia stands on the diagonal of the mass matrix.
+    model.armature[:] = _rotors(six)
+    data = model.createData()
+    for _ in range(5):
+        q, dq = RNG.uniform(-2, 2, 6), RNG.uniform(-2, 2, 6)
+        mass = np.array(pin.crba(model, data, q))
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        np.testing.assert_allclose(six.mass_matrix(q), mass, atol=1e-6 * np.abs(mass).max())
+        gravity = pin.computeGeneralizedGravity(model, data, q)
+        np.testing.assert_allclose(six.gravity(q), gravity, atol=1e-6 * np.abs(gravity).max())
+        coriolis = np.array(pin.computeCoriolisMatrix(model, data, q, dq))
+        np.testing.assert_allclose(six.coriolis(q, dq), coriolis, atol=1e-6 * np.abs(coriolis).max())
+
+
+def _rotors(model: dy.Model) -> np.ndarray:
+    standard = model.identification.estimate.standard
+    assert standard is not None
+    columns = model.identification.model.columns
+    by_name = {column.name: value for column, value in zip(columns, standard.values, strict=True)}
+    return np.array([by_name.get(f"Ia{k + 1}", 0.0) for k in range(model.robot.n)])
+
+
+def test_the_terms_add_up_to_the_torque(model: dy.Model, state: tuple[np.ndarray, ...]) -> None:
+    q, dq, ddq = (np.stack([values, -values]) for values in state)
+    mass, coriolis = model.mass_matrix(q), model.coriolis(q, dq)
+    assert mass.shape == coriolis.shape == (2, 4, 4)
+    inertial = np.einsum("mij,mj->mi", mass, ddq) + np.einsum("mij,mj->mi", coriolis, dq)
+    total = inertial + model.gravity(q) + model.friction(q, dq)
+    np.testing.assert_allclose(total, model.predict(q, dq, ddq), atol=1e-9)
+    np.testing.assert_allclose(mass, np.swapaxes(mass, 1, 2), atol=1e-12)
+
+
+def test_friction_with_memory_is_that_of_steady_sliding(model: dy.Model, state: tuple[np.ndarray, ...]) -> None:
+    remembering = model.extend("presliding@elbow:d0=0.002,law=dahl")
+    q, dq, _ = state
+    path = q + np.outer(np.arange(400) * 0.002, dq)
+    slid = remembering.predict(path, np.tile(dq, (400, 1)), np.zeros_like(path), dt=0.002)[-1]
+    inertial = remembering.coriolis(path[-1], dq) @ dq + remembering.gravity(path[-1])
+    np.testing.assert_allclose(remembering.friction(path[-1], dq), slid - inertial, atol=1e-6)
+
+
+# Residuals and exports.
+
+
+def test_residuals_are_measured_minus_predicted_by_joint(model: dy.Model, runs: dy.Recordings) -> None:
+    residuals, compared = model.residuals(runs), dy.compare(model, runs)
+    assert list(residuals.columns) == ["recording", "t", *model.robot.joint_names]
+    np.testing.assert_array_equal(
+        residuals["elbow"], np.concatenate([one.comparison.residual[:, 1] for one in compared])
+    )
+    assert residuals.units["quill"] == "N"
+    assert set(model.residuals()["recording"]) == {"run1"}
+    with pytest.raises(dy.DynidentError, match="recordings of the model"):
+        dy.Model(model.identification).residuals()
+
+
+def test_a_model_is_exported_in_the_format_of_the_ending(model: dy.Model, tmp_path: Path) -> None:
+    for name in ("arm.urdf", "arm.xml", "arm.c", "arm.json", "arm.casadi"):
+        file = model.export(tmp_path / name)
+        assert (tmp_path / name).read_bytes() == file.content
+    assert ElementTree.parse(tmp_path / "arm.urdf").getroot().tag == "robot"
+    assert ElementTree.parse(tmp_path / "arm.xml").getroot().tag == "mujoco"
+    assert "note: " in repr(model.export(tmp_path / "arm.urdf"))
+    with pytest.raises(dy.DynidentError, match=r"must end in \.json, \.urdf, \.xml, \.mjcf, \.c or \.casadi"):
+        model.export(tmp_path / "arm.txt")
+
+
+def test_a_model_that_is_not_to_be_used_is_exported_only_where_that_is_wanted(
+    robot: dy.Robot, runs: dy.Recordings, tmp_path: Path
+) -> None:
+    poor = dy.identify(robot, runs[:1], effects=["viscous"])
+    with pytest.raises(dy.DynidentError, match="anyway=True"):
+        poor.export(tmp_path / "arm.json")
+    assert poor.export(tmp_path / "arm.json", anyway=True).content
+
+
+# Filters.
+
+
+def test_a_filter_is_changed_and_the_others_are_chosen_from_the_data(robot: dy.Robot, runs: dy.Recordings) -> None:
+    usual = dy.identify(robot, runs[:1])
+    other = dy.identify(robot, runs[:1], filters=dy.Filters(torque_cutoff=5.0))
+    assert other.filters.torque_cutoff == 5.0
+    assert other.filters.position_cutoff == usual.filters.position_cutoff
+    same = dy.identify(robot, runs[:1], filters=other.filters)
+    np.testing.assert_array_equal(np.asarray(same.params), np.asarray(other.params))
+    assert dy.Filters().torque_cutoff == "auto"
+
+
+# Figures.
+
+
+def test_figures_are_written_as_pictures_and_are_axes_of_matplotlib(runs: dy.Recordings, tmp_path: Path) -> None:
+    figure = runs.plot()
+    figure.save(tmp_path / "runs.png", dpi=50)
+    assert (tmp_path / "runs.png").read_bytes().startswith(b"\x89PNG")
+    figure.save(tmp_path / "runs.pdf")
+    assert (tmp_path / "runs.pdf").read_bytes().startswith(b"%PDF")
+    # Position and torque of four joints in two recordings.
+    assert len(figure.axes) == 16
+    figure.axes[0].set_xlabel("seconds")
+    figure.axes[0].figure.savefig(tmp_path / "mine.png")
+    assert (tmp_path / "mine.png").stat().st_size > 1000
+    with pytest.raises(dy.DynidentError, match=r"must end in \.svg, \.png or \.pdf"):
+        figure.save(tmp_path / "runs.jpg")
+    with pytest.raises(dy.DynidentError, match="there is no folder"):
+        figure.save(tmp_path / "no" / "runs.png")
+
+
+def test_a_picture_without_its_renderer_says_what_to_install(
+    runs: dy.Recordings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "typst", None)
+    monkeypatch.delitem(sys.modules, "dynident.reports.pdf", raising=False)
+    words = r"typst, which is not installed; .*dynident\[science\].*save\('runs.svg'\)"
+    with pytest.raises(dy.DynidentError, match=words):
+        runs.plot().save(tmp_path / "runs.png")

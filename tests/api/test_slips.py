@@ -1,0 +1,143 @@
+"""Typical slips get a sentence that names the argument and what to give instead."""
+
+from __future__ import annotations
+
+import inspect
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dynident as dy
+from dynident.api.argument_checks import EXPECTED
+
+Q = np.zeros(4)
+
+
+class NoEffect:
+    """A class that is no effect."""
+
+    id = "mine"
+
+
+Desk = dict[str, Any]
+SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
+    "a tuple for windows": (lambda d: d["read"](windows=(1, 5)), r"windows is \(1, 5\); give pairs"),
+    "a window of metadata": (lambda d: dy.RecordingMetadata(windows=(1, 5)), "give pairs"),
+    "a window backwards": (lambda d: d["read"](windows=[(5, 1)]), "end must be later"),
+    "a list for a model": (lambda d: dy.diagnose([d["model"]]), "model is .*; give one model"),
+    "two models at once": (lambda d: dy.compare([d["model"]] * 2, d["runs"]), "give one model"),
+    "two models to compare": (lambda d: dy.compare(d["model"], d["model"]), r"dy\.Ladder\(\(a, b\)\)"),
+    "a path for a model": (lambda d: dy.validate("model.npz"), "give one model.*load_model"),
+    "a path for a robot": (lambda d: dy.identify("arm.urdf", d["runs"]), "robot is 'arm.urdf'; read the robot first"),
+    "a path for recordings": (lambda d: dy.identify(d["robot"], "run1.csv"), "not a recording; read files with"),
+    "robot and recordings exchanged": (lambda d: dy.identify(d["runs"], d["robot"]), "robot is .*; read the robot"),
+    "a number for effects": (lambda d: dy.identify(d["robot"], d["runs"], effects=3), "effects is 3; give texts"),
+    "a class for an effect": (lambda d: dy.identify(d["robot"], d["runs"], effects=[NoEffect]), "give texts such as"),
+    "a dictionary of effects": (lambda d: dy.identify(d["robot"], d["runs"], effects={"stribeck": 1}), "give texts"),
+    "a misspelt effect": (lambda d: d["model"].extend("stribek"), "there is no effect 'stribek'"),
+    "a text for an effect of one's own": (lambda d: dy.register("stribeck"), "no effect; derive a class"),
+    "a class that is no effect": (lambda d: dy.register(NoEffect), "no effect; derive a class"),
+    "a dictionary for choices": (lambda d: dy.identify(d["robot"], d["runs"], choices={}), "IdentificationChoices"),
+    "a number for filters": (lambda d: dy.identify(d["robot"], d["runs"], filters=20.0), r"give dy\.Filters"),
+    "a filter with its unit": (lambda d: dy.Filters(torque_cutoff="20 Hz"), "torque_cutoff is '20 Hz'; give a number"),
+    "degrees for radians": (lambda d: d["model"].predict([90, 45, 0, 10], Q, Q), "looks like degrees"),
+    "joints that are missing": (lambda d: d["model"].predict(Q[:3], Q, Q), r"shape \(3,\), but the robot has 4 joints"),
+    "a transposed motion": (lambda d: d["model"].gravity(np.zeros((4, 100))), r"\(m, 4\) for m samples"),
+    "a text for a state": (lambda d: d["model"].gravity("home"), "no array of numbers"),
+    "shapes that differ": (lambda d: d["model"].predict(Q, Q, np.zeros((2, 4))), "arrays of the same shape"),
+    "a percentage": (lambda d: d["model"].predict(Q, Q, Q, interval=95), r"interval is 95; .* 0\.95 for 95 %"),
+    "alpha for the level": (lambda d: d["model"].conf_int(0.05), "alpha"),
+    "a step of too few joints": (lambda d: d["model"].predictor().step(Q[:2], Q[:2], Q[:2]), "one value a joint"),
+    "a folder of recordings": (lambda d: dy.read_recordings(d["folder"], robot=d["robot"]), "is a folder"),
+    "a folder for a robot": (lambda d: dy.load_robot(d["folder"]), "is a folder"),
+    "a folder for a model": (lambda d: dy.load_model(d["folder"]), "is a folder"),
+    "a recording for a model": (lambda d: dy.load_model(d["folder"] / "run1.csv"), "cannot read the file"),
+    "a list of paths": (lambda d: dy.read_recordings(["a.csv"], robot=d["robot"]), "one by one"),
+    "arrays without names": (lambda d: dy.read_recordings((Q, Q), robot=d["robot"]), "dictionary of arrays by name"),
+    "arrays of two lengths": (lambda d: dy.read_recordings({"t": Q, "q1": Q[:2]}, robot=d["robot"]), "same length"),
+    "one unit for all": (lambda d: d["read"](units="deg"), "units is 'deg'; give a dictionary"),
+    "a dictionary for metadata": (lambda d: d["read"](metadata={"role": "friction"}), "RecordingMetadata"),
+    "a misspelt role": (lambda d: dy.RecordingMetadata(role="frictoin"), "choose from"),
+    "a number for gravity": (lambda d: dy.load_robot("scara", gravity=-9.81), "three components"),
+    "a range for limits": (lambda d: dy.load_robot("scara", limits={"elbow": (-1, 1)}), r"dy\.Limits"),
+    "all recordings to revise": (lambda d: dy.revise(d["runs"], signs={"tau1": -1}), r"runs\[0\]"),
+    "a kind for a request": (lambda d: dy.design(d["robot"], "random"), 'kind="random"'),
+    "a duration with its unit": (lambda d: dy.design(d["robot"], kind="random", duration="8 s"), "seconds"),
+    "a limit in per cent": (lambda d: dy.validate(d["model"], limit=5), r"0\.05 for 5 %"),
+    "a model for a diagnosis": (lambda d: dy.report(d["model"], diagnosis=d["model"]), r"dy\.diagnose"),
+    "a text for validations": (lambda d: d["model"].verdict("direct"), r"dy\.validate"),
+    "one day by its name": (lambda d: dy.series(d["model"], "today"), "recordings by day"),
+    "a number for a path": (lambda d: d["model"].save(3), "not a path"),
+    "a foreign ending": (lambda d: d["model"].export("arm.stl"), "must end in"),
+    "a flag for progress": (lambda d: dy.identify(d["robot"], d["runs"], progress=True), "progress is True; give"),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def desk_of_slips(desk: Path, robot: dy.Robot, runs: dy.Recordings, model: dy.Model) -> Desk:
+    def read(**options: Any) -> dy.Recordings:
+        return dy.read_recordings(desk / "run1.csv", robot=robot, **options)
+
+    return {"folder": desk, "robot": robot, "runs": runs, "model": model, "read": read}
+
+
+@pytest.mark.parametrize("slip", SLIPS)
+def test_a_slip_gets_a_sentence(slip: str, desk_of_slips: Desk) -> None:
+    make, words = SLIPS[slip]
+    with pytest.raises(dy.DynidentError, match=words):
+        make(desk_of_slips)
+
+
+WRONG = (
+    3.5,
+    "some text",
+    ["a", "b"],
+    (1, 5),
+    {"a": 1},
+    {"a"},
+    np.zeros(3),
+    Path("x.csv"),
+    b"bytes",
+    object(),
+    NoEffect,
+)
+FUNCTIONS = (dy.load_robot, dy.read_recordings, dy.inspect, dy.identify, dy.load_model, dy.compare, dy.diagnose,
+             dy.validate, dy.design, dy.report, dy.changes, dy.series)  # fmt: skip
+PLACES = [
+    (function, name) for function in FUNCTIONS for name in inspect.signature(function).parameters if name in EXPECTED
+]
+
+
+@pytest.mark.parametrize("number", range(20))
+def test_a_drawn_slip_names_the_argument_before_anything_is_computed(number: int, desk_of_slips: Desk) -> None:
+    draw = random.Random(number)
+    function, name = draw.choice(PLACES)
+    value = draw.choice([value for value in WRONG if not EXPECTED[name].admits(value)])
+    arguments: dict[str, Any] = {
+        "robot": desk_of_slips["robot"],
+        "model": desk_of_slips["model"],
+        "recordings": desk_of_slips["runs"],
+        "source": "scara",
+        "path": "run1.csv",
+        "days": desk_of_slips["runs"],
+        "before": desk_of_slips["runs"],
+        "after": desk_of_slips["runs"],
+    }
+    wanted = {key for key, one in inspect.signature(function).parameters.items() if one.default is one.empty}
+    given = {key: argument for key, argument in arguments.items() if key in wanted}
+    with pytest.raises(dy.DynidentError) as raised:
+        function(**{**given, name: value})
+    assert str(raised.value).startswith(f"{name} is ")
+    assert "; give " in str(raised.value) or "; read " in str(raised.value)
+    assert raised.value.pointer == name
+
+
+def test_python_itself_says_which_argument_is_missing_or_unknown(desk_of_slips: Desk) -> None:
+    with pytest.raises(TypeError, match=r"identify\(\) got an unexpected keyword argument 'filter'"):
+        dy.identify(desk_of_slips["robot"], desk_of_slips["runs"], filter=3)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="missing 1 required positional argument: 'recordings'"):
+        dy.identify(desk_of_slips["robot"])  # type: ignore[call-arg]
