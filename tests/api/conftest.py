@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from support.small_arm_files import ARM, write_run
 
 import dynident as dy
+from dynident.effects import CATALOGUE
 from dynident.robot import urdf_from_robot
 
 
@@ -46,3 +48,13 @@ def found(model: dy.Model) -> dy.DiagnosedModel:
 @pytest.fixture(scope="session")
 def better(model: dy.Model, found: dy.DiagnosedModel) -> dy.Model:
     return model.extend(found)
+
+
+@pytest.fixture
+def restored_catalogue() -> Iterator[None]:
+    """What a test registers is gone afterwards: other tests compare the catalogue with the pages."""
+    before, added = dict(CATALOGUE), set(CATALOGUE._own_ids)
+    yield
+    CATALOGUE._effects.clear()
+    CATALOGUE._effects.update(before)
+    CATALOGUE._own_ids.intersection_update(added)

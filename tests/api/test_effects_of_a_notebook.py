@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +17,14 @@ PAGE = (Path(__file__).resolve().parents[2] / "docs" / "own-effects.md").read_te
 
 
 @pytest.fixture
-def hose() -> Iterator[type[Effect]]:
+def hose(restored_catalogue: None) -> type[Effect]:
     """The effect of the page about effects of one's own; the catalogue is put back afterwards."""
     block = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)
     assert block
     namespace: dict[str, Any] = {}
     exec(block[1].replace("from __future__ import annotations", ""), namespace)
-    before, added = dict(CATALOGUE), set(CATALOGUE._own_ids)
-    yield namespace["HoseFriction"]
-    CATALOGUE._effects.clear()
-    CATALOGUE._effects.update(before)
-    CATALOGUE._own_ids.intersection_update(added)
+    found: type[Effect] = namespace["HoseFriction"]
+    return found
 
 
 def test_a_registered_effect_is_identified_extended_and_diagnosed_by_its_id(

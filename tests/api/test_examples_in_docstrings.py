@@ -34,6 +34,7 @@ def names_of_examples(folder: Path) -> dict[str, Any]:
     return {"dy": dy, "robot": robot, "runs": dy.read_recordings(folder / "run1.csv", folder / "run2.csv", robot=robot)}
 
 
+@pytest.mark.usefixtures("restored_catalogue")
 @pytest.mark.parametrize("name", NAMES)
 def test_an_example_does_what_it_shows(
     name: str, folder: Path, names_of_examples: dict[str, Any], monkeypatch: pytest.MonkeyPatch

@@ -319,5 +319,5 @@ def test_no_model_file_and_no_effect_are_told(tmp_path: Path, model: dy.Model, f
 def test_a_diagnosis_with_nothing_to_add_says_so(better: dy.Model) -> None:
     nothing = dy.diagnose(better)
     assert nothing.verdict == "adequate"
-    with pytest.raises(dy.DynidentError, match="the diagnosis recommends nothing to add: These data show no missing"):
+    with pytest.raises(dy.DynidentError, match="recommends nothing to add: Nothing above the detection limits"):
         better.extend(nothing)

@@ -37,7 +37,7 @@ RUN_BY = {
     "exports.md": ("tests/project/test_exports_page.py", "sh python c"),
     "closed-loops.md": ("tests/identification/test_identifying_closed_loops.py", "json sh"),
     "notebook.md": ("tests/api/test_the_page_about_notebooks.py", "python"),
-    "own-effects.md": ("tests/effects/test_own_effects.py", "python toml sh"),
+    "own-effects.md": ("tests/support/own_effects_page.py", "python toml sh"),
     **{page.name: ("tests/project/test_how_to_pages.py", "sh python") for page in (ROOT / "docs/how-to").glob("*.md")},
     "methods.md": (HERE, "sh"),
     "diagnosis.md": (HERE, "sh python"),

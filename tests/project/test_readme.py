@@ -40,7 +40,7 @@ def test_the_thresholds_are_those_of_the_program() -> None:
     least, most = (f"{100 * share:.0f}" for share in thresholds.USUAL_IN_FULL)
     for sentence in (
         f"at most {thresholds.LARGEST_ERROR:.0%} ({thresholds.LARGEST_TO_WEIGH:.0%} to weigh payloads), and no joint "
-        f"above {thresholds.LARGEST_OF_JOINT:.0%} while it moves",
+        f"above {thresholds.LARGEST_OF_JOINT:.0%}, each where it moves",
         f"above {HAND_CONTACT_FORCE_LIMIT:g} N the model is not fit",
         f"above {thresholds.STOP:.0%} means *stop*",
         f"{low}-{high}% is usual",

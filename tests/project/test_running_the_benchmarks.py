@@ -23,6 +23,7 @@ SMALL = {
     "corrupted_samples": "--arms 1",
     "decision_level": "--draws 5",
     "design_speed": "--patience 2",
+    "detection_limits": "--draws 1 --effects joint_spring",
     "diagnosis_ranking": "--samples 3000",
     "equal_terms": "--cases 1 --processes 1",
     "extending": "",

@@ -16,7 +16,6 @@ from dynident.identification.study.correlated_and_essential_parameters import Es
 from dynident.identification.study.held_out_gain import find_best_step
 from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
-from dynident.reports.figures.detection_limits import LIMIT_COLUMNS, format_limits
 from dynident.reports.labels import (
     describe_best_step,
     format_hidden_effects,
@@ -31,6 +30,7 @@ from dynident.reports.result_rows import (
     CHANGE_COLUMNS,
     FRICTION_COLUMNS,
     GROUPING,
+    LIMIT_COLUMNS,
     TIMES_SMALLEST,
     build_essential_tables,
     build_parameter_table,
@@ -38,6 +38,7 @@ from dynident.reports.result_rows import (
     format_candidates,
     format_change,
     format_friction_difference,
+    format_limits,
 )
 from dynident.robot import Robot
 from dynident_service.cli.inputs import LoadedRecording

@@ -70,6 +70,10 @@ def _are_windows(value: object) -> bool:
 _TEXTS_BY_NAME = "give a dictionary of texts, such as"
 EXPECTED: Mapping[str, Expectation] = {
     "robot": Expectation(_is_a(Robot), 'read the robot first: robot = dy.load_robot("arm.urdf")'),
+    "design.robot": Expectation(
+        lambda value: isinstance(value, Robot) or hasattr(value, "identification"),
+        'give a robot, dy.load_robot("arm.urdf"), or a model of it',
+    ),
     "source": Expectation(_is_a(str, Path), 'give the path of a file, or the name of a well-known arm such as "ur10"'),
     "path": Expectation(_is_a(str, Path, tuple), "give the path of a file"),
     "name": Expectation(_is_a(str), "give a text"),
@@ -110,7 +114,8 @@ EXPECTED: Mapping[str, Expectation] = {
         'give recordings by day: {"monday": runs}',
     ),
 }
-"""What the arguments of the front door have to be, by their names; others are checked where they are used."""
+"""What the arguments of the front door have to be, by their names, or by function and name where one function
+differs; others are checked where they are used."""
 
 
 def check_arguments(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
@@ -130,18 +135,19 @@ def check_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
     defaults = {name: parameter.default for name, parameter in signature.parameters.items()}
 
     @wraps(function)
-    def checked(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
+    def call_with_checks(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
         try:
             given = signature.bind(*args, **kwargs).arguments
         except TypeError:
             # Python's own message about missing and unknown arguments is better than that of `bind`.
             return function(*args, **kwargs)
         for name, value in given.items():
-            if name in EXPECTED and value is not defaults[name]:
-                require(EXPECTED[name].admits(value), value, name, EXPECTED[name].remedy)
+            expected = EXPECTED.get(f"{function.__name__}.{name}") or EXPECTED.get(name)
+            if expected is not None and value is not defaults[name]:
+                require(expected.admits(value), value, name, expected.remedy)
         return function(*args, **kwargs)
 
-    return checked
+    return call_with_checks
 
 
 def require(holds: bool, value: object, name: str, remedy: str) -> None:

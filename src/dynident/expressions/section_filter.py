@@ -71,7 +71,7 @@ def _write_llvm(n_sections: int, n_columns: int) -> str:
     vector = f"<{n_columns} x double>"
     head, first, last = [], [], []
     body = [
-        "%row = getelementptr i8, ptr %values, i64 %offset",
+        "%row = getelementptr i8, ptr %values, i64 %place",
         f"%x0 = load {vector}, ptr %row, align 8",
     ]
     for s in range(n_sections):
@@ -106,13 +106,13 @@ def _write_llvm(n_sections: int, n_columns: int) -> str:
     body += [
         "%out = getelementptr double, ptr %filtered, i64 %written",
         f"store {vector} %x{n_sections}, ptr %out, align 8",
-        "%next_offset = add i64 %offset, %step",
+        "%next_place = add i64 %place, %step",
         f"%next_written = add i64 %written, {n_columns}",
         "%next_i = add i64 %i, 1",
         "%done = icmp eq i64 %next_i, %m",
         "br i1 %done, label %end, label %loop",
     ]
-    counters = [f"%{name} = phi i64 [ 0, %entry ], [ %next_{name}, %loop ]" for name in ("i", "offset", "written")]
+    counters = [f"%{name} = phi i64 [ 0, %entry ], [ %next_{name}, %loop ]" for name in ("i", "place", "written")]
     return "\n".join(
         (
             "define void @run(i64 %m, i64 %step, ptr %values, ptr %filtered, ptr %sections, ptr %state) {",

@@ -1,12 +1,14 @@
-"""Results as rows of text: candidates, changes, identified parameters, shape constants."""
+"""Results as rows of text: candidates, changes, detection limits, identified parameters, shape constants."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from math import isfinite
 from typing import NamedTuple
 
 from dynident.diagnosis import Change, FrictionDifference, RankedEffect
+from dynident.diagnosis.result import DetectionLimit
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentifiedParameter
 from dynident.identification.shape_constants import ShapeConstant
@@ -272,3 +274,54 @@ def build_essential_tables(path: EssentialPath) -> Iterator[ReportedTable]:
     if rows:
         yield ReportedTable("Backward elimination", ("removed", "relative deviation", "p", "fit", "held out"), rows)
     yield build_parameter_table("Essential parameters", path.identification.parameters)
+
+
+LIMIT_COLUMNS = ("effect", "would have shown from", "of the usual size", "not in its usual size on")
+
+
+def format_limits(limits: Sequence[DetectionLimit], robot: Robot) -> list[tuple[str, ...]]:
+    """Return one row of text for each effect, whatever the number of joints.
+
+    Parameters
+    ----------
+    limits : sequence of DetectionLimit
+        The detection limits.
+    robot : Robot
+        The robot that the model is of.
+
+    Returns
+    -------
+    list of tuple of str
+        The cells of `LIMIT_COLUMNS`.
+    """
+    rows: list[tuple[str, ...]] = []
+    for effect in dict.fromkeys(limit.effect for limit in limits):
+        own = [limit for limit in limits if limit.effect == effect]
+        blind = [name for limit in own if limit.share > 1.0 for name in limit.joints or ("",)]
+        where = "" if not blind else "the whole robot" if blind == [""] else format_joints(blind, robot.joint_names)
+        rows.append((get_effect_title(effect), _format_sizes(own), _format_range([o.share for o in own]), where or "–"))
+    return rows
+
+
+def format_share(share: float) -> str:
+    """Return a limit over the usual size as a percentage or a factor; "–" where no size would have shown."""
+    if not math.isfinite(share):
+        return "–"
+    return f"{100.0 * share:.2g} %" if share < 0.995 else f"{share:.2g} x" if share < 10.0 else f"{share:.0f} x"
+
+
+def _format_range(shares: Sequence[float]) -> str:
+    low, high = format_share(min(shares)), format_share(max(shares))
+    return low if low == high else f"{low} to {high if math.isfinite(max(shares)) else 'none'}"
+
+
+def _format_sizes(limits: Sequence[DetectionLimit]) -> str:
+    """Return the smallest and the largest limit with their unit; units of joints of other kinds follow each other."""
+    texts = []
+    for unit in dict.fromkeys(limit.unit for limit in limits):
+        sizes = [limit.size for limit in limits if limit.unit == unit and math.isfinite(limit.size)]
+        words = "" if unit == "-" else f" {unit}"
+        if sizes:
+            low, high = f"{min(sizes):.2g}", f"{max(sizes):.2g}"
+            texts.append(f"{low}{words}" if low == high else f"{low} to {high}{words}")
+    return ", ".join(texts) or "no size"

@@ -433,7 +433,18 @@ def is_stopped(identification: Identification) -> bool:
 
 
 def explain_stop(identification: Identification) -> str:
-    """Return why a model is not to be used (`is_stopped`), in a sentence without its full stop; else ""."""
+    """Return why a model is not to be used (`is_stopped`).
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+
+    Returns
+    -------
+    str
+        A sentence without its full stop; "" where the model may be used.
+    """
     if not is_stopped(identification):
         return ""
     if identification.data.copied:

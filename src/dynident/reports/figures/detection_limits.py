@@ -1,8 +1,7 @@
-"""Detection limits of a diagnosis: a map of effects and joints, and one row of text for each effect."""
+"""Detection limits of a diagnosis as a map of effects and joints."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,7 +10,8 @@ from matplotlib.colors import ListedColormap
 
 from dynident.diagnosis.result import DetectionLimit
 from dynident.reports.figures.svg import Margins, make_panels, set_panel_title, shorten_name, to_svg
-from dynident.reports.labels import format_joints, get_effect_title
+from dynident.reports.labels import get_effect_title
+from dynident.reports.result_rows import format_share
 from dynident.robot import Robot
 
 _ROW_HEIGHT = 0.26
@@ -21,8 +21,6 @@ _COLOURS = ("#d9eef7", "#9fd3ea", "#56b4e9", "#f2c9a1", "#d55e00", "#9a9a9a")
 """From what shows easily to what does not show at all; blue where the usual size would have shown."""
 _MOST_NUMBERS = 12
 """With more joints, numbers in the cells would be too small to read."""
-
-LIMIT_COLUMNS = ("effect", "would have shown from", "of the usual size", "not in its usual size on")
 
 
 def draw_detection_limits(limits: Sequence[DetectionLimit], robot: Robot) -> Markup:
@@ -79,51 +77,3 @@ def draw_detection_limits(limits: Sequence[DetectionLimit], robot: Robot) -> Mar
         figure,
         f"Map of detection limits, effects by joints. {seen} of {len(limits)} would have shown in their usual size.",
     )
-
-
-def format_limits(limits: Sequence[DetectionLimit], robot: Robot) -> list[tuple[str, ...]]:
-    """Return one row of text for each effect, whatever the number of joints.
-
-    Parameters
-    ----------
-    limits : sequence of DetectionLimit
-        The detection limits.
-    robot : Robot
-        The robot that the model is of.
-
-    Returns
-    -------
-    list of tuple of str
-        The cells of `LIMIT_COLUMNS`.
-    """
-    rows: list[tuple[str, ...]] = []
-    for effect in dict.fromkeys(limit.effect for limit in limits):
-        own = [limit for limit in limits if limit.effect == effect]
-        blind = [name for limit in own if limit.share > 1.0 for name in limit.joints or ("",)]
-        where = "" if not blind else "the whole robot" if blind == [""] else format_joints(blind, robot.joint_names)
-        rows.append((get_effect_title(effect), _format_sizes(own), _format_range([o.share for o in own]), where or "–"))
-    return rows
-
-
-def format_share(share: float) -> str:
-    """Return a limit over the usual size as a percentage or a factor; "–" where no size would have shown."""
-    if not math.isfinite(share):
-        return "–"
-    return f"{100.0 * share:.2g} %" if share < 0.995 else f"{share:.2g} x" if share < 10.0 else f"{share:.0f} x"
-
-
-def _format_range(shares: Sequence[float]) -> str:
-    low, high = format_share(min(shares)), format_share(max(shares))
-    return low if low == high else f"{low} to {high if math.isfinite(max(shares)) else 'none'}"
-
-
-def _format_sizes(limits: Sequence[DetectionLimit]) -> str:
-    """Return the smallest and the largest limit with their unit; units of joints of other kinds follow each other."""
-    texts = []
-    for unit in dict.fromkeys(limit.unit for limit in limits):
-        sizes = [limit.size for limit in limits if limit.unit == unit and math.isfinite(limit.size)]
-        words = "" if unit == "-" else f" {unit}"
-        if sizes:
-            low, high = f"{min(sizes):.2g}", f"{max(sizes):.2g}"
-            texts.append(f"{low}{words}" if low == high else f"{low} to {high}{words}")
-    return ", ".join(texts) or "no size"

@@ -14,16 +14,18 @@ from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.reports.figures.candidates import draw_candidates, draw_evidence
 from dynident.reports.figures.changes import draw_changes, draw_friction_differences
-from dynident.reports.figures.detection_limits import LIMIT_COLUMNS, draw_detection_limits, format_limits
+from dynident.reports.figures.detection_limits import draw_detection_limits
 from dynident.reports.labels import format_joints, format_shape_constants, get_effect_title
 from dynident.reports.number_format import format_number, format_p_value, format_percent, format_range
 from dynident.reports.report_data import Section
 from dynident.reports.result_rows import (
     FRICTION_COLUMNS,
+    LIMIT_COLUMNS,
     ChangeCells,
     FrictionCells,
     format_change,
     format_friction_difference,
+    format_limits,
     format_reason,
 )
 from dynident.reports.sections.summary import is_recommendation_added
