@@ -19,10 +19,10 @@ from dynident.identification.recording_faults import (
     find_recording_faults,
 )
 from dynident.identification.recording_faults.description_fit import find_description_units
-from dynident.identification.recording_faults.fault_search import find_parallel_axes
 from dynident.identification.recording_faults.filtered_motion import filter_motion
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
 from dynident.identification.recording_faults.torque_scale import refine_factor_by_masses
+from dynident.identification.recording_faults.tree_fit import find_parallel_axes
 from dynident.recordings import Check, Recording, Revision
 from dynident.robot import Robot, robot_from_urdf
 from dynident.verdict import verdict

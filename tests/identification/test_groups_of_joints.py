@@ -11,9 +11,8 @@ from support.drawn_recordings import FloatArray, guess, legged, log, log_of, rea
 from support.oracles import arm
 
 from dynident.identification import identify
-from dynident.identification.recording_faults.fault_search import list_chains
 from dynident.identification.recording_faults.torque_scale import find_excess_friction
-from dynident.identification.recording_faults.tree_fit import list_trees
+from dynident.identification.recording_faults.tree_fit import list_chains, list_trees
 from dynident.recordings import Check, RecordingError, Revision
 from dynident.robot import Robot
 from dynident.verdict import verdict

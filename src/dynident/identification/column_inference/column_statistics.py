@@ -74,6 +74,8 @@ _SLOWEST, _FASTEST = 8.0, 8000.0
 
 def find_changing_columns(values: FloatArray) -> BoolArray:
     """Return which columns (columns,) hold numbers, and more than one."""
+    if not len(values):
+        return np.zeros(values.shape[1], dtype=bool)
     finite = np.isfinite(values)
     enough = finite.mean(axis=0) > 0.9
     low = np.where(finite, values, np.inf).min(axis=0)

@@ -90,9 +90,7 @@ class _ColumnInference(WorkingProposal):
         """Guess time, groups of columns, positions, efforts and units, in this order."""
         sample, n = self.sample, self.robot.n
         self.of_poses = columns_are_poses(self)
-        self.alive = (
-            find_changing_columns(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
-        )
+        self.alive = find_changing_columns(sample.values)
         kind: EffortKind = "unknown"
         for remark in self.sample.remarks:
             self.add_guess("rows", "joined", 0.95, remark)

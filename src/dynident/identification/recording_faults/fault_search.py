@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -39,6 +38,7 @@ from dynident.identification.recording_faults.torque_scale import (
     is_nearer_to_others,
     refine_factor_by_masses,
 )
+from dynident.identification.recording_faults.tree_fit import find_parallel_axes, list_chains
 from dynident.recordings import Recording
 from dynident.robot.model import Robot
 
@@ -83,9 +83,6 @@ _EXPLAINED = 0.2
 instead: an elastic arm leaves that with the filters of an identification, and half of it there."""
 
 _MOST_MISTAKES = 3
-
-_PARALLEL = 0.999
-"""Cosine of the angle between axes, 2.6 degrees, up to which they count as parallel: calibrated robots differ less."""
 
 
 @dataclass(frozen=True)
@@ -400,33 +397,6 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion
 def _has_enough_rows(motion: Motion, judge: HeldOutFit) -> bool:
     """Tell whether there are enough rows to decide anything."""
     return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns
-
-
-def list_chains(robot: Robot) -> list[list[int]]:
-    """Return the joints of each chain without branches: of every leg, or arm, of a robot."""
-    children = Counter(joint.parent for joint in robot.joints)
-    chains: list[list[int]] = []
-    for k, joint in enumerate(robot.joints):
-        if chains and joint.parent == chains[-1][-1] and children[joint.parent] == 1:
-            chains[-1].append(k)
-        else:
-            chains.append([k])
-    return chains
-
-
-def find_parallel_axes(robot: Robot) -> BoolArray:
-    """Return which joints (n,) turn about an axis parallel to that of the joint before.
-
-    Their angles may be counted together. None are named for a robot whose joints follow others.
-    """
-    parallel = np.zeros(robot.n, dtype=bool)
-    for k in range(1, robot.n if robot.linkage is None else 0):
-        joint, before = robot.joints[k], robot.joints[k - 1]
-        if joint.parent != k - 1 or {joint.kind, before.kind} != {"revolute"}:
-            continue
-        across = np.asarray(joint.placement)[:3, :3] @ np.asarray(joint.axis)
-        parallel[k] = abs(float(across @ np.asarray(before.axis))) > _PARALLEL
-    return parallel
 
 
 def find_excess_of_motion(robot: Robot, motion: Motion, judges: HeldOutFits | None = None) -> dict[int, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,6 +14,9 @@ from dynident.effects import ReferenceParameters, get_effect, get_role
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
+
+_PARALLEL = 0.999
+"""Cosine of the angle between axes, 2.6 degrees, up to which they count as parallel: calibrated robots differ less."""
 
 BLOCKS = 10
 """Blocks of time that a motion is cut into."""
@@ -127,6 +131,33 @@ def list_trees(robot: Robot) -> list[list[int]]:
         place[k] = place.get(joint.parent, len(trees) - 1)
         trees[place[k]].append(k)
     return trees
+
+
+def list_chains(robot: Robot) -> list[list[int]]:
+    """Return the joints of each chain without branches: of every leg, or arm, of a robot."""
+    children = Counter(joint.parent for joint in robot.joints)
+    chains: list[list[int]] = []
+    for k, joint in enumerate(robot.joints):
+        if chains and joint.parent == chains[-1][-1] and children[joint.parent] == 1:
+            chains[-1].append(k)
+        else:
+            chains.append([k])
+    return chains
+
+
+def find_parallel_axes(robot: Robot) -> BoolArray:
+    """Return which joints (n,) turn about an axis parallel to that of the joint before.
+
+    Their angles may be counted together. None are named for a robot whose joints follow others.
+    """
+    parallel = np.zeros(robot.n, dtype=bool)
+    for k in range(1, robot.n if robot.linkage is None else 0):
+        joint, before = robot.joints[k], robot.joints[k - 1]
+        if joint.parent != k - 1 or {joint.kind, before.kind} != {"revolute"}:
+            continue
+        across = np.asarray(joint.placement)[:3, :3] @ np.asarray(joint.axis)
+        parallel[k] = abs(float(across @ np.asarray(before.axis))) > _PARALLEL
+    return parallel
 
 
 class TreeFit:
