@@ -37,12 +37,9 @@ from imports import DATA, SETS, robot_of
 from planted_arms import drawn_arms
 
 from dynident.api.robot_files import load_robot
-from dynident.identification.recording_faults.fault_search import (
-    find_delay,
-    find_parallel_axes,
-    measure_unexplained_share,
-)
+from dynident.identification.recording_faults.fault_search import find_delay, measure_unexplained_share
 from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion
+from dynident.identification.recording_faults.tree_fit import find_parallel_axes
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.stored_rows import ArraySource

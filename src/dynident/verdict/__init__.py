@@ -3,7 +3,8 @@
 from dynident.diagnosis.comparing.data_leakage import DataOverlap, find_overlaps
 from dynident.verdict.detectable_loads import DetectableForce
 from dynident.verdict.evidence import Outcome
-from dynident.verdict.model_verdict import ModelVerdict, Stop, explain_stop, is_stopped, verdict
+from dynident.verdict.model_verdict import ModelVerdict, explain_stop, is_stopped, verdict
+from dynident.verdict.stop_cause import Stop
 from dynident.verdict.use_findings import MARKS, State, Use, UseName
 
 __all__ = [
