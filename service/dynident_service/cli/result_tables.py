@@ -206,6 +206,11 @@ def show_diagnosis(
     for effect, joint in questions:
         place = f" on {joint}" if joint else ""
         console.print(f"  {get_effect_title(effect)}{place}: {diagnosis.why_not(effect, joint)}")
+    if diagnosis.detection_limits:
+        rows = format_limits(diagnosis.detection_limits, robot)
+        console.print(build_table("What these data would have shown", LIMIT_COLUMNS, rows, wrapped=3))
+    elif diagnosis.not_visible:
+        console.print(f"  This data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
     if diagnosis.recommended:
         console.print(f"To add what is missing: {extend_command}", soft_wrap=True, markup=False, highlight=False)
     for pattern in diagnosis.unknown:
@@ -213,11 +218,6 @@ def show_diagnosis(
             f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} "
             f"({format_percent(pattern.share, 2)})"
         )
-    if diagnosis.detection_limits:
-        rows = format_limits(diagnosis.detection_limits, robot)
-        console.print(build_table("What these data would have shown", LIMIT_COLUMNS, rows, right_from=1))
-    if diagnosis.not_visible:
-        console.print(f"  This data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
     if diagnosis.conclusion is not None:
         console.print(f"  {diagnosis.conclusion.headline} {diagnosis.conclusion.next_step}")
     if n_open:

@@ -79,11 +79,34 @@ def print_tables(console: Console, tables: Iterable[ReportedTable]) -> None:
         )
 
 
-def build_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, right_from: int = 1) -> Table:
-    """Return a plain table; columns from the number `right_from` on hold figures."""
+def build_table(
+    title: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    right_from: int = 1,
+    wrapped: int | None = None,
+) -> Table:
+    """Return a plain table.
+
+    Parameters
+    ----------
+    title : str
+        Title above it.
+    columns : sequence of str
+        Heads of the columns.
+    rows : sequence of sequence of str
+        Cells.
+    right_from : int
+        First column with figures, which stand at the right and are never wrapped.
+    wrapped : int, optional
+        The only column that may be wrapped, with text; by default those before the figures.
+    """
     rich_table = Table(title=title or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
     for index, column in enumerate(columns):
-        rich_table.add_column(column, justify="right" if index >= right_from else "left", no_wrap=index >= right_from)
+        is_figure = index >= right_from and index != wrapped
+        no_wrap = is_figure if wrapped is None else index != wrapped
+        rich_table.add_column(column, justify="right" if is_figure else "left", no_wrap=no_wrap)
     for row in rows:
         rich_table.add_row(*row)
     return rich_table

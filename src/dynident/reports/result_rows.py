@@ -322,6 +322,6 @@ def _format_sizes(limits: Sequence[DetectionLimit]) -> str:
         sizes = [limit.size for limit in limits if limit.unit == unit and math.isfinite(limit.size)]
         words = "" if unit == "-" else f" {unit}"
         if sizes:
-            low, high = f"{min(sizes):.2g}", f"{max(sizes):.2g}"
+            low, high = format_number(min(sizes), 2), format_number(max(sizes), 2)
             texts.append(f"{low}{words}" if low == high else f"{low} to {high}{words}")
     return ", ".join(texts) or "no size"
