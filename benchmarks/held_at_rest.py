@@ -89,9 +89,7 @@ def joints_of(case: Case, folder: Path) -> list[Joint]:
     robot = as_described(arm_by_name(case.arm), case.noise)
     training = data.recordings(held_out=False)
     plain = identify(robot, training)
-    with patch.object(
-        DIAGNOSIS, "find_static_friction", lambda grown, recordings, final, candidates: (grown, final, ())
-    ):
+    with patch.object(DIAGNOSIS, "find_static_friction", lambda grown, recordings, final, *choices: (grown, final, ())):
         recommended = diagnose(plain, training).recommended
     grown = extend(plain, recommended, training) if recommended else plain
     named = {joint for choice in recommended for joint in choice.joints if choice.effect == "stribeck"}

@@ -136,6 +136,7 @@ def run_small(name: str, words: str, folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", SMALL)
 def test_a_benchmark_runs_to_its_end(name: str, tmp_path: Path) -> None:
     run_small(name, SMALL[name], tmp_path)
@@ -143,6 +144,7 @@ def test_a_benchmark_runs_to_its_end(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.real_data
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", WITH_RECORDINGS)
 def test_a_benchmark_on_recordings_of_real_robots_runs_to_its_end(name: str, tmp_path: Path) -> None:
     if not (BENCHMARKS.parents[1] / "shared" / "data").is_dir():

@@ -66,8 +66,8 @@ def test_its_commands_find_the_spring_in_jupyter_and_the_next_experiment_decides
         done = in_jupyter(tmp_path)
     of_cells = ["".join(one.get("text", "") for one in cell.get("outputs", [])) for cell in done.cells]
     told = " ".join("".join(of_cells).split())
-    # Of one recording, of both, and in Python.
-    assert told.count("The model lacks: Gravity compensating spring on shoulder_lift_joint") == 3
+    # Of one recording (twice, the second time with the next experiment), of both, and in Python.
+    assert told.count("The model lacks: Gravity compensating spring on shoulder_lift_joint") == 4
     assert "Held-out data do not confirm Joint spring" in told
     assert re.search(r"would distinguish Gravity compensating spring from (Torque ripple|Joint spring)", told)
     page = " ".join(TEXT.split())

@@ -36,7 +36,8 @@ def test_a_mass_that_was_mounted_is_told_with_its_link_and_interval_and_an_uncha
     assert [one["joint"] for one in found.result["friction"]] == [one["name"] for one in robot.joints]
     assert all(abs(one["value"]) < 0.1 * one["before"] for one in found.result["friction"])
     drawn = live.diagnoses.evidence(found, rank=1)
-    assert drawn["explained"] > 0.5
+    assert drawn["error_drop"] == found.result["candidates"][0]["error_drop"] > 0.2
+    assert drawn["explained"] > 0.3
 
     quiet = live.diagnoses.create(model, measurements=[same], baseline=[first]).wait()
     assert quiet.result["changes"] == []

@@ -104,7 +104,7 @@ def test_the_whole_story_can_be_done_in_the_browser(
     assert after != before
     rungs = ask(page, f"/identifications/{after}/lineage")["items"]
     shown = [[value_in(page, "#ladder-table", str(rung + 1), column) for column in (0, 1)] for rung in range(2)]
-    assert shown == [[one["residual"]["relative_total"], one["validation"]["relative_total"]] for one in rungs]
+    assert shown == [[one[kind]["moving"]["relative_total"] for kind in ("residual", "validation")] for one in rungs]
     assert shown[1][1] < 0.2 * shown[0][1]
     assert value_in(page, "#ladder-joints", "elbow", 1) < 0.2 * value_in(page, "#ladder-joints", "elbow", 0)
     expect(page.locator("#step")).to_contain_text("Joint spring on elbow")
@@ -155,7 +155,7 @@ def test_what_was_added_is_removed_again_and_two_ladders_stand_beside_each_other
     expect(page.locator("#step")).to_contain_text("Removed Joint spring on shoulder")
     back = ask(page, f"/identifications/{identifier(page)}")
     assert back["parent_id"] == made["shoulder"]
-    assert value_in(page, "#ladder-table", "3", 1) == back["result"]["validation"]["relative_total"]
+    assert value_in(page, "#ladder-table", "3", 1) == back["result"]["validation"]["moving"]["relative_total"]
 
     # The ladder that stands there at first answers late: what the user chose since must stay.
     late: list[Any] = []
@@ -168,7 +168,7 @@ def test_what_was_added_is_removed_again_and_two_ladders_stand_beside_each_other
     page.wait_for_timeout(500)
     expect(table).to_contain_text("Joint spring on elbow")
     found = ask(page, f"/identifications/{identifier(page)}/lineage?against={made['elbow']}")
-    assert value_in(page, "#ladder-differences", "2", 0) == found["differences"][1]["validation_total"]
+    assert value_in(page, "#ladder-differences", "2", 0) == found["differences"][1]["validation_moving_total"]
     expect(page.locator("#two-ladders svg polyline")).to_have_count(2)
     page.locator("section", has=page.locator("#ladder-title")).screenshot(path=tmp_path / "two_ladders.png")
     assert heard.complaints == []

@@ -18,6 +18,7 @@ from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.proposal import Guess, Proposal, Question
 from dynident.identification.robot_recordings import build_recorded_joints
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, import_recording
+from dynident.recordings.arrow import from_numbers
 from dynident.recordings.formats import format_of, open_source
 from dynident.recordings.recording_files import compute_digest
 from dynident.robot import Robot
@@ -111,7 +112,7 @@ def _import_sample(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal
     with TemporaryDirectory(prefix="dynident-") as folder:
         rows = Path(folder) / "rows.parquet"
         # The rows go through the real import, so that nothing is proposed that it would refuse afterwards.
-        pq.write_table(pa.table(dict(zip(sample.names, sample.values.T, strict=True))), rows)
+        pq.write_table(pa.table([from_numbers(column) for column in sample.values.T], names=list(sample.names)), rows)
         try:
             _, checks = import_recording(
                 rows,

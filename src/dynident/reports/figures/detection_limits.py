@@ -14,7 +14,7 @@ from dynident.reports.labels import get_effect_title
 from dynident.reports.result_rows import format_share
 from dynident.robot import Robot
 
-_ROW_HEIGHT = 0.26
+_ROW_HEIGHT = 0.22
 _LEVELS = (0.1, 0.3, 1.0, 3.0)
 """Shares of the usual size between the colours."""
 _COLOURS = ("#d9eef7", "#9fd3ea", "#56b4e9", "#f2c9a1", "#d55e00", "#9a9a9a")
