@@ -36,7 +36,7 @@ VERDICTS = {
     "missing_effect": "Effects are missing, and the diagnosis names them",
     "unexplained": "Something is missing that no effect of the catalogue explains",
 }
-_MOST_SPOTS, _MOST_BARS, _MOST_PANELS, _MOST_ROWS = 12, 12, 8, 6
+_MOST_SPOTS, _MOST_BARS, _MOST_PANELS, _MOST_ROWS = 12, 12, 8, 4
 
 
 @dataclass(frozen=True)
