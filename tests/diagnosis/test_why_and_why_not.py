@@ -12,7 +12,7 @@ from support.hidden_effects import CASES, NAMES, WITH_OFFSET, experiment, on_joi
 from test_scoring_and_significance import judged
 
 from dynident.diagnosis import Diagnosis, diagnose
-from dynident.diagnosis.reasons import Outcome, Reason, ReasonCode, build_too_small, find_outcome
+from dynident.diagnosis.reasons import CandidateOutcome, Reason, ReasonCode, build_too_small, find_outcome
 from dynident.diagnosis.search.acceptance import find_rejection
 from dynident.diagnosis.search.state import State
 from dynident.effects import EffectChoice, UnknownEffectError
@@ -91,9 +91,9 @@ def test_sentences_tell_the_numbers():
 
 
 def test_what_was_accepted_answers_before_the_joint_and_the_joint_before_a_group():
-    accepted = Outcome(EffectChoice("stribeck", ("a", "b")), 0.4, Reason.build("accepted", 1))
-    single = Outcome(EffectChoice("stribeck", ("c",)), 0.01, Reason.build("unstable", share=0.5, least=0.9))
-    group = Outcome(EffectChoice("stribeck", ("a", "c")), 0.2, build_too_small("error", 0.0, 0.02))
+    accepted = CandidateOutcome(EffectChoice("stribeck", ("a", "b")), 0.4, Reason.build("accepted", 1))
+    single = CandidateOutcome(EffectChoice("stribeck", ("c",)), 0.01, Reason.build("unstable", share=0.5, least=0.9))
+    group = CandidateOutcome(EffectChoice("stribeck", ("a", "c")), 0.2, build_too_small("error", 0.0, 0.02))
     outcomes = (group, single, accepted)
     assert find_outcome(outcomes, "stribeck", "a") is accepted
     assert find_outcome(outcomes, "stribeck", "c") is single

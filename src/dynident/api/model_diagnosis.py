@@ -25,7 +25,7 @@ from dynident.diagnosis import (
     evidence,
     examine,
 )
-from dynident.diagnosis.reasons import Outcome, Reason
+from dynident.diagnosis.reasons import CandidateOutcome, Reason
 from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE
 from dynident.effects import EffectChoice
 from dynident.effects.text_format import format_effect
@@ -103,7 +103,7 @@ class DiagnosedModel(Framed):
         return advise(self.examination)
 
     @property
-    def outcomes(self) -> tuple[Outcome, ...]:
+    def outcomes(self) -> tuple[CandidateOutcome, ...]:
         """What became of every effect on every joint, and why; findings first."""
         return self.diagnosis.outcomes
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dynident.diagnosis.comparing.noise import Judgement, LackOfFit, NoiseFloor, RepeatedMotion, floor_of, judge
     from dynident.diagnosis.examination import Examination, diagnose, examine
     from dynident.diagnosis.partial_residuals import Evidence, evidence
-    from dynident.diagnosis.reasons import Outcome, Reason
+    from dynident.diagnosis.reasons import CandidateOutcome, Reason
     from dynident.diagnosis.request import DiagnosisChoices
     from dynident.diagnosis.result import (
         Change,
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Autocorrelation",
+    "CandidateOutcome",
     "Change",
     "ChangedValue",
     "Comparison",
@@ -52,7 +53,6 @@ __all__ = [
     "Judgement",
     "LackOfFit",
     "NoiseFloor",
-    "Outcome",
     "RankedEffect",
     "Reason",
     "RepeatedMotion",

@@ -32,7 +32,7 @@ from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise
 from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
 from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
-from dynident.diagnosis.reasons import Outcome, Reason
+from dynident.diagnosis.reasons import CandidateOutcome, Reason
 from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, check_candidates
 from dynident.diagnosis.residuals.patterns import build_failure_map, find_unknown_patterns
 from dynident.diagnosis.residuals.resolvable_motion import compute_resolution
@@ -314,7 +314,7 @@ class _Ranking(NamedTuple):
     """All effects beside what was found: ranking, outcomes, detection limits, and how parts predict each other."""
 
     ranked: tuple[RankedEffect, ...]
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[CandidateOutcome, ...]
     limits: tuple[DetectionLimit, ...]
     part_to_part: float
 

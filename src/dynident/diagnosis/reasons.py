@@ -87,7 +87,7 @@ class Reason:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CandidateOutcome:
     """What became of an effect on some joints: its best candidate there, and the reason.
 
     Parameters
@@ -105,14 +105,14 @@ class Outcome:
     reason: Reason
 
 
-def find_outcome(outcomes: tuple[Outcome, ...], effect: str, joint: str = "") -> Outcome | None:
+def find_outcome(outcomes: tuple[CandidateOutcome, ...], effect: str, joint: str = "") -> CandidateOutcome | None:
     """Return the outcome of an effect on a joint; without a joint that of its best place.
 
     A group of joints answers for each of its joints, and an effect of the whole robot for all.
 
     Parameters
     ----------
-    outcomes : tuple of Outcome
+    outcomes : tuple of CandidateOutcome
         The outcomes of a diagnosis.
     effect : str
         Id of the effect.
@@ -121,7 +121,7 @@ def find_outcome(outcomes: tuple[Outcome, ...], effect: str, joint: str = "") ->
 
     Returns
     -------
-    Outcome, optional
+    CandidateOutcome, optional
         None where the effect was not tried there.
     """
     own = [outcome for outcome in outcomes if outcome.choice.effect == effect]

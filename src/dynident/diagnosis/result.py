@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from dynident.array_types import FloatArray
-from dynident.diagnosis.reasons import Outcome, Reason, find_outcome
+from dynident.diagnosis.reasons import CandidateOutcome, Reason, find_outcome
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 
@@ -332,7 +332,7 @@ class Diagnosis:
         What differs from the baseline, empty where nothing does; None where there was no baseline.
     friction : tuple of FrictionDifference
         How much the friction of each joint differs from the baseline's, whether it is among the changes or not.
-    outcomes : tuple of Outcome
+    outcomes : tuple of CandidateOutcome
         What became of every effect on every joint, and why.
     detection_limits : tuple of DetectionLimit
         The smallest size of each effect on each joint that these recordings would have shown.
@@ -351,7 +351,7 @@ class Diagnosis:
     failure_map: tuple[FailureSpot, ...]
     changes: tuple[Change, ...] | None = None
     friction: tuple[FrictionDifference, ...] = ()
-    outcomes: tuple[Outcome, ...] = ()
+    outcomes: tuple[CandidateOutcome, ...] = ()
     detection_limits: tuple[DetectionLimit, ...] = ()
     conclusion: Conclusion | None = None
 

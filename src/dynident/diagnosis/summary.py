@@ -11,7 +11,7 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.reasons import Outcome, Reason
+from dynident.diagnosis.reasons import CandidateOutcome, Reason
 from dynident.diagnosis.result import Adequacy, Conclusion, RankedEffect, UnknownPattern
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, get_effect
@@ -68,7 +68,7 @@ def rank_findings(picks: Sequence[Finding], recommended: Sequence[EffectChoice])
 
 
 def rank_rejected(
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[CandidateOutcome],
     first: Sequence[ScoredCandidate],
     beside: Mapping[Candidate, ScoredCandidate],
     n_findings: int,
@@ -79,7 +79,7 @@ def rank_rejected(
 
     Parameters
     ----------
-    outcomes : sequence of Outcome
+    outcomes : sequence of CandidateOutcome
         What became of every effect on every joint.
     first : sequence of ScoredCandidate
         All candidates tried beside the model alone.

@@ -29,7 +29,7 @@ from dynident.diagnosis.candidates.significance import (
     compute_least_t,
     standardise_size,
 )
-from dynident.diagnosis.reasons import Outcome, Reason
+from dynident.diagnosis.reasons import CandidateOutcome, Reason
 from dynident.diagnosis.result import DetectionLimit, Invisible
 from dynident.diagnosis.search.acceptance import VISIBLE, find_least_drop, get_least_gain
 from dynident.diagnosis.search.outcomes import FinalScores
@@ -123,12 +123,12 @@ _SMALL = ("not_significant", "too_small")
 """Codes of reasons that a larger effect would not have had."""
 
 
-def add_limits(outcomes: Sequence[Outcome], limits: Sequence[DetectionLimit]) -> tuple[Outcome, ...]:
+def add_limits(outcomes: Sequence[CandidateOutcome], limits: Sequence[DetectionLimit]) -> tuple[CandidateOutcome, ...]:
     """Add the detection limit to the reason of every effect that was too small to be accepted.
 
     Parameters
     ----------
-    outcomes : sequence of Outcome
+    outcomes : sequence of CandidateOutcome
         What became of every effect on every joint.
     limits : sequence of DetectionLimit
         The detection limits.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, explain_absence
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, ScoredCandidate
-from dynident.diagnosis.reasons import Outcome, Reason, describe_choice
+from dynident.diagnosis.reasons import CandidateOutcome, Reason, describe_choice
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.diagnosis.search.acceptance import find_rejection
 from dynident.diagnosis.search.forward_selection import Loss, SearchRecord
@@ -79,7 +79,7 @@ def list_outcomes(
     choices: Sequence[EffectChoice],
     first: Sequence[ScoredCandidate],
     most: int,
-) -> tuple[tuple[Outcome, ...], Mapping[Candidate, ScoredCandidate]]:
+) -> tuple[tuple[CandidateOutcome, ...], Mapping[Candidate, ScoredCandidate]]:
     """List what became of every effect on every place, with the constants that gain most there by themselves.
 
     Parameters
@@ -99,7 +99,7 @@ def list_outcomes(
 
     Returns
     -------
-    tuple of Outcome, mapping of Candidate to ScoredCandidate
+    tuple of CandidateOutcome, mapping of Candidate to ScoredCandidate
         The outcomes, and the scores of their candidates beside the findings.
     """
     beside = {scored.candidate: scored for scored in final.scored}
@@ -111,7 +111,7 @@ def list_outcomes(
             best[key] = scored
     judge = _Judge(final, pool, record, tuple(choices), most)
     outcomes = [
-        Outcome(choice, finding.judged.error_drop, Reason.build("accepted", step))
+        CandidateOutcome(choice, finding.judged.error_drop, Reason.build("accepted", step))
         for step, (finding, choice) in enumerate(zip(final.state.picks, choices, strict=True), 1)
     ]
     for scored in best.values():
@@ -120,18 +120,18 @@ def list_outcomes(
         reason = judge.find_reason(scored, last)
         # What was accepted stands first, with refined constants and all its joints.
         if reason.code != "accepted":
-            outcomes.append(Outcome(scored.candidate.choice, drop, reason))
+            outcomes.append(CandidateOutcome(scored.candidate.choice, drop, reason))
     return tuple(outcomes), beside
 
 
 def list_untried(
-    tried: Sequence[Outcome], effects: Sequence[str] | None, model: Model, leads: ShapeProposals
-) -> tuple[Outcome, ...]:
+    tried: Sequence[CandidateOutcome], effects: Sequence[str] | None, model: Model, leads: ShapeProposals
+) -> tuple[CandidateOutcome, ...]:
     """List the effects and joints for which there was no candidate, with the reason.
 
     Parameters
     ----------
-    tried : sequence of Outcome
+    tried : sequence of CandidateOutcome
         What was tried.
     effects : sequence of str, optional
         Ids of the effects that were to be tried; all where left out.
@@ -150,7 +150,7 @@ def list_untried(
             is_left_out = effects is not None and effect.id not in effects
             why = "the request does not list it" if is_left_out else explain_absence(effect, joint, model, leads)
             choice = EffectChoice(effect.id, (joint,) if joint else ())
-            untried.append(Outcome(choice, 0.0, Reason.build("not_tried", why=why)))
+            untried.append(CandidateOutcome(choice, 0.0, Reason.build("not_tried", why=why)))
     return tuple(untried)
 
 
