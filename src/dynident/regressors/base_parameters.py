@@ -115,8 +115,7 @@ def find_base_parameters(
     observation = Observation.from_columns(robot, columns, signals)
     n_states = _STATES_PER_COLUMN * len(columns) // robot.n + 20
     w = evaluate_at_random_states(observation, n_states, seed, at_rest=at_rest)
-    units = [column.unit for column in columns]
-    return select_base(w, tuple(column.name for column in columns), tolerance, units=units)
+    return select_base(w, tuple(column.name for column in columns), tolerance)
 
 
 def find_base_parameters_among(
@@ -147,11 +146,7 @@ def find_base_parameters_among(
 
 
 def select_base(
-    w: FloatArray,
-    names: tuple[str, ...],
-    tolerance: float = DEFAULT_TOLERANCE,
-    n_known: int = 0,
-    units: Sequence[str] | None = None,
+    w: FloatArray, names: tuple[str, ...], tolerance: float = DEFAULT_TOLERANCE, n_known: int = 0
 ) -> BaseParameters:
     """Choose independent columns of an observation matrix, earlier columns first.
 
@@ -165,10 +160,6 @@ def select_base(
         Share of a column's norm outside the columns before it, up to which it counts as dependent on them.
     n_known : int
         So many leading columns are independent already: they are kept, however little of them these states show.
-    units : sequence of str, optional
-        Unit of each column's parameter. With it, the tolerance is a share of the largest column of that unit: rounded
-        angles (a vertical axis that leans by 3e-6 rad) leave something in columns that are small themselves, and no
-        measurement could determine it.
 
     Returns
     -------
@@ -178,8 +169,7 @@ def select_base(
     norms = np.linalg.norm(w, axis=0)
     largest = norms.max(initial=0.0)
     # Zeroed before scaling: a column of rounding errors, scaled up, would pass for an independent one.
-    scales = norms if units is None else _find_largest_of_unit(norms, units)
-    null = (norms <= _NULL * largest) | (norms <= tolerance * scales)
+    null = norms <= _NULL * largest
     null[:n_known] = norms[:n_known] <= 0.0
     scaled = np.where(null, 0.0, w / np.where(null, 1.0, norms))
     # Gram-Schmidt in the given order, not with pivoting: of dependent columns the earlier one has to stay, so that
@@ -191,7 +181,7 @@ def select_base(
         for _ in range(2):  # twice is enough (Giraud, Langou and Rozložník 2005)
             remainder -= basis[:, : len(independent)] @ (basis[:, : len(independent)].T @ remainder)
         size = float(np.linalg.norm(remainder))
-        if size * norms[k] > tolerance * scales[k] or (k < n_known and size > 0.0):
+        if size > tolerance or (k < n_known and size > 0.0):
             basis[:, len(independent)] = remainder / size
             independent.append(int(k))
     grouping = np.zeros((len(independent), w.shape[1]))
@@ -213,14 +203,8 @@ def select_base(
         grouping=grouping,
         written=written,
         without_effect=tuple(int(k) for k in np.flatnonzero(null)),
-        rank=_compute_pivoted_rank(np.where(null, 0.0, w / np.where(null, 1.0, scales)), tolerance),
+        rank=_compute_pivoted_rank(scaled, tolerance),
     )
-
-
-def _find_largest_of_unit(norms: FloatArray, units: Sequence[str]) -> FloatArray:
-    """Return for each column the largest norm (c,) of the columns of its unit."""
-    of_unit = np.array(units)
-    return np.array([norms[of_unit == unit].max() for unit in units])
 
 
 def _compute_pivoted_rank(scaled: FloatArray, tolerance: float) -> int:

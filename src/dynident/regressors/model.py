@@ -72,8 +72,7 @@ def extend_model(model: Model, added: Sequence[EffectChoice], *, tolerance: floa
     n_states = _STATES_PER_COLUMN * whole.n_columns // model.robot.n + 20
     names = tuple(column.name for column in whole.columns)
     # At other states a column that is nearly dependent may pass for a dependent one: those of the model stay.
-    units = [column.unit for column in whole.columns]
-    selection = select_base(evaluate_at_random_states(whole, n_states), names, tolerance, model.n_parameters, units)
+    selection = select_base(evaluate_at_random_states(whole, n_states), names, tolerance, model.n_parameters)
     fresh = [k - model.n_parameters for k in selection.kept if k >= model.n_parameters]
     observation = whole
     # The first extension has dependent columns among the new ones: another one without them is needed.
