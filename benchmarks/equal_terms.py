@@ -40,9 +40,9 @@ from dynident.diagnosis import diagnose
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.search import forward_selection, model_comparison
 from dynident.diagnosis.search.state import State, score_all
+from dynident.estimation.errors import compute_t
 from dynident.identification import identify
 from dynident.identification.shape_search import list_between
 from dynident.regressors.model import Model

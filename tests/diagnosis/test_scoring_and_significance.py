@@ -29,11 +29,11 @@ from dynident.diagnosis.candidates.significance import (
     compute_familywise_p,
     select_simplest,
 )
-from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.search.acceptance import compute_stability
 from dynident.diagnosis.search.next_finding import find_richer_changes
 from dynident.diagnosis.search.state import State
 from dynident.estimation import FactorAccumulator
+from dynident.estimation.errors import compute_t
 
 # Two equations over ten columns: 0-4 the model, 5-9 candidates; some columns are on one equation alone.
 CONTAINS = (np.array([0, 1, 2, 5, 6, 8, 9]), np.array([1, 2, 3, 4, 7, 8, 9]))

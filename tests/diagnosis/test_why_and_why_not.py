@@ -12,8 +12,10 @@ from support.hidden_effects import CASES, NAMES, WITH_OFFSET, experiment, on_joi
 from test_scoring_and_significance import judged
 
 from dynident.diagnosis import Diagnosis, diagnose
+from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.reasons import CandidateOutcome, Reason, ReasonCode, build_too_small, find_outcome
 from dynident.diagnosis.search.acceptance import find_rejection
+from dynident.diagnosis.search.identifiability import list_columns_with_findings
 from dynident.diagnosis.search.state import State
 from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.errors import DynidentError
@@ -172,3 +174,18 @@ def test_a_stricter_level_names_less():
     reason = found.why_not("joint_spring", NAMES[0])
     assert (reason.code, dict(reason.values)["level"]) == ("not_significant", 1e-9)
     assert "would show it from" in reason.text
+
+
+def test_a_group_that_is_no_candidate_counts_with_the_columns_of_each_of_its_joints():
+    # The search found three joints as a group; one dropped out, so that no candidate has these two.
+    def candidate(joints: tuple[str, ...], d0: float, *columns: int) -> Candidate:
+        return Candidate("presliding", joints, (("d0", d0),), columns)
+
+    single = [
+        candidate((name,), d0, 10 * k + n) for k, name in enumerate("abc", 1) for n, d0 in enumerate((0.001, 0.01))
+    ]
+    pool = SimpleNamespace(candidates=(*single, candidate(("a", "b", "c"), 0.01, 11, 21, 31)))
+    whole = EffectChoice("presliding", ("a", "b", "c"), (("d0", 0.008),))
+    assert list_columns_with_findings(pool, (0, 1), [whole]) == (0, 1, 11, 21, 31)
+    assert list_columns_with_findings(pool, (0, 1), [replace(whole, joints=("a", "c"))]) == (0, 1, 11, 31)
+    assert list_columns_with_findings(pool, (0,), [replace(whole, joints=("b",), shape=(("d0", 0.002),))]) == (0, 20)

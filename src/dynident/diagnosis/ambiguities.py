@@ -14,10 +14,10 @@ import numpy as np
 
 from dynident.diagnosis.candidates.significance import SMALLEST_DROP, ScoredCandidate
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.result import Invisible, UnknownPattern, Variable
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
+from dynident.estimation.errors import compute_t
 from dynident.identification import Identification
 from dynident.robot.model import Robot
 

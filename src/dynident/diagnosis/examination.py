@@ -329,7 +329,7 @@ def _rank_candidates(
     most_effects: int,
 ) -> _Ranking:
     """Score every candidate once more beside all findings, and say what became of it."""
-    final = score_beside_findings(record.data, pool, start, picks, first)
+    final = score_beside_findings(record.data, pool, start, picks, choices, first)
     outcomes, beside = list_outcomes(final, pool, record, choices, first, most_effects)
     limits = compute_detection_limits(final, pool, choices)
     outcomes = add_limits(outcomes, limits)

@@ -190,6 +190,24 @@ def compute_weighted_squares(reduction: Reduction, values: FloatArray) -> FloatA
     return np.array([float(rest @ rest) for rest in rests])
 
 
+def compute_t(gains: FloatArray) -> float:
+    """Return t of the gains (s,) in blocks of time; 0 where all gain the same, or there is one alone.
+
+    Parameters
+    ----------
+    gains : (s,)
+        Drop of the squared error in every block.
+
+    Returns
+    -------
+    float
+        The mean gain over its standard error.
+    """
+    # Blocks, not samples: residuals are correlated within a block.
+    spread = float(gains.std(ddof=1)) if len(gains) > 1 else 0.0
+    return float(gains.mean() / (spread / np.sqrt(len(gains)))) if spread > 0 else 0.0
+
+
 def compute_evenness(gains: FloatArray) -> FloatArray:
     """Return t of the mean over blocks of time of the signed roots of gains.
 

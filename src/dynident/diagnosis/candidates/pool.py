@@ -70,9 +70,6 @@ class Pool:
         Labels of the later runs, where changes between them and the others are looked for.
     faint : frozenset[Candidate]
         Candidates that are tried only once something was found on their joint.
-    probes : tuple of Candidate
-        Candidates of usual shape constants that nothing in the residual suggests: they are not tried, and stand for
-        their effect where it is asked from which size on it would have shown.
     """
 
     observation: Observation
@@ -80,7 +77,6 @@ class Pool:
     candidates: tuple[Candidate, ...]
     since: tuple[str, ...] = ()
     faint: frozenset[Candidate] = frozenset()
-    probes: tuple[Candidate, ...] = ()
 
     @property
     def initial_candidates(self) -> list[Candidate]:

@@ -18,9 +18,9 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.scoring import Score
 from dynident.diagnosis.request import DEFAULT_SIGNIFICANCE
-from dynident.diagnosis.residuals.time_blocks import compute_median_error, compute_t
+from dynident.diagnosis.residuals.time_blocks import compute_median_error
 from dynident.effects import CATALOGUE
-from dynident.estimation.errors import compute_evenness, compute_signed_roots
+from dynident.estimation.errors import compute_evenness, compute_signed_roots, compute_t
 
 DRAWS = 2000
 """Turns of the signs: a p of 0.01 is then known to within a fifth of itself."""

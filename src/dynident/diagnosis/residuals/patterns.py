@@ -13,8 +13,9 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.residuals.time_blocks import compute_t, find_bursts, number_blocks
+from dynident.diagnosis.residuals.time_blocks import find_bursts, number_blocks
 from dynident.diagnosis.result import FailureSpot, UnknownPattern, Variable
+from dynident.estimation.errors import compute_t
 
 # Bins of the map, and fewest rows for which a bin is looked at.
 _MAP_BINS = 16

@@ -56,14 +56,6 @@ def number_blocks(comparisons: Sequence[Comparison]) -> NDArray[np.intp]:
     return np.concatenate(numbers)
 
 
-def compute_t(gain: FloatArray) -> float:
-    """Return t of the mean of a gain (s,) over blocks of time."""
-    if len(gain) < 2:
-        return 0.0
-    spread = float(gain.std(ddof=1))
-    return float(gain.mean() / (spread / np.sqrt(len(gain)))) if spread > 0 else 0.0
-
-
 def compute_median_error(errors: FloatArray) -> float:
     """Return the median of squared errors (s,) over the blocks that have any; 0 where none has.
 

@@ -72,7 +72,7 @@ def compute_detection_limits(
     """
     base = set(final.state.base)
     best: dict[tuple[str, tuple[str, ...]], tuple[float, Candidate]] = {}
-    for candidate in (*pool.initial_candidates, *pool.probes):
+    for candidate in pool.initial_candidates:
         if len(candidate.joints) > 1 or candidate.runs or base & set(candidate.columns):
             continue
         distance = _compute_distance_from_usual(pool, candidate)

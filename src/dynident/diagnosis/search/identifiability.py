@@ -14,7 +14,8 @@ from dynident.diagnosis.candidates.scoring import compute_fitted_errors, compute
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.acceptance import VISIBLE
-from dynident.diagnosis.search.state import Finding, State
+from dynident.diagnosis.search.state import State
+from dynident.effects import EffectChoice
 
 Key = tuple[str, tuple[str, ...]]
 
@@ -47,8 +48,8 @@ def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
     )
 
 
-def list_columns_with_findings(pool: Pool, base: tuple[int, ...], picks: Sequence[Finding]) -> tuple[int, ...]:
-    """List the columns of a model with its findings, at the shape constants of the pool nearest to theirs.
+def list_columns_with_findings(pool: Pool, base: tuple[int, ...], choices: Sequence[EffectChoice]) -> tuple[int, ...]:
+    """List the columns of a model with what was found, at the shape constants of the pool nearest to theirs.
 
     Parameters
     ----------
@@ -56,28 +57,27 @@ def list_columns_with_findings(pool: Pool, base: tuple[int, ...], picks: Sequenc
         Model and candidates.
     base : tuple of int
         Columns of the model.
-    picks : sequence of Finding
-        What was found.
+    choices : sequence of EffectChoice
+        What the findings have become, with all their joints.
     """
-    own = (column for finding in picks for column in _find_pool_columns(finding, pool))
+    own = (column for choice in choices for column in _find_pool_columns(choice, pool))
     return tuple(dict.fromkeys((*base, *own)))
 
 
-def _find_pool_columns(finding: Finding, pool: Pool) -> tuple[int, ...]:
-    """Return the pool's columns of a finding, with the shape constants nearest to those that it was found with."""
-    choice = finding.judged.candidate.choice
-    # Refined constants are not on the grid of the pool any more.
-    alike = [
-        candidate
-        for candidate in pool.candidates
-        if candidate.choice.effect == choice.effect and candidate.joints == choice.joints
-    ]
+def _find_pool_columns(choice: EffectChoice, pool: Pool) -> tuple[int, ...]:
+    """Return the pool's columns of an effect, with the shape constants nearest to those that it was found with."""
 
     def distance(other: Candidate) -> float:
+        # Refined constants are not on the grid of the pool any more.
         pairs = [(choice.shape_values.get(name, 0.0), value) for name, value in other.shape]
         return sum(abs(a - b) / max(abs(a), abs(b), 1e-12) for a, b in pairs) + (other.runs != choice.runs)
 
-    return min(alike, key=distance).columns if alike else ()
+    def find_nearest(joints: tuple[str, ...]) -> tuple[int, ...]:
+        alike = [other for other in pool.candidates if other.effect == choice.effect and other.joints == joints]
+        return min(alike, key=distance).columns if alike else ()
+
+    # A group from which joints were dropped, or that joints have joined, is no candidate of the pool: its joints are.
+    return find_nearest(choice.joints) or tuple(column for name in choice.joints for column in find_nearest((name,)))
 
 
 MOST_FROM_PART_TO_PART = 1.6

@@ -15,11 +15,11 @@ from scipy.special import fdtri
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool_of_choices
 from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, are_indistinguishable
-from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.search.acceptance import FOUND_AGAIN, compute_stability
 from dynident.diagnosis.search.next_finding import is_seldom_change, select_candidate
 from dynident.diagnosis.search.state import State, score_all
 from dynident.effects import EffectChoice
+from dynident.estimation.errors import compute_t
 from dynident.identification.shape_search import list_between
 from dynident.regressors.model import Model
 

@@ -15,7 +15,6 @@ from dynident.diagnosis.candidates.significance import (
     select_simplest,
 )
 from dynident.diagnosis.reasons import Reason, describe_choice
-from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.search.acceptance import (
     FOUND_AGAIN,
     VISIBLE,
@@ -30,6 +29,7 @@ from dynident.diagnosis.search.physical_constraints import find_impossibility, i
 from dynident.diagnosis.search.state import State, score_all
 from dynident.effects import get_effect
 from dynident.effects.effect_columns import is_lasting_change
+from dynident.estimation.errors import compute_t
 
 # A group is one effect as long as its joints together would not gain so many times as much, each by itself.
 _ONE_BY_ONE = 1.3

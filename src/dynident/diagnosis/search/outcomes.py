@@ -47,7 +47,12 @@ class FinalScores:
 
 
 def score_beside_findings(
-    data: PhasedProducts, pool: Pool, start: State, picks: Sequence[Finding], first: Sequence[ScoredCandidate]
+    data: PhasedProducts,
+    pool: Pool,
+    start: State,
+    picks: Sequence[Finding],
+    choices: Sequence[EffectChoice],
+    first: Sequence[ScoredCandidate],
 ) -> FinalScores:
     """Score all candidates of the first round once more, beside the model with everything that was found.
 
@@ -61,10 +66,12 @@ def score_beside_findings(
         The state that the search started from.
     picks : sequence of Finding
         What was found in the end.
+    choices : sequence of EffectChoice
+        What the findings have become.
     first : sequence of ScoredCandidate
         All candidates, scored beside the model alone.
     """
-    base = list_columns_with_findings(pool, start.base, picks)
+    base = list_columns_with_findings(pool, start.base, choices)
     noise = estimate_residual_noise(data, base) if picks else start.noise
     known = set(base)
     candidates = [scored.candidate for scored in first if not set(scored.candidate.columns) <= known]

@@ -21,13 +21,13 @@ from dynident.diagnosis.candidates.pool import (
 from dynident.diagnosis.candidates.significance import ScoredCandidate, are_indistinguishable
 from dynident.diagnosis.reasons import Reason, ReasonCode
 from dynident.diagnosis.residuals.resolvable_motion import Resolution
-from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.search.acceptance import compute_explained_error
 from dynident.diagnosis.search.contacts import drop_faded_contacts
 from dynident.diagnosis.search.pruning import prune_findings, select_harmless, trim_joints
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all, score_one
 from dynident.effects import EffectChoice, ReferenceParameters, build_columns, get_effect
 from dynident.estimation import EstimationError, weighted
+from dynident.estimation.errors import compute_t
 from dynident.identification import Identification
 from dynident.identification.shape_search import are_nearly_alike, refine_shapes
 from dynident.progress import Progress, ignore_progress, scale_progress

@@ -10,16 +10,12 @@ import numpy as np
 from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
+from dynident.estimation.errors import compute_t
 from dynident.identification.equations.checks import check_recordings, check_runs, check_temperature
 from dynident.identification.equations.reduce_data import reduce_torque, split_friction_tests
 from dynident.identification.shape_search import check_shapes_given, complete_shapes
 from dynident.identification.study.fit_model import identify_model
-from dynident.identification.study.held_out_gain import (
-    SURE_T,
-    compute_block_squares,
-    compute_t,
-    list_addition_warnings,
-)
+from dynident.identification.study.held_out_gain import SURE_T, compute_block_squares, list_addition_warnings
 from dynident.identification.study.identifying import add_digests, check_same_recordings
 from dynident.identification.study.poses import ACTING_AT_REST, are_poses, identify_poses
 from dynident.identification.study.result import Identification, LadderStep

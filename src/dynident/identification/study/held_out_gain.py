@@ -12,7 +12,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import get_effect
 from dynident.estimation import Reduction, compute_errors_by_phase, compute_moving_errors
-from dynident.estimation.errors import compute_evenness
+from dynident.estimation.errors import compute_evenness, compute_t
 from dynident.identification.study.result import Identification
 from dynident.regressors.row_phases import remembers_path, shows_at_starts
 
@@ -305,24 +305,6 @@ def find_best_of_errors(totals: Sequence[float], preferred: Sequence[bool]) -> B
         if total * _SAME < totals[best] or (k > 0 and preferred[k] and total <= _SAME * totals[best]):
             best = k
     return BestStep(best, tuple(k for k in range(best + 1, len(totals)) if totals[k] > _ROUNDING * totals[best]))
-
-
-def compute_t(gains: FloatArray) -> float:
-    """Return t of the gains (s,) in blocks of time; 0 where all gain the same, or there is one alone.
-
-    Parameters
-    ----------
-    gains : (s,)
-        Drop of the squared error in every block.
-
-    Returns
-    -------
-    float
-        The mean gain over its standard error.
-    """
-    # Blocks, not samples: residuals are correlated within a block.
-    spread = float(gains.std(ddof=1)) if len(gains) > 1 else 0.0
-    return float(gains.mean() / spread * np.sqrt(len(gains))) if spread > 0 else 0.0
 
 
 def compute_block_squares(data: Reduction, values: FloatArray, noise: FloatArray) -> FloatArray:
