@@ -48,6 +48,18 @@ def list_stock_robots(search_path: Sequence[str] | None = None) -> dict[str, Pat
     return by_name
 
 
+def _describe_missing_file(path: Path) -> str:
+    """Say that a path names no file, and what is there instead."""
+    if path.is_symlink():
+        return f"{path} is a link to {path.readlink()}, which does not exist"
+    if path.is_dir():
+        return f"{path} is a folder; name the file of the robot's description in it"
+    if not path.parent.is_dir():
+        return f"there is no file {path}: the folder {path.parent} does not exist"
+    near = get_close_matches(path.name, [other.name for other in path.parent.iterdir()], n=3, cutoff=0.7)
+    return f"there is no file {path}" + (f"; did you mean {' or '.join(near)}?" if near else "")
+
+
 def locate_robot(text: str) -> Path | None:
     """Return the file that a text names: a path, or the name of a stock robot; None for an arm of this package.
 
@@ -64,6 +76,8 @@ def locate_robot(text: str) -> Path | None:
     stock = list_stock_robots()
     if text in stock:
         return stock[text]
+    if path.suffix or len(path.parts) > 1:
+        raise DynidentError(_describe_missing_file(path), pointer="ROBOT", title="Unknown robot")
     alike = [name for name in stock if name.startswith(f"{text}_")] if text else []
     if len(alike) == 1:
         return stock[alike[0]]

@@ -82,7 +82,7 @@ def test_what_is_said_beside_the_file_wins(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (None, "neither a file nor a well-known robot"),
+        (None, "there is no file"),
         ("{", "arm.json: this is neither XML (URDF, MJCF) nor JSON: line 1"),
         ("<robot name='a'>", "arm.json: line 1: The XML is malformed at column 17"),
         ('{"joints": [{"sigma": 4}]}', "arm.json: /joints/0/sigma: Expected 0 (revolute) or 1"),

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
-from support.drawn_recordings import guess, log, read, write
+from scipy.io import savemat
+from support.drawn_recordings import Log, guess, log, log_of, read, write
 
+from dynident.api.robot_files import load_robot
+from dynident.errors import DynidentError
 from dynident.identification.column_inference.inspection import inspect_file
 from dynident.recordings import RecordingError
+from dynident.robot import Robot, robot_from_urdf
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -66,3 +72,126 @@ def test_a_look_at_a_file_tells_what_the_import_does_with_its_rows(tmp_path: Pat
         assert proposal is not None
         assert proposal.is_sure
         assert [one.field for one in proposal.guesses if one.value == "noticed"] == [f"rows/{name}"]
+
+
+def _write_runs_end_to_end(path: Path, given: Log) -> Path:
+    """Two runs that were appended with the line of names of each."""
+    columns = given.columns()
+    rows = [",".join(f"{value:.9g}" for value in row) for row in np.column_stack(list(columns.values()))]
+    names, half = ",".join(columns), len(rows) // 2
+    path.write_text("\n".join([names, *rows[:half], names, *rows[half:]]) + "\n")
+    return path
+
+
+def _write_mat(path: Path, given: Log) -> Path:
+    savemat(path, {"data": {"Ts": given.t[1] - given.t[0], "pos": given.q.T, "trq": given.tau.T}})
+    return path
+
+
+def _write_npz(path: Path, given: Log) -> Path:
+    np.savez(path, q=given.q, tau=given.tau, dt=given.t[1] - given.t[0])
+    return path
+
+
+def _write_hdf5(path: Path, given: Log) -> Path:
+    with h5py.File(path, "w") as file:
+        file["run/q"], file["run/tau"], file["run/sample_rate"] = given.q, given.tau, 1.0 / (given.t[1] - given.t[0])
+    return path
+
+
+@pytest.mark.parametrize(("arm", "seed", "rate"), [("ur10", 1, 100.0), ("ur5", 2, 250.0)])
+@pytest.mark.parametrize(
+    ("name", "write_file"),
+    [("a.csv", _write_runs_end_to_end), ("a.mat", _write_mat), ("a.npz", _write_npz), ("a.h5", _write_hdf5)],
+)
+def test_files_without_a_plain_clock_or_with_names_between_the_rows_ask_nothing(
+    tmp_path: Path, name: str, write_file, arm: str, seed: int, rate: float
+) -> None:
+    given = log(arm, seed, rate=rate, duration=8.0)
+    inspection = inspect_file(write_file(tmp_path / name, given), given.robot)
+    assert inspection.proposal is not None
+    assert inspection.proposal.questions == ()
+    assert f"{rate:g} Hz" in next(one.reason for one in inspection.proposal.guesses if one.field == "columns/t")
+
+
+def test_several_sampling_times_in_a_file_are_not_believed(tmp_path: Path) -> None:
+    given = log("ur10", 1, duration=8.0)
+    path = tmp_path / "a.npz"
+    np.savez(path, q=given.q, tau=given.tau, dt=0.01, Ts=0.001)
+    inspection = inspect_file(path, given.robot)
+    assert inspection.proposal is not None
+    assert [one.field for one in inspection.proposal.questions] == ["columns/t"]
+
+
+def pendulum() -> Robot:
+    """Two joints about level axes that are parallel: in their plane any gravity has some masses that go with it."""
+    link = (
+        '<inertial><origin xyz="0 0 -0.12"/><mass value="0.7"/>'
+        '<inertia ixx="0.006" ixy="0" ixz="0" iyy="0.006" iyz="0" izz="0.001"/></inertial>'
+    )
+    joint = '<axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="20" effort="8"/></joint>'
+    return robot_from_urdf(
+        "pendulum",
+        f'<robot name="pendulum"><link name="base"/><link name="a">{link}</link><link name="b">{link}</link>'
+        f'<joint name="j1" type="revolute"><parent link="base"/><child link="a"/>{joint}'
+        f'<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 -0.25"/>{joint}</robot>',
+    )
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+def test_gravity_that_only_the_masses_tell_is_told(tmp_path: Path, direction: tuple[float, ...], seed: int) -> None:
+    given = log_of(pendulum(), seed)
+    stated = replace(given.robot, gravity=9.81 * np.array(direction))
+    warned = [one for one in read(stated, tmp_path, given.columns()).checks if one.status != "ok"]
+    assert [one.name for one in warned] == ["gravity_direction"]
+    assert "along (0,0,-9.81)" in warned[0].detail
+    right = read(given.robot, tmp_path, given.columns()).checks
+    assert [one.name for one in right if one.status != "ok"] == []
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_gain_of_an_arm_of_two_joints_is_told_by_its_masses(tmp_path: Path, seed: int) -> None:
+    given = log_of(pendulum(), seed)
+    checks = read(given.robot, tmp_path, given.columns(tau=10.0 * given.tau)).checks
+    (warned,) = [one for one in checks if one.status != "ok"]
+    assert warned.name == "torque_scale"
+    assert warned.apply is not None
+    assert warned.apply.scale == {"tau1": 0.1, "tau2": 0.1}
+
+
+@pytest.mark.parametrize("seconds", [0.02, -0.02])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_delay_is_told_where_nearly_all_is_explained(tmp_path: Path, seed: int, seconds: float) -> None:
+    """What is unexplained is then below what counts as perfect with any delay near the right one."""
+    given = log_of(pendulum(), seed)
+    late = np.column_stack([np.interp(given.t - seconds, given.t, torque) for torque in given.tau.T])
+    warned = [one for one in read(given.robot, tmp_path, given.columns(tau=late)).checks if one.status != "ok"]
+    assert [one.name for one in warned] == ["torque_delay"]
+    assert warned[0].apply is not None
+    assert abs(warned[0].apply.torque_delay - seconds) < 0.003
+
+
+def test_friction_is_no_excess_where_the_masses_say_that_the_torque_is_right(tmp_path: Path) -> None:
+    given = log("ur5", 2)
+    tau = given.tau.copy()
+    speed = np.gradient(given.q[:, 1], given.t)
+    tau[:, 1] += 0.25 * np.abs(tau[:, 1]).max() * np.sign(speed)
+    assert [one.name for one in read(given.robot, tmp_path, given.columns(tau=tau)).checks if one.status != "ok"] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("arm5.urdf", "did you mean arm6.urdf"),
+        ("none/arm.urdf", "the folder .*none does not exist"),
+        ("link.urdf", "is a link to gone.urdf, which does not exist"),
+        ("folder.d", "is a folder"),
+    ],
+)
+def test_a_description_that_is_not_there_is_said_to_be_missing(tmp_path: Path, name: str, told: str) -> None:
+    (tmp_path / "arm6.urdf").write_text("<robot/>")
+    (tmp_path / "link.urdf").symlink_to("gone.urdf")
+    (tmp_path / "folder.d").mkdir()
+    with pytest.raises(DynidentError, match=told):
+        load_robot(tmp_path / name)

@@ -64,6 +64,27 @@ class StatedAnswers:
         return any(not key or _signal_kind(signal) == _signal_kind(key) for signal in answered)
 
 
+def describe_answer(question: Question) -> str:
+    """Return the options that answer a question, as they are typed; "" where no option does.
+
+    Parameters
+    ----------
+    question : Question
+        Open question of a proposal.
+    """
+    about, _, key = question.field.partition("/")
+    if question.check:
+        return f"--accept {question.check} if the recording is right as it is"
+    if about == "units" and key and question.choices:
+        return " or ".join(f"--units {key}={choice!r}" if " " in choice else f"--units {key}={choice}"
+                           for choice in question.choices[:3])  # fmt: skip
+    if question.field == "columns/t" and question.choices:
+        return "--columns t=COLUMN, or --rate HZ"
+    if about == "columns" and key and question.choices:
+        return f"--columns {key}=NAMES, as {key}={question.choices[0]}…"
+    return ""
+
+
 def _signal_kind(key: str) -> str:
     """Return the kind of signal that a key names: "tau" for tau2 and for tau_elbow."""
     return key.partition("_")[0].rstrip("0123456789")
@@ -104,7 +125,11 @@ def accept_proposal(
     ]
     # To go on would be a guess, of which the user would not learn.
     if open_questions:
-        question_list = "".join(f"\n  {question.field}: {question.detail}" for question in open_questions)
+        answered = [(question, describe_answer(question)) for question in open_questions]
+        question_list = "".join(
+            f"\n  {question.field}: {question.detail}" + (f" → {answer}" if answer else "")
+            for question, answer in answered
+        )
         raise DynidentError(
             f"{path.name} cannot be used as proposed; these questions are open:{question_list}\nAnswer them with "
             "--columns, --units or --gravity, with --accept CHECK if the recording is right as it is, or with "

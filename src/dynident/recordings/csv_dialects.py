@@ -190,6 +190,19 @@ def _split_fields(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in line.split(delimiter)]
 
 
+def empty_repeated_names(text: str, dialect: Dialect) -> str:
+    """Return whole lines; those that repeat the names of the columns, as where runs were put end to end, are empty."""
+    lines = text.splitlines(keepends=True)
+    for number, line in enumerate(lines):
+        # A row begins with a number mostly: most lines are passed by at their first character.
+        if line[:1] in "0123456789-+.":
+            continue
+        fields = [_format_name(field) for field in _split_fields(line.strip(), dialect.delimiter)]
+        if len(fields) == len(dialect.names) and 2 * sum(map(str.__eq__, fields, dialect.names)) >= len(fields):
+            lines[number] = "\n"
+    return "".join(lines)
+
+
 def _format_name(field: str) -> str:
     """Return a column's name; one of several parts, ('q', 1), becomes q_1."""
     if not _TUPLE.match(field) or "," not in field:

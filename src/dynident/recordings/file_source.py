@@ -143,6 +143,8 @@ class FileSource:
     """Whether cells of the first rows are empty."""
     remarks: tuple[str, ...] = ()
     """What was done to read the file, where that is not plain."""
+    stated_rate: float | None = None
+    """Hz of the rows by what the file says beside its columns, such as a sampling time."""
 
     def __init__(self, names: Sequence[str], units: Mapping[str, str] | None = None) -> None:
         check_columns(len(names))

@@ -68,7 +68,7 @@ def _to_document(inspection: Inspection) -> dict[str, Any]:
 
 
 def _print_inspection(console: Console, inspection: Inspection) -> None:
-    from dynident_service.cli import terminal
+    from dynident_service.cli import metadata, terminal
     from dynident_service.cli.inputs import reword_for_options
 
     console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows inspected")
@@ -87,5 +87,7 @@ def _print_inspection(console: Console, inspection: Inspection) -> None:
         choices = f" ({', '.join(question.choices[:8])})" if question.choices else ""
         detail = reword_for_options(question.detail, name)
         console.print(f"? {question.field}: {detail}{choices}", soft_wrap=True)
+        if answer := metadata.describe_answer(question):
+            console.print(f"    → {answer}", soft_wrap=True, markup=False)
     if not inspection.proposal.questions:
         console.print("No question is open: identify with --as-proposed.")

@@ -243,7 +243,10 @@ def guess_position_unit(
                 f"as {best} the robot's dynamics leave {unexplained[best]:.0%} of the torque unexplained, {others}",
             )
         if clear and len(unexplained) == len(likely):
-            return UnitGuess(best, 0.6, f"as {best} the robot's dynamics explain the torque best")
+            # Angles of motors are many times those of the joints, and look like a small unit.
+            motors = "; if they are angles of the motors, in front of the gears, divide them by the gear ratios"
+            reason = f"as {best} the robot's dynamics explain the torque best{motors if best == 'mrad' else ''}"
+            return UnitGuess(best, 0.6, reason)
     if len(usual) == 1:
         ranges = (
             f"the largest range of motion is then {np.rad2deg(reach * get_factor('q', 'revolute', usual[0])):.0f} deg"

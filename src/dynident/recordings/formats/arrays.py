@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import shutil
 import tempfile
 from collections import Counter
@@ -162,6 +163,12 @@ class UnpackedParts:
 FEWEST_ROWS = 8
 """Arrays that are shorter both ways are settings, not signals."""
 
+_PERIOD = re.compile(r"ts|dt|delta_?t|(sampl\w*_?)?(time_?step|period)|sampl\w*_?time", re.IGNORECASE)
+_RATE = re.compile(r"fs|f_?s\w*_?hz|hz|(sampl\w*_?)?(rate|freq|frequency)(_?hz)?", re.IGNORECASE)
+"""Names of single numbers that say how far apart the rows are, in s, and how many a second there are."""
+_SLOWEST, _FASTEST = 1.0, 1e5
+"""Hz that are believed: ms taken for s would be slower."""
+
 
 @dataclass(frozen=True, eq=False)
 class StoredArray:
@@ -187,6 +194,7 @@ class ArrayFileSource(FileSource):
 
     def __init__(self, arrays: Sequence[StoredArray]) -> None:
         self._places: dict[str, _ArrayColumn] = {}
+        self.stated_rate = _find_stated_rate(arrays)
         arrays = [
             array
             for array in arrays
@@ -236,6 +244,20 @@ def _read_rows(place: _ArrayColumn, first: int, last: int) -> FloatArray:
             pointer=place.stored.name,
             title=TITLE,
         ) from error
+
+
+def _find_stated_rate(arrays: Sequence[StoredArray]) -> float | None:
+    """Return the Hz that a single number of the file says, such as Ts = 0.005; None where none or several do."""
+    rates = set()
+    for array in arrays:
+        name = re.split(r"[./]", array.name)[-1]
+        if math.prod(array.shape) != 1 or not (_PERIOD.fullmatch(name) or _RATE.fullmatch(name)):
+            continue
+        value = float(np.ravel(array.read(0, 1, 0))[0])
+        rate = value if _RATE.fullmatch(name) else 1.0 / value if value > 0.0 else 0.0
+        if _SLOWEST <= rate <= _FASTEST:
+            rates.add(rate)
+    return rates.pop() if len(rates) == 1 else None
 
 
 def _find_length(arrays: Sequence[StoredArray]) -> int:

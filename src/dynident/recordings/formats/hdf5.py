@@ -274,13 +274,15 @@ def _whole_array(name: str, item: Any) -> StoredArray:
     flat = item.ndim == 2 and 1 in item.shape
 
     def read(first: int, last: int, axis: int) -> FloatArray:
-        if flat:
+        if not item.shape:
+            part = np.atleast_1d(item[()])
+        elif flat:
             part = item[first:last, 0] if item.shape[1] == 1 else item[0, first:last]
         else:
             part = item[first:last] if axis == 0 else item[:, first:last].T
         return np.asarray(part, dtype=np.float64)
 
-    return StoredArray(name, (max(item.shape),) if flat else tuple(item.shape), read)
+    return StoredArray(name, (max(item.shape),) if flat else tuple(item.shape) or (1,), read)
 
 
 def _field_array(name: str, field: str, item: Any) -> StoredArray:

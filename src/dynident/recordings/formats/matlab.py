@@ -174,8 +174,8 @@ class _MatrixReader:
 
     def _read_array(self, name: str, shape: tuple[int, ...], numbers: _Element) -> Iterator[StoredArray]:
         kind = np.dtype(self._order + _KINDS[numbers.code]) if numbers.code in _KINDS else None
-        shape = tuple(size for size in shape if size != 1)
-        if kind is None or not shape:
+        shape = tuple(size for size in shape if size != 1) or (1,)
+        if kind is None:
             return
         # What a header says is checked against the bytes that are there: nothing is allocated by it.
         if min(shape) < 0 or kind.itemsize * math.prod(shape) != numbers.size:

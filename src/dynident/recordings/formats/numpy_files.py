@@ -108,7 +108,8 @@ def _locate_array(file: IO[bytes], start: int, end: int) -> ArrayPlace | None:
         return None
     if any(size < 0 for size in shape):
         raise ValueError(f"its shape is {shape}")
-    place = ArrayPlace(file, file.tell(), kind, shape, by_columns)
+    # A single number, such as a sampling time, has no axis.
+    place = ArrayPlace(file, file.tell(), kind, shape or (1,), by_columns)
     if place.end > min(end, bounded.size):
         raise ValueError(f"its last numbers are missing: the shape is {shape}")
     return place

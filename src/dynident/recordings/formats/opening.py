@@ -16,7 +16,7 @@ from dynident.recordings.metadata import Format, RecordingError
 from dynident.recordings.recording_files import split_path
 from dynident.recordings.series_join import join_sparse_rows
 from dynident.recordings.text_cells import read_word_cells
-from dynident.recordings.time_columns import add_stated_time, join_split_stamps
+from dynident.recordings.time_columns import add_stated_time, is_time_name, join_split_stamps
 
 FORMATS: tuple[str, ...] = get_args(Format)
 
@@ -124,7 +124,14 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
         )
     # Each wrapper repairs one thing: words in cells first, since times may be among them; then split stamps; then
     # rows of several series; the stated rate last, which replaces any time.
-    return add_stated_time(join_sparse_rows(join_split_stamps(read_word_cells(_open_source(path, file_format)))), rate)
+    source = _open_source(path, file_format)
+    if rate is None and not any(is_time_name(name) for name in source.names):
+        rate = source.stated_rate
+        if rate is not None:
+            source.remarks += (
+                f"No column is a time: by what the file says beside its columns the rate is {rate:g} Hz.",
+            )
+    return add_stated_time(join_sparse_rows(join_split_stamps(read_word_cells(source))), rate)
 
 
 def _open_source(path: Path, file_format: str | None) -> FileSource:

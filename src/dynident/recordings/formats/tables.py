@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import IO
 
@@ -13,7 +15,7 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from dynident.recordings.arrow import open_parquet_stream, parse_numbers
-from dynident.recordings.csv_dialects import Dialect, detect_dialect, dialect_bytes
+from dynident.recordings.csv_dialects import Dialect, detect_dialect, dialect_bytes, empty_repeated_names
 from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked, choose_block_rows
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats.text_streams import RewrittenText, TextContent
@@ -88,6 +90,7 @@ class CsvFileSource(FileSource):
         self.texts = dict(self._dialect.texts)
         self.has_gaps = self._dialect.has_gaps
         self._worded: set[str] = set()
+        self._is_rewritten = False
 
     def _open_text(self) -> str | IO[bytes]:
         """Return what pyarrow reads: the path if its lines are plain, which is fastest, else a stream."""
@@ -113,6 +116,12 @@ class CsvFileSource(FileSource):
                 column = _find_word_column(str(error), self._dialect)
                 if column is None or column in self._worded:
                     raise _make_csv_error(str(error), self._dialect) from error
+                if f"invalid value '{column}'" in str(error) and not self._is_rewritten:
+                    # Read again with these lines empty, which Arrow passes by: the rows above them stay the same.
+                    self._is_rewritten = True
+                    empty_names = partial(empty_repeated_names, dialect=self._dialect)
+                    self._dialect = replace(self._dialect, rewrite=(*self._dialect.rewrite, empty_names))
+                    continue
                 # Read again: words among the numbers of a column are cells without one.
                 self._worded.add(column)
 
