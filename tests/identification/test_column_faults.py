@@ -355,8 +355,8 @@ def test_what_helps_only_where_nothing_was_fitted_is_no_mistake(inside: float, i
     noise, moving = 0.01 * np.random.default_rng(4).normal(size=10), np.ones(6, dtype=bool)
     shares = np.full(6, 0.1)
     now, other = (
-        judging.UnexplainedTorque(noise, 0.0, 0, moving, shares, noise.mean(), 0.0),
-        judging.UnexplainedTorque(noise[::-1] - 0.5, inside, 0, moving, shares, noise.mean() - 0.5, inside),
+        judging.UnexplainedTorque(noise, 0.0, 0, moving, shares, noise, 0.0),
+        judging.UnexplainedTorque(noise[::-1] - 0.5, inside, 0, moving, shares, noise[::-1] - 0.5, inside),
     )
     assert now.is_surely_above(other, "joints swapped") is is_above
 
@@ -387,8 +387,8 @@ def test_a_joint_that_is_explained_as_well_apart_from_the_others_is_not_said_to_
 class Left:
     """What a motion whose torque is moved by some seconds is said to leave."""
 
-    blocks: np.ndarray
-    inside: float
+    fine: np.ndarray
+    fine_inside: float
 
 
 @pytest.mark.parametrize(("inside", "beside", "is_mistake"), [(1.0, 1.0, True), (0.2, 1.0, False), (1.0, 0.05, False)])

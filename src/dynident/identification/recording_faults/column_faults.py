@@ -45,17 +45,11 @@ _FEW = 8
 class UnexplainedShares(Protocol):
     """Unexplained shares of a torque, as mean logarithms: held out in each block (blocks,), and inside the fit.
 
-    `fine` and `fine_inside` are means of both that are not cut off where nearly all is explained.
+    They are not cut off where nearly all is explained: a delay shows there, too.
     """
 
     @property
-    def blocks(self) -> FloatArray: ...  # noqa: D102
-
-    @property
-    def inside(self) -> float: ...  # noqa: D102
-
-    @property
-    def fine(self) -> float: ...  # noqa: D102
+    def fine(self) -> FloatArray: ...  # noqa: D102
 
     @property
     def fine_inside(self) -> float: ...  # noqa: D102
@@ -122,23 +116,22 @@ def estimate_delay(
         return replace(motion, tau=torque(np.clip(rows + seconds / period, 0.0, rows[-1])))
 
     unexplained = [left_of(shift_torque(float(seconds))) for seconds in _CANDIDATES]
-    seconds = _find_lowest(np.array([trial.fine for trial in unexplained]))
-    inside = np.array([trial.inside for trial in unexplained])
-    seconds_inside = _find_lowest(np.array([trial.fine_inside for trial in unexplained]))
+    seconds = _find_lowest(np.array([trial.fine.mean() for trial in unexplained]))
+    inside = np.array([trial.fine_inside for trial in unexplained])
     now, then = unexplained[int(np.flatnonzero(_CANDIDATES == 0.0)[0])], left_of(shift_torque(seconds))
-    fall = now.blocks - then.blocks
+    fall = now.fine - then.fine
     # A paired comparison over the same blocks.
     error = float(fall.std(ddof=1)) / np.sqrt(len(fall))
     least = max(CLEARLY, SURELY * error, SHARP * seconds**2)
-    sure = float(fall.mean()) >= least and now.inside - inside.min() >= INSIDE * fall.mean()
+    sure = float(fall.mean()) >= least and now.fine_inside - inside.min() >= INSIDE * fall.mean()
     # Both the held-out estimate and that inside the fit have to be outside of what drives do: in short motions one
     # alone is chance.
-    mistaken = sure and not is_possible_delay(seconds) and not is_possible_delay(seconds_inside)
+    mistaken = sure and not is_possible_delay(seconds) and not is_possible_delay(_find_lowest(inside))
     # Tested last, as it needs a second model: made only where all others say yes.
     if mistaken:
-        fall_beside_offsets = (left_beside(motion).blocks - left_beside(shift_torque(seconds)).blocks).mean()
+        fall_beside_offsets = (left_beside(motion).fine - left_beside(shift_torque(seconds)).fine).mean()
         mistaken = fall_beside_offsets >= BESIDE_OFFSETS * fall.mean()
-    return Delay(seconds, bool(mistaken), float(np.exp(now.blocks.mean())), float(np.exp(then.blocks.mean())))
+    return Delay(seconds, bool(mistaken), float(np.exp(now.fine.mean())), float(np.exp(then.fine.mean())))
 
 
 def is_possible_delay(seconds: float) -> bool:

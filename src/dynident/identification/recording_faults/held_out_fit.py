@@ -62,9 +62,10 @@ class UnexplainedTorque:
         Which joints move.
     joints : (n,)
         Share of each joint's torque, held out; 0 for joints that do not move.
-    fine : float
-        Mean of the logarithms in `blocks`, and not cut off where nearly all is explained; `fine_inside` is the same
-        of `inside`.
+    fine : (blocks,)
+        As `blocks`, and not cut off where nearly all is explained.
+    fine_inside : float
+        The same of `inside`.
     """
 
     blocks: FloatArray
@@ -72,7 +73,7 @@ class UnexplainedTorque:
     against: int
     moving: BoolArray
     joints: FloatArray
-    fine: float
+    fine: FloatArray
     fine_inside: float
 
     @property
@@ -171,7 +172,7 @@ class HeldOutFit:
             int((against & moving).sum()),
             moving,
             joints,
-            float(fine.mean()),
+            fine.mean(axis=1),
             float(fine_inside.mean()),
         )
 
