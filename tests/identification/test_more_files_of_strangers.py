@@ -160,6 +160,21 @@ def test_a_gain_of_an_arm_of_two_joints_is_told_by_its_masses(tmp_path: Path, se
     assert warned.apply.scale == {"tau1": 0.1, "tau2": 0.1}
 
 
+@pytest.mark.parametrize("joint", [0, 1])
+@pytest.mark.parametrize("missing", [0.0, np.nan])
+def test_a_joint_without_torque_does_not_say_where_gravity_is(tmp_path: Path, joint: int, missing: float) -> None:
+    given = log_of(pendulum(), 1)
+    tau = given.tau.copy()
+    tau[:, joint] = missing
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        try:
+            checks = read(given.robot, tmp_path, given.columns(tau=tau)).checks
+        except RecordingError as error:
+            checks = error.checks
+    assert "gravity_direction" not in [one.name for one in checks if one.status != "ok"]
+
+
 @pytest.mark.parametrize("seconds", [0.02, -0.02])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_delay_is_told_where_nearly_all_is_explained(tmp_path: Path, seed: int, seconds: float) -> None:

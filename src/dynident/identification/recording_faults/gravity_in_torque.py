@@ -133,6 +133,8 @@ _POOR = 0.15
 _ON_AXIS, _BESIDE = 0.9976, 0.9
 """Cosine of 4 degrees to an axis or a slope of 45 degrees between two, within which gravity is taken for along it, and
 of directions that are other ones: 26 degrees away."""
+_NOTHING = 1e-4
+"""Share of a joint's load, with a gravity of 1 m/s², below which its torque is none."""
 _NEAR_USUAL = 0.97
 """Cosine of 14 degrees up to which masses that are not quite right are taken to mean a direction that is usual."""
 _SIMPLEX, _FINE, _MOST_TRIED = np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2]]), 0.01, 40
@@ -344,8 +346,10 @@ def _find_gravity_of_masses(robot: Robot, motion: Motion) -> FloatArray | None:
         others = np.column_stack([np.sign(speed), speed, ddq[:, joint], rest[:, joint]])
         projector = np.linalg.pinv(others)
         load, torque = (part - others @ (projector @ part) for part in (loads[:, joint], tau[:, joint]))
-        # Joints of any size have the same say.
-        scale = max(float(np.sqrt((torque**2).mean())), np.finfo(float).tiny)
+        # Joints of any size have the same say, but for those whose motor is off or whose torque was not recorded.
+        scale = float(np.sqrt((torque**2).mean()))
+        if not scale > _NOTHING * size[joint]:
+            continue
         rows.append(load / scale)
         torques.append(torque / scale)
     if not rows:
