@@ -356,7 +356,7 @@ def _find_gravity_of_masses(robot: Robot, motion: Motion) -> FloatArray | None:
         return None
     gravity = np.linalg.lstsq(np.concatenate(rows), np.concatenate(torques), rcond=1e-3)[0]
     length = float(np.linalg.norm(gravity))
-    return gravity / length if length > 0.0 else None
+    return np.asarray(gravity / length) if length > 0.0 else None
 
 
 def find_mounting(robot: Robot, motion: Motion) -> Mounting:
