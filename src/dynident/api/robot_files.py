@@ -29,6 +29,7 @@ from dynident.robot.json_fields import (
 )
 from dynident.robot.meshes import find_package
 from dynident.robot.xml_text import read_root
+from dynident.schema.fields import point_within
 
 _XACRO_TITLE = "Unusable xacro"
 _XACRO_SYNTAX = re.compile(r"<\s*xacro:|\$\{|\$\(")
@@ -311,8 +312,7 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
     }
     for joint, stated_limits in stated["limits"].items():
         # Limits that are not stated are None and must not wipe out those of the file.
-        stated_values = {key: value for key, value in asdict(stated_limits).items() if value is not None}
-        limits[joint] = replace(limits.get(joint, Limits()), **stated_values)
+        limits[joint] = replace(limits.get(joint, Limits()), **stated_limits.known)
     drives = {
         joint: _parse_drive(value, f"/drives/{joint}") for joint, value in _get_object(document, "drives").items()
     }
@@ -359,11 +359,11 @@ def _parse_limits(value: object, pointer: str) -> Limits:
     numbers: dict[str, Any] = {
         key: expect_number(item, f"{pointer}/{key}", _ROBOT_TITLE) for key, item in fields.items()
     }
-    limits = replace(Limits(), **numbers)
-    if position is None:
-        return limits
-    low, high = expect_numbers(position, 2, f"{pointer}/position", _ROBOT_TITLE)
-    return replace(limits, position=(low, high))
+    if position is not None:
+        low, high = expect_numbers(position, 2, f"{pointer}/position", _ROBOT_TITLE)
+        numbers["position"] = (low, high)
+    with point_within(pointer):
+        return Limits(**numbers)
 
 
 def _parse_drive(value: object, pointer: str) -> Drive:
@@ -378,4 +378,5 @@ def _parse_drive(value: object, pointer: str) -> Drive:
     }
     numbers = {key: expect_number(item, f"{pointer}/{key}", _ROBOT_TITLE) for key, item in fields.items()}
     # Drive itself decides whether the gain is given or made of ratio, constant and amplifier.
-    return Drive(**numbers, coupling=shares)
+    with point_within(pointer):
+        return Drive(**numbers, coupling=shares)

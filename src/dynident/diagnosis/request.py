@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dynident.schema.fields import check_ranges, declare_field
+from dynident.schema.fields import Request, declare_field
 
 DEFAULT_MOST_EFFECTS = 12
 """Two for each joint of a usual arm: a search ends where nothing more passes, this only bounds how long it takes.
@@ -17,7 +17,7 @@ DEFAULT_SIGNIFICANCE = 0.01
 
 
 @dataclass(frozen=True)
-class DiagnosisChoices:
+class DiagnosisChoices(Request):
     """Which effects may be missing in a model, and how many are recommended at most.
 
     Parameters
@@ -48,7 +48,7 @@ class DiagnosisChoices:
     )
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        super().__post_init__()
         check_candidates(self.candidates or ())
 
 

@@ -10,7 +10,7 @@ from dataclasses import Field, dataclass, fields, make_dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from dynident.errors import DynidentError
-from dynident.schema.fields import LARGEST_SEED, Choice, check_ranges, declare_field, get_description, redescribe_field
+from dynident.schema.fields import LARGEST_SEED, Choice, Request, declare_field, get_description, redescribe_field
 from dynident.schema.registry import RegistryEntry
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ from dynident.schema.registry import format_kind
 
 
 @dataclass(frozen=True)
-class Method:
+class Method(Request):
     """One way to identify: the rows, the strategy, the estimator, and what is known beforehand.
 
     Parameters
@@ -389,7 +389,7 @@ def _build_request_class() -> type:
         (name, field.type, redescribe_field(field, f"{', '.join(takers[name])}: {get_description(field).words}"))
         for name, field in firsts.items()
     ]
-    request_class = make_dataclass("Stated", definitions, frozen=True)
+    request_class = make_dataclass("Stated", definitions, bases=(Request,), frozen=True)
     request_class.__module__ = __name__
     return request_class
 
@@ -428,6 +428,4 @@ def build_trial(kind: str, stated: Mapping[str, object]) -> Trial:
             raise DynidentError(
                 f"the validation {kind} has no option {name}; leave it out", pointer=f"/{name}", title="Unusable input"
             )
-    trial = replace(TRIALS.by_name[kind](), **{name: value for name, value in values.items() if name in own})
-    check_ranges(trial)
-    return trial
+    return replace(TRIALS.by_name[kind](), **{name: value for name, value in values.items() if name in own})

@@ -24,9 +24,10 @@ from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, low_pass
 from dynident.recordings.phases import SLOW, STANDS
+from dynident.schema.fields import check_value
 from dynident.simulation.ground_truth import may_be_negative
 from dynident.validation.outcome import ValidationOutcome
-from dynident.validation.torque_errors import check_limit
+from dynident.validation.request import Simulation
 
 AFTER = (0.1, 0.5, 2.0)
 """Seconds: a few samples of a controller, a quick move, and a whole motion from point to point."""
@@ -240,9 +241,8 @@ def validate_simulation(
     DynidentError
         For a limit or duration that is not above zero, or a recording without motion to follow.
     """
-    check_limit(limit)
-    if not (np.isfinite(longest) and longest > 0):
-        raise DynidentError(f"longest is {longest} s; give a duration above 0", pointer="/longest")
+    check_value(Simulation, "limit", limit)
+    check_value(Simulation, "longest", longest)
     motion = read_longest_piece(recording, identification.preprocessing, longest)
     duration = motion.reference.duration
     # Before the simulation: negative friction or inertia would make it diverge without saying why.
