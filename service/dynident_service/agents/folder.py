@@ -83,7 +83,10 @@ class Folder:
 
     def _check_inside(self, path: Path, pointer: str) -> None:
         try:
-            is_inside = (self._root / path).resolve().is_relative_to(self._root)
+            target = (self._root / path).resolve()
+            is_inside = target.is_relative_to(self._root)
+            if is_inside:
+                target.exists()  # raises for a name that no file can have
         # A NUL character, a loop of links, a name that is too long.
         except (OSError, RuntimeError, ValueError):
             is_inside = False

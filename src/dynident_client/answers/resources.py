@@ -259,6 +259,8 @@ class Quota(TypedDict):
 class RawSignals(TypedDict):
     """Signals of a measurement's file, without filtering, repair or resampling."""
 
+    available: list[str]
+    """Signals of joints that the file has, by joint name"""
     n_samples: int
     """Number of samples from `from` to `to`, of which these are shown"""
     signals: dict[str, list[float | None]]

@@ -72,7 +72,7 @@ function choice(schema, value, props, none) {
 }
 
 function number(schema, value, props) {
-  const input = h("input", { type: "number", step: plain(schema).type === "integer" ? "1" : "any", value: value ?? "", ...props });
+  const input = h("input", { type: "number", step: plain(schema).type === "integer" ? "1" : "any", value: typeof value === "number" ? value : "", ...props });
   return { input, read: () => (input.value === "" ? (schema.default ?? null) : Number(input.value)) };
 }
 
