@@ -13,7 +13,6 @@ from dynident.effects import DEFAULT_EFFECTS, OFFSETS, ReferenceParameters, get_
 from dynident.estimation import (
     LinearisedSolution,
     Reduction,
-    compute_equilibrated_condition_number,
     compute_errors,
     compute_noise_levels,
     find_outlying_spans,
@@ -162,9 +161,7 @@ def _warn_of_other_equations(identification: Identification) -> list[str]:
 
 def _warn_of_excitation(identification: Identification) -> list[str]:
     sentences = []
-    condition = compute_equilibrated_condition_number(
-        identification.data.equations, identification.estimate.solution.noise
-    )
+    condition = identification.equilibrated_condition_number
     # Columns of equal size: otherwise the units of the parameters decide, and not the motion.
     if condition > LARGEST_CONDITION_NUMBER:
         help_is = "Record an exciting trajectory (a design)"

@@ -5,7 +5,7 @@ import { get, post } from "./api.js";
 import { daysSection } from "./days.js";
 import { announce, field, h, put, section, select } from "./dom.js";
 import { moment } from "./format.js";
-import { awaited } from "./jobs.js";
+import { awaited, newestOf } from "./jobs.js";
 import { address, go } from "./location.js";
 import { Model } from "./model.js";
 import { problemBox } from "./problem.js";
@@ -24,20 +24,23 @@ export async function page(target, wanted, signal) {
   const choice = select(models.map((one) => [one.id, `${one.name ?? "model"}, ${moment(one.created_at)}`]), chosen.id, (id) => go({ view: "changes", identification: id }));
   const said = h("div");
   const result = h("div");
-  const form = changesForm(model, async (asked) => {
+  const show = async (asked) => {
     put(result);
     try {
-      const found = await awaited("/diagnoses", await post("/diagnoses", asked, { signal }), "Comparing the days", said, signal);
+      const found = await awaited("/diagnoses", asked, "Comparing the days", said, signal);
       announce(found.result.summary);
       put(result, h("p", { class: "box" }, found.result.summary), changesTable(model, found.result));
     } catch (error) {
       if (!signal.aborted) put(said, problemBox(error));
     }
-  }, signal);
+  };
+  const form = changesForm(model, async (asked) => show(await post("/diagnoses", asked, { signal })), signal);
   form.open = true;
   put(target, h("h1", {}, "Changes"),
     h("div", { class: "bar-of-fields" }, field("Model", choice), h("a", { href: address({ identification: chosen.id }) }, `of ${model.robot.name}`)),
     section("since", "Between two days", form, said, result),
     daysSection(model, signal),
   );
+  const latest = await newestOf("/diagnoses", { identification_id: chosen.id }, signal, (one) => one.request.baseline_ids.length > 0);
+  if (latest) show(latest);
 }
