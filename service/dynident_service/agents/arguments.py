@@ -19,6 +19,7 @@ from dynident.validation import LARGEST_ERROR
 from dynident_service.adapters.conversion import from_wire_choice, to_request
 from dynident_service.agents.folder import Folder
 from dynident_service.wire_types.common import MOST_EFFECTS, EffectChoice, RequestModel
+from dynident_service.wire_types.designs import Criterion, Trajectory
 from dynident_service.wire_types.identifications import Preprocessing
 from dynident_service.wire_types.request_bodies import derive_body
 from dynident_service.wire_types.robots import Limits
@@ -120,6 +121,8 @@ class DesignArguments(RequestModel):
     )
     earlier: Recordings = Field(default=[], description="Recordings that the motion is to complement")
     effects: Effects | None = None
+    criterion: Criterion = Field(default_factory=Criterion)
+    trajectory: Trajectory = Field(default_factory=Trajectory)
     limits: dict[str, Limits] = Field(default={})
     out: _Path = Field(description="The trajectory to write: .csv, .parquet, or .yaml for ROS 2")
 
