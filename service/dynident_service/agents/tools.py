@@ -21,9 +21,8 @@ from dynident.robot.json_fields import parse_json
 from dynident_service.adapters.conversion import to_request, to_view
 from dynident_service.adapters.designs import describe_design
 from dynident_service.adapters.diagnoses import describe_diagnosis, restore_diagnosis
-from dynident_service.adapters.identifications import describe_identification
+from dynident_service.adapters.identifications import describe_identification, show_verdict
 from dynident_service.adapters.measurements import describe_inspection
-from dynident_service.adapters.verdicts import show_verdict
 from dynident_service.agents import arguments
 from dynident_service.agents.folder import Folder
 from dynident_service.wire_types.common import ViewModel
