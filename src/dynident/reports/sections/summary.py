@@ -160,7 +160,7 @@ def describe_gain(identification: Identification) -> str:
     added = [format_change(choice, robot) for model in models for choice in model.step.added]
     removed = [f"without {format_change(choice, robot)}" for model in models for choice in model.step.removed]
     changes = ", ".join((*added, *removed)) or "other choices"
-    return f"{last}; it was {format_percent(errors[0].relative_total)} in the first model, before: {changes}."
+    return f"{last}; before the changes ({changes}) it was {format_percent(errors[0].relative_total)}."
 
 
 def _join_data_warnings(runs: Sequence[ReportedRecording]) -> tuple[str, ...]:
