@@ -16,12 +16,13 @@ import anyio
 import numpy as np
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
-from mcp import Client, StdioServerParameters
-from mcp.types import CallToolResult
 from support.small_arm_files import ARM, write_run
 
 import dynident as dy
 from dynident.robot import urdf_from_robot
+
+mcp = pytest.importorskip("mcp", reason="the tools for agents need the package mcp (the extra mcp)")
+CallToolResult = Any
 
 SECRET = "t,q1,tau1\n0,4711,4712\n"
 
@@ -29,7 +30,7 @@ SECRET = "t,q1,tau1\n0,4711,4712\n"
 class Agent:
     """A client that is connected to a server for one folder."""
 
-    def __init__(self, portal: BlockingPortal, client: Client, folder: Path) -> None:
+    def __init__(self, portal: BlockingPortal, client: Any, folder: Path) -> None:
         self.portal, self.client, self.folder = portal, client, folder
         self.progress: list[tuple[float, str | None]] = []
 
@@ -90,8 +91,8 @@ def agent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Agent]:
     (folder / "loop.csv").symlink_to("loop.csv")
     (folder / "inside.csv").symlink_to("run1.csv")
     program, *options = command(folder)
-    server = StdioServerParameters(command=program, args=options, env=dict(os.environ))
-    with start_blocking_portal() as portal, portal.wrap_async_context_manager(Client(server)) as client:
+    server = mcp.StdioServerParameters(command=program, args=options, env=dict(os.environ))
+    with start_blocking_portal() as portal, portal.wrap_async_context_manager(mcp.Client(server)) as client:
         yield Agent(portal, client, folder)
 
 
