@@ -45,6 +45,7 @@ _ANSWERS = {
     "resources": (
         *(
             "Catalogue",
+            "KnownRobots",
             "CheckView",
             "GeometryView",
             "Health",

@@ -22,7 +22,6 @@ import dynident as dy
 from dynident.robot import urdf_from_robot
 
 mcp = pytest.importorskip("mcp", reason="the tools for agents need the package mcp (the extra mcp)")
-CallToolResult = Any
 
 SECRET = "t,q1,tau1\n0,4711,4712\n"
 
@@ -34,7 +33,7 @@ class Agent:
         self.portal, self.client, self.folder = portal, client, folder
         self.progress: list[tuple[float, str | None]] = []
 
-    def call(self, name: str, **arguments: Any) -> CallToolResult:
+    def call(self, name: str, **arguments: Any) -> Any:
         self.progress.clear()
         return self.portal.call(self._call, name, arguments)
 
@@ -50,7 +49,7 @@ class Agent:
         assert answer.content[0].text == "{title}: {detail}".format(**answer.structured_content)
         return answer.structured_content
 
-    async def _call(self, name: str, arguments: dict[str, Any]) -> CallToolResult:
+    async def _call(self, name: str, arguments: dict[str, Any]) -> Any:
         return await self.client.call_tool(name, arguments, progress_callback=self._keep)
 
     async def _keep(self, progress: float, total: float | None, message: str | None) -> None:

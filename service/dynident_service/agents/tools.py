@@ -12,9 +12,11 @@ import dynident as dy
 from dynident.advice import AdvisedDiagnosis
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.motion_design import resolve_request
+from dynident.diagnosis.request import DiagnosisChoices
 from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
+from dynident.export import ExportChoices
 from dynident.identification.choices import IdentificationChoices
 from dynident.progress import Progress, scale_progress
 from dynident.robot.json_fields import parse_json
@@ -162,12 +164,13 @@ def _identify(folder: Folder, given: arguments.IdentifyArguments, progress: Prog
 def _diagnose(folder: Folder, given: arguments.DiagnoseArguments, progress: Progress) -> Answer:
     out = folder.find_new_file(given.out, "/out")
     model, runs = _load_model_with(folder, given.model, given.recordings, scale_progress(progress, 0.0, _READ))
+    choices = to_request(given, DiagnosisChoices)
     diagnosed = dy.diagnose(
         model,
         runs,
-        candidates=given.candidates,
-        most_effects=given.max_effects,
-        significance=given.significance,
+        candidates=choices.candidates,
+        most_effects=choices.max_effects,
+        significance=choices.significance,
         progress=scale_progress(progress, _READ, 1.0),
     )
     diagnosis = diagnosed.advised_diagnosis if given.next_experiment else diagnosed.diagnosis
@@ -242,7 +245,8 @@ def _validate(folder: Folder, given: arguments.ValidateArguments, progress: Prog
 
 def _export(folder: Folder, given: arguments.ExportArguments, _: Progress) -> Answer:
     model, out = _load_model(folder, given.model), folder.find_new_file(given.out, "/out")
-    file = model.export(out, nearest=given.nearest, anyway=given.anyway)
+    choices = to_request(given, ExportChoices)
+    file = model.export(out, nearest=choices.nearest, anyway=choices.anyway)
     result = WrittenFile(file=given.out, size=len(file.content), media_type=file.media_type, notes=list(file.notes))
     return Answer(result, "\n".join([given.out, *file.notes]))
 
@@ -260,7 +264,8 @@ def _load_model_with(
 
 def _load_diagnosis(folder: Folder, path: str) -> AdvisedDiagnosis:
     text = folder.find_file(path, "/diagnosis").read_text(encoding="utf-8", errors="replace")
-    return restore_diagnosis(parse_json(text, "/diagnosis", "Unusable diagnosis"))
+    document: Any = parse_json(text, "/diagnosis", "Unusable diagnosis")
+    return restore_diagnosis(document)
 
 
 TOOLS = (

@@ -146,6 +146,22 @@ class KeyUsage(TypedDict):
     """Measurements, including those that unfinished simulations will make"""
 
 
+class KnownRobot(TypedDict):
+    """A well-known arm."""
+
+    description: dict[str, str]
+    """For POST /v1/robots: format and content"""
+    name: str
+    source: str
+    """Where its limits and inertial parameters are from"""
+
+
+class KnownRobots(TypedDict):
+    """The well-known arms, by name."""
+
+    items: list[KnownRobot]
+
+
 class Limits(TypedDict):
     """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W."""
 
