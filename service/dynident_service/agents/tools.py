@@ -187,9 +187,13 @@ def _explain(folder: Folder, given: arguments.WhyNotArguments, _: Progress) -> A
 
 def _design(folder: Folder, given: arguments.DesignArguments, progress: Progress) -> Answer:
     out = folder.find_new_file(given.out, "/out")
-    if (given.robot is None) == (given.model is None):
+    machine: dy.Robot | dy.Model
+    if given.robot is not None and given.model is None:
+        machine = arguments.load_robot(folder, given.robot)
+    elif given.model is not None and given.robot is None:
+        machine = _load_model(folder, given.model)
+    else:
         raise DynidentError("give either the robot or a model of it", pointer="/robot", title="Nothing to design")
-    machine = _load_model(folder, given.model) if given.model else arguments.load_robot(folder, given.robot)
     request = to_request(given, DesignRequest, effects=None)
     if given.diagnosis is not None:
         proposed = resolve_request(_load_diagnosis(folder, given.diagnosis))
