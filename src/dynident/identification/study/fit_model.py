@@ -180,7 +180,7 @@ def _warn_of_excitation(identification: Identification) -> list[str]:
 def _warn_of_uncertain(estimate: Estimate) -> list[str]:
     """Warn of parameters that the data do not determine; those that may as well be zero do no harm by it."""
     parameters = estimate.parameters
-    unsure = [p.name for p in parameters if p.judgement == "uncertain"]
+    unsure = [f"{p.name} ({p.link})" if p.link else p.name for p in parameters if p.judgement == "uncertain"]
     zero = sum(p.judgement == "zero_in_interval" for p in parameters)
     if not unsure:
         return []

@@ -355,8 +355,8 @@ def build_ladder_section(identification: Identification, diagnosis: Diagnosis | 
 def _build_step_row(index: int, model: Identification, mark: str) -> StepRow:
     held_out = model.held_out_judged.relative_total if model.held_out_judged is not None else None
     robot = model.model.robot
-    changes = tuple(format_change(choice, robot) for choice in model.step.added)
-    changes += tuple(f"without {format_change(choice, robot)}" for choice in model.step.removed)
+    changes = tuple(_format_choice(choice, robot) for choice in model.step.added)
+    changes += tuple(f"without {_format_choice(choice, robot)}" for choice in model.step.removed)
     return StepRow(
         index + 1,
         changes,
@@ -370,8 +370,7 @@ def _build_step_row(index: int, model: Identification, mark: str) -> StepRow:
     )
 
 
-def format_change(choice: EffectChoice, robot: Robot) -> str:
-    """Return an effect with its joints and shape constants, in words."""
+def _format_choice(choice: EffectChoice, robot: Robot) -> str:
     shape = f" ({format_shape_constants(choice)})" if choice.shape else ""
     return f"{get_effect(choice.effect).title} on {format_joints(choice.joints, robot.joint_names)}{shape}"
 

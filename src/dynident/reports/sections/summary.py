@@ -8,13 +8,12 @@ from datetime import UTC, datetime
 
 from dynident.diagnosis import Diagnosis
 from dynident.identification import Identification
-from dynident.reports.labels import CONDITION_MEANING, get_effect_title
+from dynident.reports.labels import CONDITION_MEANING, format_joints, get_effect_title
 from dynident.reports.number_format import format_count, format_number, format_percent
 from dynident.reports.report_data import ReportedRecording, ReportedValidation, Section
 from dynident.reports.sections.model import (
     LadderFigure,
     build_ladder_figure,
-    format_change,
     select_comparable_errors,
 )
 from dynident.verdict import ModelVerdict, Outcome, State, verdict
@@ -156,11 +155,13 @@ def describe_gain(identification: Identification) -> str:
     last = f"Where joints move, the relative error of the torque is {format_percent(errors[-1].relative_total)} {data}"
     if len(models) == 1:
         return f"{last}."
-    robot = identification.model.robot
-    added = [format_change(choice, robot) for model in models for choice in model.step.added]
-    removed = [f"without {format_change(choice, robot)}" for model in models for choice in model.step.removed]
-    changes = ", ".join((*added, *removed)) or "other choices"
-    return f"{last}; before the changes ({changes}) it was {format_percent(errors[0].relative_total)}."
+    all_joints = identification.model.robot.joint_names
+    changes = [("with", choice) for model in models for choice in model.step.added]
+    changes += [("without", choice) for model in models for choice in model.step.removed]
+    texts = [f"{word} {get_effect_title(choice.effect)} on {format_joints(choice.joints, all_joints)}"
+             for word, choice in changes]  # fmt: skip
+    first = format_percent(errors[0].relative_total)
+    return f"{last}, {', '.join(texts)}; it was {first} before." if texts else f"{last}; it was {first} before."
 
 
 def _join_data_warnings(runs: Sequence[ReportedRecording]) -> tuple[str, ...]:
