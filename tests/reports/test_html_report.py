@@ -198,8 +198,8 @@ def test_the_ladder_shows_the_error_of_every_model_falling() -> None:
 
 
 def test_the_first_page_says_what_when_from_which_data_and_the_error_before_and_after() -> None:
-    text = " ".join(PAGE.text["summary"].split())
-    before, after = (model.held_out_judged.relative_total for model in (FIRST, MODEL))
+    text = " ".join(whole_page().text["summary"].split())
+    before, after = (model.held_out_judged.relative_total for model in (first_model(), second_model()))
     head = text.partition("Relative error where joints move")[0]
     assert f"robot {' '.join(NASTY.split())}" in head
     assert "report made 2026-03-04 05:06 UTC" in head
@@ -208,12 +208,12 @@ def test_the_first_page_says_what_when_from_which_data_and_the_error_before_and_
     assert f"it was {format_percent(before)} before." in head
     # Warnings come after all this.
     assert text.index(" about this result") > len(head)
-    assert format_number(MODEL.equilibrated_condition_number) in text
+    assert format_number(second_model().equilibrated_condition_number) in text
 
 
 def test_findings_that_recordings_share_are_one_line() -> None:
-    shared = replace(RUNS[1], checks=(WARNING,))
-    page = Page(html_report(MODEL, [RUNS[0], shared], created=MADE))
+    shared = replace(two_runs()[1], checks=(WARNING,))
+    page = Page(html_report(second_model(), [two_runs()[0], shared], created=MADE))
     assert page.text["summary"].count(WARNING.detail) == 1
     assert f"{FIRST_RUN.name}, {SECOND_RUN.name}: sampling jitter." in page.text["summary"]
 
