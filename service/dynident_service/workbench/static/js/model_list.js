@@ -60,7 +60,7 @@ export class ModelList {
   #item(model, effects) {
     const result = model.result;
     const robot = this.robots.get(model.robot_id);
-    const added = [...new Set(model.added.map((one) => titleOf(effects, one.effect)))].join(", ");
+    const added = [...new Set(model.added.map((one) => `${titleOf(effects, one.effect)}${one.joints.length ? ` on ${one.joints.join(", ")}` : ""}`))].join(", ");
     const link = h("a", { href: address({ identification: model.id }), "data-id": model.id },
       h("strong", {}, model.name || robot),
       added ? h("span", {}, `+ ${added}`) : null,
