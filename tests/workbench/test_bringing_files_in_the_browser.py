@@ -65,7 +65,8 @@ def test_all_files_are_confirmed_at_once_above_their_folded_columns(
     expect(confirm.last).to_be_enabled()
     card = page.locator("form.card").first
     expect(card.locator("table.columns")).to_be_hidden()
-    columns = card.locator("details", has_text="5 columns of the file, 5 used")
+    columns = card.locator("details", has=page.locator("table.columns"))
+    expect(columns.locator("summary")).to_have_text("5 columns of the file, 5 used")
     assert confirm.first.bounding_box()["y"] < columns.bounding_box()["y"]
     columns.locator("summary").click()
     expect(card.locator("svg.sparkline")).to_have_count(5)
