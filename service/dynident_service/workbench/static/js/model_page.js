@@ -8,7 +8,7 @@ import { daysSection } from "./days.js";
 import { errorsSection, judged } from "./errors.js";
 import { exportLinks } from "./exports.js";
 import { failureSection } from "./failure.js";
-import { counted, moment, number, percent, quantity } from "./format.js";
+import { counted, grouped, moment, number, percent, quantity } from "./format.js";
 import { awaited, ENDED } from "./jobs.js";
 import { ladderSection, stepInWords } from "./ladder.js";
 import { takeNote } from "./location.js";
@@ -109,7 +109,7 @@ function figures({ result }) {
     ["error of the fit", percent(judged(residual).relative_total), "where joints move", "tile-fit"],
     ["base parameters", String(result.parameters.length), `${result.parameters.filter((one) => one.well_identified).length} determined by the data`],
     ["condition number of W", number(result.equilibrated_condition_number ?? result.condition_number), result.condition_meaning],
-    ["equations", counted(result.n_equations, "equation"), `${number(result.equations_per_parameter)} a parameter`],
+    ["equations", grouped(result.n_equations), `${number(result.equations_per_parameter)} a parameter`],
   ]);
 }
 
