@@ -197,15 +197,23 @@ def test_the_ladder_shows_the_error_of_every_model_falling() -> None:
     assert "Stribeck friction on" in whole_page().text["ladder"]
 
 
+def single_spaced(text: str) -> str:
+    """Without line breaks, and with plain spaces between a number and its unit."""
+    return " ".join(text.split())
+
+
 def test_the_first_page_says_what_when_from_which_data_and_the_error_before_and_after() -> None:
-    text = " ".join(whole_page().text["summary"].split())
+    text = single_spaced(whole_page().text["summary"])
     before, after = (model.held_out_judged.relative_total for model in (first_model(), second_model()))
     head = text.partition("Relative error where joints move")[0]
-    assert f"robot {' '.join(NASTY.split())}" in head
+    assert f"robot {NASTY}" in head
     assert "report made 2026-03-04 05:06 UTC" in head
     assert "identified from run 1 <u> held-out recordings run 2 <u>" in head
-    assert f"is {format_percent(after)} on held-out data, with Stribeck friction on {ROBOT.joint_names[0]}" in head
-    assert f"it was {format_percent(before)} before." in head
+    assert (
+        single_spaced(f"is {format_percent(after)} on held-out data, with Stribeck friction on {ROBOT.joint_names[0]}")
+        in head
+    )
+    assert single_spaced(f"it was {format_percent(before)} before.") in head
     # Warnings come after all this.
     assert text.index(" about this result") > len(head)
     assert format_number(second_model().equilibrated_condition_number) in text
