@@ -189,3 +189,17 @@ class RobotView(RobotResult, Labelled):
     name: str
     created_at: datetime
     request: RobotRequest
+
+
+class KnownRobot(ViewModel):
+    """A well-known arm."""
+
+    name: str
+    source: str = Field(description="Where its limits and inertial parameters are from")
+    description: dict[str, str] = Field(description="For POST /v1/robots: format and content")
+
+
+class KnownRobots(ViewModel):
+    """The well-known arms, by name."""
+
+    items: list[KnownRobot]

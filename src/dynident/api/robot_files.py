@@ -36,6 +36,11 @@ _XACRO_SYNTAX = re.compile(r"<\s*xacro:|\$\{|\$\(")
 _ROS_INDEX = "ament_index_python"
 
 
+def needs_xacro(content: str) -> bool:
+    """Return whether the content of a file is xacro, which has to be expanded."""
+    return _XACRO_SYNTAX.search(content) is not None
+
+
 def expand_xacro(path: Path, content: str) -> str:
     """Return the URDF of a file: its content, expanded where it is xacro.
 
@@ -60,7 +65,7 @@ def expand_xacro(path: Path, content: str) -> str:
         The package xacro is not installed, or it cannot expand the file.
     """
     # Plain URDF needs neither the package xacro nor trust in the file.
-    if not _XACRO_SYNTAX.search(content):
+    if not needs_xacro(content):
         return content
     try:
         import xacro

@@ -146,6 +146,22 @@ class KeyUsage(TypedDict):
     """Measurements, including those that unfinished simulations will make"""
 
 
+class KnownRobot(TypedDict):
+    """A well-known arm."""
+
+    description: dict[str, str]
+    """For POST /v1/robots: format and content"""
+    name: str
+    source: str
+    """Where its limits and inertial parameters are from"""
+
+
+class KnownRobots(TypedDict):
+    """The well-known arms, by name."""
+
+    items: list[KnownRobot]
+
+
 class Limits(TypedDict):
     """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W."""
 
@@ -259,6 +275,8 @@ class Quota(TypedDict):
 class RawSignals(TypedDict):
     """Signals of a measurement's file, without filtering, repair or resampling."""
 
+    available: list[str]
+    """Signals of joints that the file has, by joint name"""
     n_samples: int
     """Number of samples from `from` to `to`, of which these are shown"""
     signals: dict[str, list[float | None]]
