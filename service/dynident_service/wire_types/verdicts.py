@@ -9,6 +9,7 @@ from pydantic import Field
 from dynident_service.wire_types.common import ViewModel
 from dynident_service.wire_types.identifications import ErrorsView
 from dynident_service.wire_types.measurements import RevisionRequest
+from dynident_service.wire_types.validations import DriftView
 
 
 class UseView(ViewModel):
@@ -21,19 +22,6 @@ class UseView(ViewModel):
     )
     reason: str
     next_step: str = Field(description="The next thing to do")
-
-
-class DriftView(ViewModel):
-    """Drift of an open-loop simulation under the measured torque, root mean square over many starts.
-
-    null if it diverged, or if no interval of the held-out data is that long.
-    """
-
-    joint_names: list[str]
-    after: list[float] = Field(description="s")
-    distance: list[list[float | None]] = Field(description="rad or m, after each time, per joint")
-    share: list[list[float | None]] = Field(description="Divided by the joint's travel in that time")
-    starts: int
 
 
 class DetectableForceView(ViewModel):

@@ -272,38 +272,23 @@ def _judge_mass_matrix(evidence: HeldOutEvidence) -> list[UseFinding]:
 
 
 def _judge_drift(drift: Drift) -> UseFinding:
-    share, figures = drift.share, word_drift(drift)
-    # Only the two shorter horizons decide: after two seconds most arms have left the motion, whatever the model, as
-    # they are unstable without a controller.
-    short = share[:2]
-    if not np.isfinite(short[0]).all():
+    figures = drift.describe()
+    if not np.isfinite(drift.share[0]).all():
         return UseFinding(
             "no", f"Without a controller, the simulation under the measured torque diverges. {figures}", CURE
         )
-    if float(np.nanmax(short)) > LARGEST_DRIFT:
+    if drift.worst_share > LARGEST_DRIFT:
         sentence = (
             f"{figures} More than {LARGEST_DRIFT:.0%} of the travel within {AFTER[1]:g} s is too much for a "
             "simulation of the robot."
         )
         return UseFinding("no", sentence, DIAGNOSE)
-    if float(np.nanmax(short)) > NOTABLE_DRIFT:
+    if drift.worst_share > NOTABLE_DRIFT:
         sentence = (
             f"Simulate only with a controller, or for less than {AFTER[1]:g} s: {figures[0].lower()}{figures[1:]}"
         )
         return UseFinding("limited", sentence, DIAGNOSE)
     return UseFinding("yes", figures)
-
-
-def word_drift(drift: Drift) -> str:
-    """Word the drift of the worst joint after each time, in a sentence."""
-    phrases = []
-    for after, share in zip(AFTER, drift.share, strict=True):
-        if np.isnan(share).all():
-            continue
-        worst = int(np.nanargmax(share))
-        size = "all of" if not np.isfinite(share[worst]) else f"{share[worst]:.0%} of"
-        phrases.append(f"{size} its travel after {after:g} s ({drift.joint_names[worst]})")
-    return f"Without a controller, under the measured torque, the worst joint is off by {', '.join(phrases)}."
 
 
 GAINS = (

@@ -53,7 +53,6 @@ from dynident_client.answers.identifications import (
     CurrentModelView,
     CurrentParameterView,
     DetectableForceView,
-    DriftView,
     EssentialStepView,
     EssentialView,
     IdentificationResult,
@@ -73,7 +72,7 @@ from dynident_client.answers.identifications import (
     UseView,
     VerdictView,
 )
-from dynident_client.answers.parts import EffectChoice, ErrorFigures, ErrorsView, UsedPreprocessing
+from dynident_client.answers.parts import DriftView, EffectChoice, ErrorFigures, ErrorsView, UsedPreprocessing
 from dynident_client.answers.resources import (
     CapsuleView,
     Catalogue,

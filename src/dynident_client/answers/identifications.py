@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypedDict
 
-from dynident_client.answers.parts import EffectChoice, ErrorsView, UsedPreprocessing
+from dynident_client.answers.parts import DriftView, EffectChoice, ErrorsView, UsedPreprocessing
 
 
 class CommonView(TypedDict):
@@ -75,19 +75,6 @@ class DetectableForceView(TypedDict):
     """Duration of the held-out motion that it was computed from"""
     thresholds: list[float | None]
     """Thresholds for every joint's filtered residual, N m or N; null: the joint moves too seldom"""
-
-
-class DriftView(TypedDict):
-    """Drift of an open-loop simulation under the measured torque, root mean square over many starts."""
-
-    after: list[float]
-    """s"""
-    distance: list[list[float | None]]
-    """rad or m, after each time, per joint"""
-    joint_names: list[str]
-    share: list[list[float | None]]
-    """Divided by the joint's travel in that time"""
-    starts: int
 
 
 class EssentialStepView(TypedDict):
