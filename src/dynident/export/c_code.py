@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from dynident.errors import DynidentError
-from dynident.export.casadi_function import Argument, TorqueFormula, build_function, build_torque_formula
+from dynident.export.casadi_function import TorqueFormula, build_function, build_torque_formula
 from dynident.export.summary import (
     SIGNS,
     describe_identification,
@@ -24,6 +24,7 @@ from dynident.export.summary import (
     make_slug,
 )
 from dynident.identification import Identification
+from dynident.identification.study.equation_of_motion import Argument
 
 _UNARY = {
     ca.OP_ASSIGN: "{0}",

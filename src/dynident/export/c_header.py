@@ -21,11 +21,10 @@ from dynident.export.c_code import (
     write_c_comment,
     write_c_statements,
 )
-from dynident.export.casadi_function import Argument
-from dynident.export.equation_of_motion import EquationOfMotion, build_equation_of_motion
 from dynident.export.exported_file import ExportedFile
 from dynident.export.summary import SIGNS, describe_identification, describe_origin, list_joints
 from dynident.identification import Identification
+from dynident.identification.study.equation_of_motion import Argument, EquationOfMotion, build_equation_of_motion
 from dynident.robot.model import INERTIAL_NAMES
 
 _SCALARS = ("time", "period")
@@ -124,6 +123,8 @@ class _Header:
         functions, notes = list_functions(equation), []
         if equation.acceleration_obstacle:
             notes.append(f"There is no forward_dynamics: {equation.acceleration_obstacle}.")
+        if equation.observer_obstacle:
+            notes.append(f"There is no observer of contacts: {equation.observer_obstacle}.")
         return cls(identification, equation, make_c_name(identification), functions, tuple(notes))
 
     @property
@@ -203,7 +204,8 @@ class _Header:
         ]
         if self.n_states:
             sections += self._write_state()
-        text = "\n\n".join([*sections, *(self._write_function(function) for function in self.functions)])
+        sections += [self._write_function(function) for function in self.functions]
+        text = "\n\n".join(sections + self._write_observer())
         # Its name must differ from that in the headers of other models, which one program may include as well.
         signs = SIGN_FUNCTION.replace("static double", "static inline double") + "\n\n" if "sign_of(" in text else ""
         return (signs + text).replace("sign_of(", f"{name}_sign(") + "\n"
@@ -266,6 +268,33 @@ class _Header:
             + f")\n{write_c_block(unused + statements)}"
         )
 
+    def _write_observer(self) -> list[str]:
+        """Return the observer of contacts, where the model allows one."""
+        equation, n = self.equation, self.equation.robot.n
+        if equation.observer_obstacle:
+            return []
+        terms = equation.build_observer_terms()
+        optional = [a for a in equation.arguments if a.name in ("period", "z") and ca.depends_on(terms, a.symbol)]
+        inputs = (*(a for a in equation.arguments if a.name in ("q", "dq")), *optional)
+        meaning = "momentum, then its rate without motors and contacts"
+        function = HeaderFunction("observer_terms", meaning, inputs, "terms", terms)
+        passed = {"q": "o->q", "dq": "dq", "z": "&o->state", "period": "period"}
+        remembers = self.n_states > 0
+        text = _OBSERVER
+        for place, content in (
+            ("    STATE\n", f"    {self.name}_state state;\n" if remembers else ""),
+            ("    START\n", f"    {self.name}_start(&o->state);\n" if remembers else ""),
+            ("    ADVANCE\n", f"    {self.name}_advance(&o->state, o->q);\n" if remembers else ""),
+            ("ARGUMENTS", ", ".join(passed[a.name] for a in inputs)),
+            ("PREFIX", self.name),
+            ("[2N]", f"[{2 * n}]"),
+            ("[N]", f"[{n}]"),
+            ("< N", f"< {n}"),
+            ("[N + j]", f"[{n} + j]"),
+        ):
+            text = text.replace(place, content)
+        return [self._write_function(function), text]
+
     def _write_class(self) -> str:
         """Return the C++ class around the functions."""
         n = self.equation.robot.n
@@ -296,6 +325,20 @@ class _Header:
             ]
         for function in self.functions:
             lines += ["", f"    /* {function.meaning} */", *self._write_method(function)]
+        if not self.equation.observer_obstacle:
+            lines += [
+                "",
+                "    /* Torque of contacts; `observer` begins with start_observer(). Use parameters with the load. */",
+                f"    using Observer = {self.name}_observer;",
+                "    static Observer start_observer() noexcept",
+                f"    {{ Observer observer; {self.name}_observer_start(&observer); return observer; }}",
+                "    Vector observe(Observer& observer, const Vector& q, const Vector& tau, double period,",
+                "                   double gain = 30.0) const noexcept",
+                f"    {{ {self.name}_observe(&parameters, &observer, q.data(), tau.data(), period, gain);",
+                "      Vector result;",
+                "      for (std::size_t j = 0; j < joints; ++j) result[j] = observer.residual[j];",
+                "      return result; }",
+            ]
         lines += ["", "#ifdef DYNIDENT_USE_EIGEN"]
         lines += [
             f"    using EigenVector = Eigen::Matrix<double, {n}, 1>;",
@@ -354,6 +397,50 @@ static inline void PREFIX_set_payload(
     p->payload[7] = mass * y;
     p->payload[8] = mass * z;
     p->payload[9] = mass;
+}"""
+
+
+_OBSERVER = """\
+/* Observer of contacts by the generalised momentum; residual: torque of contacts, positive where it drives q */
+typedef struct {
+    double q[N];
+    double tau[N];
+    double momentum[N];
+    double residual[N];
+    int started;
+    STATE
+} PREFIX_observer;
+
+/* Begin at rest and without contact */
+static inline void PREFIX_observer_start(PREFIX_observer *o)
+{
+    int j;
+    for (j = 0; j < N; j++) o->q[j] = o->tau[j] = o->momentum[j] = o->residual[j] = 0.0;
+    o->started = 0;
+    START
+}
+
+/* Next sample: positions, motor torques, sampling period in s, bandwidth of the residual in 1/s (30 as a rule) */
+static inline void PREFIX_observe(
+    const PREFIX_parameters *p, PREFIX_observer *o, const double q[N], const double tau[N], double period, double gain)
+{
+    const double rate = 4.0 * gain * period;
+    double dq[N], terms[2N];
+    int j;
+    for (j = 0; j < N; j++) {
+        const double before = o->started ? o->q[j] : q[j];
+        o->q[j] = (before + rate * q[j]) / (1.0 + rate);
+        o->tau[j] = ((o->started ? o->tau[j] : tau[j]) + rate * tau[j]) / (1.0 + rate);
+        dq[j] = (o->q[j] - before) / period;
+    }
+    ADVANCE
+    PREFIX_observer_terms(p, ARGUMENTS, terms);
+    for (j = 0; j < N; j++) {
+        const double change = o->started ? terms[j] - o->momentum[j] - period * (terms[N + j] + o->tau[j]) : 0.0;
+        o->residual[j] = (o->residual[j] + gain * change) / (1.0 + gain * period);
+        o->momentum[j] = terms[j];
+    }
+    o->started = 1;
 }"""
 
 

@@ -48,6 +48,7 @@ from dynident_client.answers.diagnoses import (
 )
 from dynident_client.answers.identifications import (
     CommonView,
+    ContactDetectionView,
     CorrelationView,
     CurrentModelsResult,
     CurrentModelView,
@@ -133,6 +134,7 @@ __all__ = [
     "CommonView",
     "ComparisonResult",
     "Conclusion",
+    "ContactDetectionView",
     "CorrelationView",
     "Course",
     "CriterionValues",

@@ -19,6 +19,24 @@ class CommonView(TypedDict):
     """Of the moving time, 0 to 1"""
 
 
+class ContactDetectionView(TypedDict):
+    """Thresholds of a momentum observer, and the force at the tool that they detect as it happens."""
+
+    false_alarms_an_hour: float
+    force: float
+    """N, in 95 % of the directions and postures of the held-out motion"""
+    gain: float
+    """Bandwidth of the observer, 1/s"""
+    seconds: float
+    """Duration of the held-out motion that it was computed from"""
+    speeds: list[list[float | None]]
+    """rad/s or m/s between three classes of speed, per joint"""
+    thresholds: list[list[float | None]]
+    """N m or N, per joint: slow or just slow before, then by class of speed; null: too few data"""
+    within: float
+    """Seconds within which it shows"""
+
+
 class CorrelationView(TypedDict):
     """How the estimates of the parameters depend on one another."""
 
@@ -350,6 +368,8 @@ class VerdictView(TypedDict):
 
     common: list[CommonView]
     """What held-out data have in common with the data of the fit"""
+    contact: ContactDetectionView | None
+    """null if the model or the data allow no momentum observer"""
     drift: DriftView | None
     """null if there was no simulation"""
     force: DetectableForceView | None

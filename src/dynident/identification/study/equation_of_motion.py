@@ -12,16 +12,39 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from dynident.effects import Column, get_effect, get_role
+from dynident.effects import Column, RunSignal, Signals, get_effect, get_role
 from dynident.effects.closed_loops import build_all_positions
 from dynident.effects.hysteresis_states import build_step_expression
 from dynident.effects.mechanics import build_frames, cross_product, to_constant
 from dynident.effects.newton_euler import build_inverse_dynamics
-from dynident.export.casadi_function import Argument, describe_runs
-from dynident.identification import Estimate
+from dynident.identification.study.result import Estimate
 from dynident.robot.model import INERTIAL_NAMES, Robot
 
 _TEN = len(INERTIAL_NAMES)
+
+
+@dataclass(frozen=True, eq=False)
+class Argument:
+    """One input of the formula.
+
+    Parameters
+    ----------
+    name : str
+        Its name in exported programs.
+    symbol : SX (k, 1)
+        The column vector that stands for it in the expression.
+    meaning : str
+        What it is, with its unit.
+    """
+
+    name: str
+    symbol: ca.SX
+    meaning: str
+
+    @property
+    def size(self) -> int:
+        """Number of its entries."""
+        return int(self.symbol.numel())
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +110,24 @@ class EquationOfMotion:
         """Return the symbol of an argument."""
         return next(argument.symbol for argument in self.arguments if argument.name == name)
 
+    @property
+    def observer_obstacle(self) -> str:
+        """Why no observer of contacts can use the model; empty where one can."""
+        foreign = [a.name for a in self.arguments if a.name in ("time", "temperature", "runs")]
+        return f"effects of this model depend on {', '.join(foreign)}" if foreign else ""
+
+    def build_observer_terms(self) -> ca.SX:
+        """Return the momentum and its rate without motors and contacts (2 n, 1), for an observer of contacts.
+
+        Effects that depend on the acceleration are taken without it: accelerations would bring in the noise that the
+        momentum avoids.
+        """
+        terms = ca.vertcat(self.momentum, self.momentum_rate - self.effects)
+        for argument in self.arguments:
+            if argument.name in ("ddq", "dddq", "ddddq"):
+                terms = ca.substitute(terms, argument.symbol, ca.SX.zeros(argument.size, 1))
+        return ca.densify(terms)
+
     def build_acceleration(self, tau: ca.SX) -> ca.SX:
         """Return q̈ (n, 1) under the motors' torque tau (n, 1): forward dynamics."""
         return solve_symmetric(self.mass, tau - self.coriolis - self.gravity - self.effects)
@@ -148,17 +189,7 @@ def build_equation_of_motion(estimate: Estimate) -> EquationOfMotion:
         z_next = ca.vertcat(
             *(build_step_expression(item, z[k], moved[item.joint]) for k, item in enumerate(observation.memory))
         )
-    candidates = [
-        Argument("q", signals.q, "joint positions, rad or m"),
-        Argument("dq", signals.dq, "joint velocities, rad/s or m/s"),
-        Argument("ddq", signals.ddq, "joint accelerations, rad/s^2 or m/s^2"),
-        Argument("dddq", signals.dddq, "third derivative of q, rad/s^3 or m/s^3"),
-        Argument("ddddq", signals.ddddq, "fourth derivative of q, rad/s^4 or m/s^4"),
-        Argument("time", signals.time, "time since the session began, s"),
-        Argument("period", signals.period, "sampling period, s"),
-        Argument("temperature", signals.temperature, "temperature of each joint, degrees Celsius"),
-        Argument("z", z, "hysteresis states, -1 to 1"),
-    ]
+    candidates = [*list_motion_arguments(signals), Argument("z", z, "hysteresis states, -1 to 1")]
     if observation.runs:
         present = ca.vertcat(*(signals.in_runs(item) for item in observation.runs))
         candidates.append(Argument("runs", present, describe_runs(observation.runs)))
@@ -180,6 +211,28 @@ def build_equation_of_motion(estimate: Estimate) -> EquationOfMotion:
         z_next=z_next,
         q_before=before,
     )
+
+
+def list_motion_arguments(signals: Signals) -> tuple[Argument, ...]:
+    """Return the signals that torque may depend on besides hysteresis and runs, with their meaning."""
+    return (
+        Argument("q", signals.q, "joint positions, rad or m"),
+        Argument("dq", signals.dq, "joint velocities, rad/s or m/s"),
+        Argument("ddq", signals.ddq, "joint accelerations, rad/s^2 or m/s^2"),
+        Argument("dddq", signals.dddq, "third derivative of q, rad/s^3 or m/s^3"),
+        Argument("ddddq", signals.ddddq, "fourth derivative of q, rad/s^4 or m/s^4"),
+        Argument("time", signals.time, "time since the session began, s"),
+        Argument("period", signals.period, "sampling period, s"),
+        Argument("temperature", signals.temperature, "temperature of each joint, degrees Celsius"),
+    )
+
+
+def describe_runs(runs: tuple[RunSignal, ...]) -> str:
+    """Return a text on the meaning of the entries of the argument `runs`."""
+    kinds = [
+        f"those like {', '.join(signal.runs)}" if signal.runs else "those that carry the payload" for signal in runs
+    ]
+    return "1 in runs of a kind, 0 in others: " + "; ".join(kinds)
 
 
 @dataclass(frozen=True, eq=False)
