@@ -48,12 +48,12 @@ from dynident_client.answers.diagnoses import (
 )
 from dynident_client.answers.identifications import (
     CommonView,
+    ContactDetectionView,
     CorrelationView,
     CurrentModelsResult,
     CurrentModelView,
     CurrentParameterView,
     DetectableForceView,
-    DriftView,
     EssentialStepView,
     EssentialView,
     IdentificationResult,
@@ -73,7 +73,7 @@ from dynident_client.answers.identifications import (
     UseView,
     VerdictView,
 )
-from dynident_client.answers.parts import EffectChoice, ErrorFigures, ErrorsView, UsedPreprocessing
+from dynident_client.answers.parts import DriftView, EffectChoice, ErrorFigures, ErrorsView, UsedPreprocessing
 from dynident_client.answers.resources import (
     CapsuleView,
     Catalogue,
@@ -136,6 +136,7 @@ __all__ = [
     "CommonView",
     "ComparisonResult",
     "Conclusion",
+    "ContactDetectionView",
     "CorrelationView",
     "Course",
     "CriterionValues",
