@@ -247,6 +247,8 @@ def build_robot(request: wire.RobotRequest) -> Robot:
         drives={name: to_request(value, Drive) for name, value in request.drives.items()},
         locked_joints=request.locked_joints,
         gravity=request.gravity,
+        has=request.has,
+        has_not=request.has_not,
     )
 
 

@@ -26,13 +26,13 @@ from dynident.diagnosis import (
     examine,
 )
 from dynident.diagnosis.reasons import CandidateOutcome, Reason
-from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE
+from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, DiagnosisChoices
 from dynident.effects import EffectChoice
 from dynident.effects.text_format import format_effect
 from dynident.errors import DynidentError
 from dynident.identification import Identification
 from dynident.progress import Progress, ignore_progress
-from dynident.reports.labels import format_hidden_effects, format_joints, format_shape_constants, get_effect_title
+from dynident.reports.labels import format_hidden_effects, format_joints, format_shape_constants
 from dynident.reports.result_rows import CANDIDATE_COLUMNS, format_candidates
 from dynident.text_and_html_tables import format_text_table, join_html, render_list, render_paragraph, render_table
 
@@ -111,6 +111,11 @@ class DiagnosedModel(Framed):
     def detection_limits(self) -> tuple[DetectionLimit, ...]:
         """The smallest size of each effect on each joint that these recordings would have shown with 95 %."""
         return self.diagnosis.detection_limits
+
+    @property
+    def questions(self) -> tuple[str, ...]:
+        """Parts that recommended effects are of, asked for once: `has` and `has_not` of `load_robot` answer."""
+        return self.diagnosis.questions
 
     @property
     def conclusion(self) -> Conclusion | None:
@@ -232,8 +237,8 @@ class DiagnosedModel(Framed):
     def _repr_html_(self) -> str:
         robot, diagnosis = self.model.robot, self.diagnosis
         recommended = [
-            f"{get_effect_title(effect.effect)} on {format_joints(effect.joints, robot.joint_names)}"
-            for effect in diagnosis.recommended
+            f"{diagnosis.get_title(choice)} on {format_joints(choice.joints, robot.joint_names)}"
+            for choice in diagnosis.recommended
         ]
         invisible = format_hidden_effects(diagnosis, robot)
         return join_html(
@@ -262,6 +267,8 @@ def diagnose(
     candidates: str | Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
+    has: str | Sequence[str] = (),
+    has_not: str | Sequence[str] = (),
     progress: Progress = ignore_progress,
 ) -> DiagnosedModel:
     """Name the physics that a model is missing.
@@ -278,6 +285,9 @@ def diagnose(
         At most so many are recommended; contacts do not count.
     significance : float
         Largest p-value of a finding: the probability that anything is named where nothing is missing.
+    has, has_not : names of parts
+        Parts that the robot has or does not have, beside those given to `load_robot`: what is not there is not
+        proposed, and `questions` asks about what nobody has said.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -309,12 +319,18 @@ def diagnose(
         desk_model.check_data("diagnose the model")
     checked_recordings = desk_model.recordings if recordings is None else as_recordings(recordings)
     check_not_empty(checked_recordings, "recordings")
+    stated = DiagnosisChoices(
+        has=(has,) if isinstance(has, str) else tuple(has),
+        has_not=(has_not,) if isinstance(has_not, str) else tuple(has_not),
+    )
     examination = examine(
         desk_model.identification,
         checked_recordings.recordings,
         candidates=[candidates] if isinstance(candidates, str) else candidates,
         most_effects=most_effects,
         significance=significance,
+        has=stated.has,
+        has_not=stated.has_not,
         progress=progress,
     )
     return DiagnosedModel(desk_model, checked_recordings, examination)

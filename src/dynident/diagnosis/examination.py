@@ -54,7 +54,7 @@ from dynident.diagnosis.summary import (
     select_verdict,
     word_summary,
 )
-from dynident.effects import EffectChoice, get_effect
+from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.effects.effect_columns import is_lasting_change
 from dynident.errors import DynidentError
 from dynident.identification import Identification, extend, reidentify
@@ -63,6 +63,7 @@ from dynident.identification.study.extending import extend_at_once
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.recordings.poses import has_poses
+from dynident.robot.model import merge_hardware
 
 _AT_FIRST = (
     "it explains a part of the residual of this model, but it does not explain that part once the model is "
@@ -103,6 +104,8 @@ def diagnose(
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
+    has: Sequence[str] = (),
+    has_not: Sequence[str] = (),
     progress: Progress = ignore_progress,
 ) -> Diagnosis:
     """Find the effects that are missing in an identified model.
@@ -123,6 +126,9 @@ def diagnose(
         Largest number of effects that are recommended, contacts not counted.
     significance : float
         Largest p-value of a finding: the probability that anything is named where nothing is missing.
+    has, has_not : sequence of str
+        Parts that the robot has or does not have, beside those that it states: effects of parts that it does not have
+        are not tried, unless `candidates` lists them.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
 
@@ -143,6 +149,8 @@ def diagnose(
         candidates=candidates,
         most_effects=most_effects,
         significance=significance,
+        has=has,
+        has_not=has_not,
         progress=progress,
     ).diagnosis
 
@@ -156,6 +164,8 @@ def examine(
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
+    has: Sequence[str] = (),
+    has_not: Sequence[str] = (),
     progress: Progress = ignore_progress,
 ) -> Examination:
     """Find missing effects as `diagnose` does, and keep what advice on the next experiment needs.
@@ -174,6 +184,9 @@ def examine(
         Largest number of effects that are recommended, contacts not counted.
     significance : float
         Largest p-value of a finding: the probability that anything is named where nothing is missing.
+    has, has_not : sequence of str
+        Parts that the robot has or does not have, beside those that it states: effects of parts that it does not have
+        are not tried, unless `candidates` lists them.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
 
@@ -188,6 +201,7 @@ def examine(
         For recordings of poses at rest, in which nothing that is missing shows.
     """
     _check_request(candidates or (), (*recordings, *baseline))
+    has, absent = merge_hardware(identification.model.robot, has, has_not)
     held_out_ratio = compute_held_out_ratio(identification)
     recordings, _ = split_friction_tests(recordings)
     since: tuple[str, ...] = ()
@@ -203,7 +217,8 @@ def examine(
     comparisons = [compare(identification, recording, scale_progress(progress, 0.0, 0.1)) for recording in recordings]
     resolved = compute_resolution(comparisons, identification.preprocessing)
     leads = propose_shapes(comparisons, recordings, identification, since)
-    pool = build_pool(model, candidates, leads, resolved)
+    tried = candidates or [name for name, effect in CATALOGUE.items() if effect.hardware not in absent]
+    pool = build_pool(model, tried, leads, resolved)
     # The floor must not depend on the model, in which something may be missing.
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
     reference = identification.estimate.next_reference()
@@ -247,17 +262,16 @@ def examine(
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     everything, named = (*contacts, *picks), (*pushes, *recommended)
-    ranking = _rank_candidates(record, pool, start, everything, named, first, most_effects)
+    ranking = _rank_candidates(record, pool, start, everything, named, first, most_effects, has)
     ranked, limits = ranking.ranked, ranking.limits
     unknown = (*undisturbed.unexplained_patterns, *unknown)
-    changes: tuple[Change, ...] | None = None
-    friction: tuple[FrictionDifference, ...] = ()
-    if baseline:
-        grown = add_friction_differences(grown, since, recordings)
-        # The contacts stand first in the ranking, and are no changes of the robot.
-        changes = list_changes(grown, picks, ranked[len(contacts) : len(contacts) + len(picks)], since)
-        # `identify_on_both` puts the later recordings last.
-        friction = compute_friction_differences(grown, since, final[-n_later:])
+    # The contacts stand first in the ranking, and are no changes of the robot; `identify_on_both` puts the later
+    # recordings last.
+    changes, friction = (
+        _list_differences(grown, picks, ranked[len(contacts) :], since, recordings, final[-n_later:])
+        if baseline
+        else (None, ())
+    )
     # What changed is no part of the model: that is of both sets of recordings.
     missing = (*pushes, *(choice for choice in recommended if not is_lasting_change(choice, since)))
     verdict = select_verdict(missing, unknown, compute_residual_over_noise(final, floor))
@@ -292,7 +306,7 @@ def examine(
         friction=friction,
         detection_limits=limits,
         conclusion=conclusion,
-        outcomes=(*ranking.outcomes, *list_untried(ranking.outcomes, candidates, model, leads)),
+        outcomes=(*ranking.outcomes, *list_untried(ranking.outcomes, candidates, model, leads, absent)),
     )
     doubts = list_doubts(picks, recommended, hidden, model.robot, first, candidates or ())
     return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
@@ -308,6 +322,20 @@ def _check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -
             pointer="/measurement_ids",
             title="Poses at rest",
         )
+
+
+def _list_differences(
+    grown: Identification,
+    picks: Sequence[Finding],
+    ranked: Sequence[RankedEffect],
+    since: tuple[str, ...],
+    recordings: Sequence[Recording],
+    later: Sequence[Comparison],
+) -> tuple[tuple[Change, ...], tuple[FrictionDifference, ...]]:
+    """List what the later recordings have and the baseline has not, and how the friction of every joint differs."""
+    grown = add_friction_differences(grown, since, recordings)
+    changes = list_changes(grown, picks, ranked[: len(picks)], since)
+    return changes, compute_friction_differences(grown, since, later)
 
 
 class _Ranking(NamedTuple):
@@ -327,13 +355,14 @@ def _rank_candidates(
     choices: Sequence[EffectChoice],
     first: Sequence[ScoredCandidate],
     most_effects: int,
+    has: Sequence[str],
 ) -> _Ranking:
     """Score every candidate once more beside all findings, and say what became of it."""
     final = score_beside_findings(record.data, pool, start, picks, choices, first)
     outcomes, beside = list_outcomes(final, pool, record, choices, first, most_effects)
     limits = compute_detection_limits(final, pool, choices)
     outcomes = add_limits(outcomes, limits)
-    findings = rank_findings(picks, choices)
+    findings = rank_findings(picks, choices, has)
     ranked = (*findings, *rank_rejected(outcomes, first, beside, len(findings)))
     rows = record.data.select_for_model(final.state.base)
     return _Ranking(ranked, outcomes, limits, compute_part_to_part_ratio(rows, final.state))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from dynident.robot.settings import check_hardware
 from dynident.schema.fields import check_ranges, declare_field
 
 DEFAULT_MOST_EFFECTS = 12
@@ -29,6 +30,9 @@ class DiagnosisChoices:
     significance : float
         Probability that anything at all is named where nothing is missing: the largest p-value of a finding among all
         that is tried together.
+    has, has_not : tuple of str
+        Parts that the robot has or does not have, beside those that the robot states: effects of parts that it does not
+        have are not tried, and about parts that nobody has told of the diagnosis asks.
     """
 
     candidates: tuple[str, ...] | None = declare_field(
@@ -46,10 +50,18 @@ class DiagnosisChoices:
         at_least=0.001,
         at_most=0.2,
     )
+    has: tuple[str, ...] = declare_field(
+        "Parts that the robot has, beside those stated with it: gravity_compensator, spring, cable, coupled_wrist",
+        default=(),
+    )
+    has_not: tuple[str, ...] = declare_field(
+        "Parts that the robot does not have, beside those stated with it", default=()
+    )
 
     def __post_init__(self) -> None:
         check_ranges(self)
         check_candidates(self.candidates or ())
+        check_hardware(self.has, self.has_not)
 
 
 def check_candidates(names: Sequence[str]) -> None:

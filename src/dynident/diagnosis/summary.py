@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from dynident.diagnosis.result import Adequacy, Conclusion, RankedEffect, Unknow
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, get_effect
 from dynident.regressors.model import Model
+from dynident.robot.settings import HARDWARE
 
 ABOVE_NOISE = 4.0
 """Times the sensor's noise from which on what is left where a joint moves is no adequate model, whatever it depends on.
@@ -34,13 +35,36 @@ UNDETERMINED = (
 """What is said where a finding was given up for that."""
 
 
-def rank_findings(picks: Sequence[Finding], recommended: Sequence[EffectChoice]) -> tuple[RankedEffect, ...]:
+def word_question(effect: str, has: Collection[str]) -> str:
+    """Word the question whether the robot has the part that an effect is of; empty where there is nothing to ask.
+
+    Parameters
+    ----------
+    effect : str
+        Id of the effect.
+    has : collection of str
+        Parts that the robot is known to have.
+    """
+    part = get_effect(effect).hardware
+    if part in ("", *has):
+        return ""
+    return (
+        f"Does the robot have {HARDWARE[part]}? The residual looks like that of one. Answer once, with the robot: has "
+        f"or has_not {part}."
+    )
+
+
+def rank_findings(
+    picks: Sequence[Finding], recommended: Sequence[EffectChoice], has: Collection[str] = ()
+) -> tuple[RankedEffect, ...]:
     """Rank the findings in the order of picking.
 
     Parameters
     ----------
     picks, recommended : sequences of equal length
         The findings, and how they are recommended.
+    has : collection of str
+        Parts that the robot is known to have.
 
     Returns
     -------
@@ -61,7 +85,14 @@ def rank_findings(picks: Sequence[Finding], recommended: Sequence[EffectChoice])
         rank = len(ranked) + 1
         ranked.append(
             _build_ranked_effect(
-                rank, scored, choice, finding.p, why, equivalent=twins, reason=Reason.build("accepted", rank)
+                rank,
+                scored,
+                choice,
+                finding.p,
+                why,
+                equivalent=twins,
+                reason=Reason.build("accepted", rank),
+                question=word_question(choice.effect, has),
             )
         )
     return tuple(ranked)
@@ -146,13 +177,14 @@ def _build_ranked_effect(
     *,
     equivalent: tuple[str, ...] | None,
     reason: Reason,
+    question: str = "",
 ) -> RankedEffect:
     """Return one row of the ranking; `equivalent` is None for what is no finding."""
     joints = scored.reported_joints
     measured = np.maximum(scored.measured[joints].sum(), 1e-300)
     before = float(np.sqrt(scored.before[:, joints].sum() / measured))
     after = float(np.sqrt(scored.after[:, joints].sum() / measured))
-    return RankedEffect(
+    ranked = RankedEffect(
         rank=rank,
         choice=choice,
         error_before=before,
@@ -161,20 +193,21 @@ def _build_ranked_effect(
         t_value=scored.t,
         p_value=p,
         significant=equivalent is not None,
-        evidence=_word_evidence(scored, before, after, why),
+        evidence="",
         equivalent=equivalent or (),
         separability=scored.separability,
         reason=reason,
+        question=question,
     )
+    return replace(ranked, evidence=_word_evidence(ranked.title, scored, before, after, f"{why} {question}".rstrip()))
 
 
-def _word_evidence(scored: ScoredCandidate, before: float, after: float, why: str) -> str:
-    effect = get_effect(scored.candidate.effect)
+def _word_evidence(title: str, scored: ScoredCandidate, before: float, after: float, why: str) -> str:
     place = ", ".join(scored.candidate.joints) or "the whole robot"
     if after >= before:
-        return f"{effect.title} on {place} does not improve the prediction of blocks left out of the fit. {why}"
+        return f"{title} on {place} does not improve the prediction of blocks left out of the fit. {why}"
     return (
-        f"{effect.title} on {place} lowers the error on blocks left out of the fit from {before:.2%} to {after:.2%} "
+        f"{title} on {place} lowers the error on blocks left out of the fit from {before:.2%} to {after:.2%} "
         f"(t = {scored.t:.1f} over {len(scored.gains)} blocks, {scored.share_improved:.0%} of them better). {why}"
     )
 
@@ -255,10 +288,11 @@ def word_summary(
     significant = [ranked_effect for ranked_effect in ranked if ranked_effect.significant]
     if verdict == "missing_effect":
         names = "; ".join(
-            f"{get_effect(ranked_effect.effect).title} on {', '.join(ranked_effect.joints) or 'the whole robot'}"
+            f"{ranked_effect.title} on {', '.join(ranked_effect.joints) or 'the whole robot'}"
             for ranked_effect in significant
         )
-        text = f"The model lacks: {names}."
+        questions = dict.fromkeys(ranked_effect.question for ranked_effect in significant if ranked_effect.question)
+        text = " ".join((f"The model lacks: {names}.", *questions))
     elif verdict == "unexplained":
         text = "No effect of the catalogue explains the remaining residual."
         if not unknown:

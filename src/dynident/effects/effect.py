@@ -306,6 +306,9 @@ class Effect(ABC):
     experiment, place_experiment, told_from
         Experiment that shows the effect; one that shows where it is; and by experiment, the effects that it then can be
         distinguished from (each pair is listed with one of the two).
+    hardware, appearance
+        Part that only some robots have and that the effect is of, of `dynident.robot.settings.HARDWARE`; and what the
+        data show of it, whatever its cause.
     often_missed
         Rank among the effects that most arms have and models lack, 1 first.
     """
@@ -341,7 +344,20 @@ class Effect(ABC):
     experiment: ClassVar[ExperimentKind] = "whole_range"
     place_experiment: ClassVar[ExperimentKind] = "whole_range"
     told_from: ClassVar[Mapping[ExperimentKind, tuple[str, ...]]] = MappingProxyType({})
+    hardware: ClassVar[str] = ""
+    appearance: ClassVar[str] = ""
     often_missed: ClassVar[int | None] = None
+
+    def get_cautious_title(self, known: Collection[str]) -> str:
+        """Return the title, or what the data show where nobody has said that the robot has such a part.
+
+        Parameters
+        ----------
+        known : collection of str
+            Parts that the robot is known to have.
+        """
+        # Data never show a part of the robot: only a torque that such a part would give.
+        return self.title if self.hardware in ("", *known) else f"{self.appearance} ({self.title.lower()}?)"
 
     @property
     def proposal(self) -> Proposal:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -66,6 +66,22 @@ def compute_currents(robot: Robot, tau: FloatArray) -> FloatArray:
     return np.asarray(motors / gains)
 
 
+def merge_hardware(robot: Robot, has: Sequence[str], has_not: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the parts that a robot has and those that it has not; what is stated now replaces what the robot states.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot with what was stated with it.
+    has, has_not : sequence of str
+        What is stated now, of `dynident.robot.settings.HARDWARE`.
+    """
+    return (
+        tuple(dict.fromkeys((*has, *(part for part in robot.has if part not in has_not)))),
+        tuple(dict.fromkeys((*has_not, *(part for part in robot.has_not if part not in has)))),
+    )
+
+
 INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """The inertial parameters of a link in the order of [12.1], about the origin of the joint's own frame."""
 
@@ -115,6 +131,9 @@ class Robot:
     joints_without_torque : tuple of str
         Joints whose torque is in none of the data for identification; what only their equations would show is not
         identifiable.
+    has, has_not : tuple of str
+        Parts that the owner knows the robot to have or not to have, of `dynident.robot.settings.HARDWARE`; diagnoses
+        ask about the others.
     """
 
     name: str
@@ -126,6 +145,8 @@ class Robot:
     locked_joints: Mapping[str, float] = field(default_factory=dict)
     linkage: Linkage | None = None
     joints_without_torque: tuple[str, ...] = ()
+    has: tuple[str, ...] = ()
+    has_not: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", escape_surrogates(self.name))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
@@ -132,7 +132,11 @@ def list_outcomes(
 
 
 def list_untried(
-    tried: Sequence[CandidateOutcome], effects: Sequence[str] | None, model: Model, leads: ShapeProposals
+    tried: Sequence[CandidateOutcome],
+    effects: Sequence[str] | None,
+    model: Model,
+    leads: ShapeProposals,
+    absent: Collection[str] = (),
 ) -> tuple[CandidateOutcome, ...]:
     """List the effects and joints for which there was no candidate, with the reason.
 
@@ -146,6 +150,8 @@ def list_untried(
         The model in which something may be missing.
     leads : ShapeProposals
         What recordings and residual suggest.
+    absent : collection of str
+        Parts that the robot does not have.
     """
     known = {(outcome.choice.effect, name) for outcome in tried for name in outcome.choice.joints or ("",)}
     untried = []
@@ -156,6 +162,8 @@ def list_untried(
                 continue
             is_left_out = effects is not None and effect.id not in effects
             why = "the request does not list it" if is_left_out else explain_absence(effect, joint, model, leads)
+            if effects is None and effect.hardware in absent:
+                why = f"the robot has no such part (has_not {effect.hardware})"
             choice = EffectChoice(effect.id, (joint,) if joint else ())
             untried.append(CandidateOutcome(choice, 0.0, Reason.build("not_tried", why=why)))
     return tuple(untried)

@@ -161,7 +161,7 @@ def build_diagnosis_section(
         FRICTION_COLUMNS,
         tuple(format_friction_difference(difference) for difference in diagnosis.friction),
         draw_friction_differences(diagnosis.friction),
-        tuple(_build_choice_text(choice, robot) for choice in diagnosis.recommended),
+        tuple(_build_choice_text(choice, diagnosis, robot) for choice in diagnosis.recommended),
         is_recommendation_added(identification, diagnosis),
         tuple((pattern, format_percent(pattern.share, 2)) for pattern in diagnosis.unknown),
         tuple(_build_invisible_rows(diagnosis, robot)),
@@ -212,7 +212,7 @@ def _draw_evidence(
 def _build_candidate_row(item: RankedEffect, robot: Robot) -> CandidateRow:
     return CandidateRow(
         item,
-        get_effect(item.effect).title,
+        item.title,
         format_joints(item.joints, robot.joint_names),
         format_percent(item.error_before),
         format_percent(item.error_after),
@@ -232,10 +232,12 @@ def _build_change_rows(changes: Sequence[Change], robot: Robot) -> Iterator[Chan
             yield ChangeRow(change, cells, equivalent, place == 0)
 
 
-def _build_choice_text(choice: EffectChoice, robot: Robot) -> ChoiceText:
-    effect = get_effect(choice.effect)
+def _build_choice_text(choice: EffectChoice, diagnosis: Diagnosis, robot: Robot) -> ChoiceText:
     return ChoiceText(
-        effect.title, effect.id, format_joints(choice.joints, robot.joint_names), format_shape_constants(choice)
+        diagnosis.get_title(choice),
+        choice.effect,
+        format_joints(choice.joints, robot.joint_names),
+        format_shape_constants(choice),
     )
 
 
