@@ -32,8 +32,7 @@ from dynident.excitation.criteria.design_criterion import build_design_criterion
 from dynident.excitation.design_model import DesignModel, build_design_model
 from dynident.excitation.optimising import augmented_lagrangian
 from dynident.excitation.optimising.augmented_lagrangian import search_stepwise
-from dynident.excitation.optimising.design_problem import Budget, DesignProblem
-from dynident.excitation.optimising.random_trajectories import CandidateEvaluator, draw_candidates
+from dynident.excitation.optimising.design_problem import Budget, CandidateEvaluator, DesignProblem, draw_candidates
 from dynident.motion.joint_trajectories import Family, FourierFamily
 from dynident.motion.limits.bounds import Bounds, build_bounds
 from dynident.motion.limits.margins import AmplitudeScaler

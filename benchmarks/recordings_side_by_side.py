@@ -24,10 +24,10 @@ import pyarrow.parquet as pq
 from common import show
 from engine.robots import arm_by_name
 
+from dynident import parallel
 from dynident.effects import DEFAULT_EFFECTS
 from dynident.estimation import Reduction
 from dynident.identification.robot_recordings import import_for_robot
-from dynident.parallel import thread_map
 from dynident.recordings import Preprocessing, Recording, RecordingMetadata
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model import build_model
@@ -51,12 +51,12 @@ def main() -> None:
         runs = [recorded(robot, folder, asked.samples, seed) for seed in range(asked.recordings)]
 
         def reduced(at_once: int) -> tuple[float, Reduction]:
-            thread_map.count_processors = lambda: at_once
+            parallel.count_processors = lambda: at_once
             began = time.monotonic()
             found = reduce_recordings(model.observation, runs, Preprocessing(10.0, 10.0, 10), reference)
             return time.monotonic() - began, found
 
-        several = thread_map.count_processors()
+        several = parallel.count_processors()
         (_, _), (alone, one), (together, other) = reduced(1), reduced(1), reduced(several)
     same = all(np.array_equal(a.factors, b.factors) for a, b in zip(one.equations, other.equations, strict=True))
     rows = [

@@ -18,8 +18,8 @@ from dynident.excitation import design_experiment
 from dynident.identification import Identification
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
-from dynident.reports.figures.candidates import draw_candidates, draw_evidence
 from dynident.reports.figures.design import draw_design
+from dynident.reports.figures.diagnosis import draw_candidates, draw_evidence
 from dynident.reports.figures.ladder import draw_models
 from dynident.reports.figures.residuals import draw_residuals
 from dynident.reports.figures.signals import draw_torque

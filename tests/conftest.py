@@ -11,7 +11,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import pytest  # noqa: E402
 
-from dynident.parallel.thread_map import count_processors  # noqa: E402
+from dynident.parallel import count_processors  # noqa: E402
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

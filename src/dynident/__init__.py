@@ -29,13 +29,13 @@ from dynident.version import __version__
 if TYPE_CHECKING:
     from dynident.api.comparison import ComparedRecording, Comparisons, compare
     from dynident.api.data_frames import Table
+    from dynident.api.effect_arguments import register
     from dynident.api.figure import Figure
     from dynident.api.model import Ladder, Model
     from dynident.api.model_diagnosis import DiagnosedModel, diagnose
     from dynident.api.model_identification import identify, load_model
     from dynident.api.model_validation import Validation, Validations, validate
     from dynident.api.motion_design import DesignedMotion, design
-    from dynident.api.own_effects import register
     from dynident.api.parameter_tables import ErrorTable, JointError, Parameters
     from dynident.api.recording_files import InspectedFile, inspect, read_recordings, revise
     from dynident.api.recordings import CheckedRecording, Recordings

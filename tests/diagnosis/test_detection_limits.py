@@ -12,9 +12,9 @@ from dynident.diagnosis import Diagnosis, diagnose
 from dynident.diagnosis.conclusion import conclude
 from dynident.diagnosis.result import DetectionLimit, UnknownPattern
 from dynident.effects import get_effect
-from dynident.reports.figures.detection_limits import draw_detection_limits
+from dynident.reports.figures.diagnosis import draw_detection_limits
 from dynident.reports.result_rows import format_limits, format_share
-from dynident.robot.joint_names import join_joint_names
+from dynident.robot.joint import join_joint_names
 
 HIDDEN = ("joint_spring", "viscous_asymmetric")
 

@@ -7,11 +7,11 @@ import threading
 import numpy as np
 import pytest
 
+from dynident import parallel
 from dynident.errors import Cancelled
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.optimising import augmented_lagrangian
 from dynident.excitation.optimising.design_problem import DesignProblem, Evaluation, Multipliers
-from dynident.parallel import thread_map
 from dynident.robot import Robot, robot_from_library
 
 REQUEST = DesignRequest(
@@ -27,7 +27,7 @@ def robot() -> Robot:
 
 
 def at_a_time(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
-    for module in (thread_map, augmented_lagrangian):
+    for module in (parallel, augmented_lagrangian):
         monkeypatch.setattr(module, "count_processors", lambda: count)
 
 

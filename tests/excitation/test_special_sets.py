@@ -20,8 +20,8 @@ from dynident.excitation import (
     design_table,
     write_design,
 )
-from dynident.excitation.sets.named_sets import BetweenTwoPoints, plan_runs
-from dynident.excitation.sets.run_search import factor_information
+from dynident.excitation.experiments.named_sets import BetweenTwoPoints, plan_runs
+from dynident.excitation.experiments.run_search import factor_information
 from dynident.motion.collision.obstacles import Surroundings
 from dynident.robot import Robot, to_pinocchio
 

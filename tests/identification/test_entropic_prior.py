@@ -15,8 +15,12 @@ from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import build_weighted_factor, weighted
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.description_prior import build_normal_prior, build_prior
-from dynident.identification.entropic_prior import EntropicPrior, build_entropic_prior
+from dynident.identification.description_prior import (
+    EntropicPrior,
+    build_entropic_prior,
+    build_normal_prior,
+    build_prior,
+)
 from dynident.identification.equations.reduce_data import reduce_to_rows
 from dynident.identification.estimators.feasible import minimise_entropic_cost
 from dynident.identification.estimators.feasible_problem import build_problem, build_standard_prior

@@ -13,8 +13,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, build_weighted_factor, solve
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.description_prior import build_normal_prior, build_prior
-from dynident.identification.entropic_prior import NormalPrior, split_prior
+from dynident.identification.description_prior import NormalPrior, build_normal_prior, build_prior, split_prior
 from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model

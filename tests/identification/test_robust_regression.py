@@ -15,7 +15,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation.least_squares import floor_noise
-from dynident.estimation.robust_weights import BISQUARE, HUBER, estimate_robust_scale
+from dynident.estimation.row_weights import BISQUARE, HUBER, estimate_robust_scale
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
 from dynident.regressors import row_cache as rows_module

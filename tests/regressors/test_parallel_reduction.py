@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
+from dynident import parallel as threads
 from dynident.array_types import FloatArray
 from dynident.effects import DEFAULT_EFFECTS
 from dynident.errors import Cancelled
 from dynident.estimation import Reduction
-from dynident.parallel import thread_map as threads
-from dynident.parallel.thread_map import map_in_threads, prefetch
+from dynident.parallel import map_in_threads, prefetch
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.regressors.filtered_rows import SampleFunction, reduce_recordings

@@ -13,11 +13,11 @@ from scipy import signal
 from support.oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
 
 import dynident.regressors.filtered_rows as stream
+from dynident import parallel
 from dynident.effects import STOP, EffectChoice, ReferenceParameters
 from dynident.effects.hysteresis_states import step_state
 from dynident.effects.signals import MemorySignal
 from dynident.estimation import compute_errors, ordinary, weighted
-from dynident.parallel import thread_map
 from dynident.recordings import (
     Preprocessing,
     Recording,
@@ -278,7 +278,7 @@ class Endless:
 @pytest.mark.slow
 def test_ten_times_the_data_takes_no_more_memory(monkeypatch: pytest.MonkeyPatch):
     # How many of the few blocks that another thread makes ahead are there at a time is chance.
-    monkeypatch.setattr(thread_map, "count_processors", lambda: 1)
+    monkeypatch.setattr(parallel, "count_processors", lambda: 1)
     peaks = []
     for length in (60_000, 600_000):
         run = Recording("long", ROBOT.joint_names, RATE, (Segment(0, length, 0.0),), Endless())

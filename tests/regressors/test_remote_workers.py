@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
+from dynident import parallel as threads
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import Cancelled
-from dynident.parallel import thread_map as threads
-from dynident.parallel.remote_workers import RemoteWorkersBusy, RemoteWorkFailed, share_work_with
-from dynident.parallel.thread_map import map_in_threads
+from dynident.parallel import RemoteWorkersBusy, RemoteWorkFailed, map_in_threads, share_work_with
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors import row_cache

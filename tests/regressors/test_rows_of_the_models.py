@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy import integrate, signal
 from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_states
 
+from dynident import parallel
 from dynident.effects import (
     CATALOGUE,
     EffectChoice,
@@ -21,7 +22,6 @@ from dynident.effects import (
     count_reference_parameters,
 )
 from dynident.estimation import Reduction, ordinary
-from dynident.parallel import thread_map
 from dynident.recordings import Preprocessing, Recording, Segment, filtered_blocks, low_pass, recording_from_arrays
 from dynident.recordings.recording import StoredRows
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
@@ -245,7 +245,7 @@ class Endless:
 @pytest.mark.slow
 def test_ten_times_the_data_takes_no_more_memory_in_any_model(monkeypatch: pytest.MonkeyPatch):
     # How many of the few blocks that another thread makes ahead are there at a time is chance.
-    monkeypatch.setattr(thread_map, "count_processors", lambda: 1)
+    monkeypatch.setattr(parallel, "count_processors", lambda: 1)
     source = Endless()
     robot = source.robot
     model = build_model(robot, EFFECTS)

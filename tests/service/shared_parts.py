@@ -7,8 +7,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from dynident import parallel
 from dynident.estimation import Reduction
-from dynident.parallel import thread_map
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.regressors import row_cache
@@ -34,8 +34,8 @@ class Note:
 
 def share_what_is_small() -> None:
     """Let this process and its children share whatever the size."""
-    thread_map.MIN_PARALLEL_SIZE, distributed_map.WORTH, row_cache.MOST_VALUES = 1_000, 1_000, 0
-    thread_map.count_processors = lambda: 1
+    parallel.MIN_PARALLEL_SIZE, distributed_map.WORTH, row_cache.MOST_VALUES = 1_000, 1_000, 0
+    parallel.count_processors = lambda: 1
     fold, worker, folder = EquationAccumulator.__call__, os.environ[WORKER], Path(os.environ[NOTES])
 
     def noted(self: EquationAccumulator, recording: Recording, told: Progress) -> Reduction:

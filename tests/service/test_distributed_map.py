@@ -17,8 +17,7 @@ from dynident.robot import robot_from_modified_dh
 from dynident_service.jobs import distributed_map
 from dynident_service.jobs.distributed_map import OtherWorkers
 from dynident_service.jobs.pool import ChildPool
-from dynident_service.jobs.remote_parts import pack_value, unpack_value
-from dynident_service.jobs.task import ClusterAddresses, JobEnvironment
+from dynident_service.jobs.task import ClusterAddresses, JobEnvironment, pack_value, unpack_value
 from dynident_service.problems import ProblemError
 from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.objects import ObjectStore

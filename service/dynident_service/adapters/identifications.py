@@ -1,8 +1,9 @@
-"""Identifications: choices from request bodies; views and tables of models and of their ladders."""
+"""Identifications: choices from request bodies; views and tables of models, of their ladders and verdicts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import zip_longest
 from typing import TypeVar
 
@@ -15,11 +16,15 @@ from dynident.identification.shape_search import check_choices
 from dynident.identification.study.correlated_and_essential_parameters import EssentialPath, parameter_dependence
 from dynident.identification.study.held_out_gain import find_best_of_errors, list_confirming_rows
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
+from dynident.recordings.revisions import adapt_revision
 from dynident.reports.report_tables import ReportedTable
 from dynident.reports.result_rows import build_essential_tables, build_parameter_table, build_shape_table
 from dynident.robot import Robot
+from dynident.verdict import ModelVerdict, Stop
 from dynident_service.adapters.conversion import from_view, show_errors, show_tables, to_request, to_view
+from dynident_service.adapters.measurements import show_revision, to_recording_metadata
 from dynident_service.wire_types import identifications as wire
+from dynident_service.wire_types import verdicts as verdict_wire
 from dynident_service.wire_types.common import EffectChoice
 from dynident_service.wire_types.identifications import (
     ErrorFigures,
@@ -29,6 +34,7 @@ from dynident_service.wire_types.identifications import (
     Rung,
     RungDifference,
 )
+from dynident_service.wire_types.measurements import MeasurementMetadata
 
 T = TypeVar("T", int, float)
 
@@ -345,3 +351,58 @@ def _choose_preprocessing(request: wire.IdentificationRequest, recordings: Seque
     # Tests of friction at constant velocity say nothing about the bandwidth of the motion.
     motions, _ = split_friction_tests(recordings)
     return preprocessing_from_request(filter_values, motions)
+
+
+@dataclass(frozen=True, eq=False)
+class SeenMeasurement:
+    """A stored recording that a model was identified from or held against."""
+
+    id: str
+    recording: Recording
+    metadata: MeasurementMetadata
+
+
+def show_verdict(verdict: ModelVerdict, measurements: Sequence[SeenMeasurement] = ()) -> verdict_wire.VerdictView:
+    """Build the view of a verdict.
+
+    Parameters
+    ----------
+    verdict : ModelVerdict
+        The verdict, which names recordings by name.
+    measurements : sequence of SeenMeasurement
+        Stored recordings; those among them are named by id in the view.
+
+    Returns
+    -------
+    VerdictView
+        The view.
+    """
+    by_name = {measurement.recording.name: measurement for measurement in measurements}
+    stop = None if verdict.stop is None else _show_stop(verdict.stop, by_name.get(verdict.stop.recording or ""))
+    common = [
+        to_view(
+            verdict_wire.CommonView,
+            overlap,
+            held_out_id=_measurement_id(by_name, overlap.held_out),
+            fitted_id=_measurement_id(by_name, overlap.fitted),
+            detail=str(overlap),
+        )
+        for overlap in verdict.common
+    ]
+    return to_view(verdict_wire.VerdictView, verdict, stop=stop, common=common)
+
+
+def _measurement_id(measurements: Mapping[str, SeenMeasurement], name: str) -> str:
+    return measurements[name].id if name in measurements else name
+
+
+def _show_stop(stop: Stop, measurement: SeenMeasurement | None) -> verdict_wire.StopView:
+    cure = stop.apply
+    if cure is not None and measurement is not None:
+        # The cure refers to the recording as it was read. The revision has to change what was stated about the file.
+        cure = adapt_revision(cure, to_recording_metadata(measurement.metadata), measurement.recording.joint_names)
+    return verdict_wire.StopView(
+        cause=stop.cause,
+        measurement_id=stop.recording if measurement is None else measurement.id,
+        apply=None if cure is None else show_revision(cure),
+    )

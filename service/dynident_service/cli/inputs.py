@@ -1,4 +1,4 @@
-"""Robots, recordings, effects, models and diagnoses from what a user types."""
+"""Robots, recordings, days of a series, effects, models and diagnoses from what a user types."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, cast
 
 from dynident.api.robot_files import load_robot
 from dynident.api.robot_files import set_drive_gains as set_gains
+from dynident.diagnosis.monitoring import Day, Measure, build_measure, find_free_name, load_days, reduce_day
 from dynident.effects import EffectChoice
 from dynident.effects.text_format import parse_effects
 from dynident.errors import DynidentError
@@ -20,18 +21,19 @@ from dynident.identification.robot_recordings import MOST_CURES, import_cured
 from dynident.identification.shape_search import check_choices
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
-from dynident.recordings.recording_files import make_unique_names
+from dynident.recordings.recording_files import compute_digest, make_unique_names
 from dynident.robot import Robot
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, read_json_object
 from dynident_service.cli.metadata import StatedAnswers, accept_proposal, read_metadata
-from dynident_service.cli.options import RobotAdditions, TimedReading
+from dynident_service.cli.options import Reading, RobotAdditions, TimedReading
 from dynident_service.cli.terminal import show_progress_bar
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
     from dynident.advice import AdvisedDiagnosis
     from dynident.recordings.metadata import ConditioningStep
+
 
 # The library words remedies by the fields of the HTTP contract. The command line has options instead, so these patterns
 # rewrite the sentences. A remedy that is not in this list is printed as the contract words it.
@@ -330,3 +332,59 @@ def load_diagnosis(path: Path) -> AdvisedDiagnosis:
         raise DynidentError(
             f"{path.name} is not a diagnosis: {first['msg']} at {'/'.join(map(str, first['loc']))}", pointer=str(path)
         ) from error
+
+
+def load_continued_days(
+    identification: Identification,
+    paths: Sequence[Path],
+    reading: Reading,
+    keep: Path | None,
+    progress: Progress,
+) -> tuple[Measure, tuple[Day, ...]]:
+    """Estimate the parameters of each day.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model whose parameters are followed.
+    paths : sequence of Path
+        One file a day, in their order.
+    reading : Reading
+        How the files are read.
+    keep : Path, optional
+        The file that stores earlier days.
+    progress : callable
+        Reports progress.
+
+    Returns
+    -------
+    measure : Measure
+        Which parameters may differ from day to day.
+    days : tuple of Day
+        The stored days in their order, then the new ones.
+    """
+    robot = identification.model.robot
+    days: tuple[Day, ...] = ()
+    content = keep.read_bytes() if keep is not None and keep.exists() else None
+    with load_recordings(paths, robot, reading, scale_progress(progress, 0.0, 0.6)) as (measurements, _):
+        recordings = [item.recording for item in measurements]
+        if content is None:
+            # The first files decide whether temperature is a regressor: all later days have to be comparable.
+            warm = all(recording.has_temperature for recording in recordings)
+            measure = build_measure(identification, with_temperature=warm)
+        else:
+            measure, days = load_days(identification, content)
+        all_days = list(days)
+        # A digest of its file is what a day is known by.
+        sources = [compute_digest(path) for path in paths]
+        for number, (recording, source) in enumerate(zip(recordings, sources, strict=True)):
+            # A file that is stored already is known by its hash, whatever it is called now.
+            if any(day.source == source for day in all_days):
+                continue
+            day_progress = scale_progress(
+                progress, 0.6 + 0.4 * number / len(paths), 0.6 + 0.4 * (number + 1) / len(paths)
+            )
+            all_days.append(
+                reduce_day(measure, find_free_name(recording.name, all_days), [recording], day_progress, source)
+            )
+    return measure, tuple(all_days)

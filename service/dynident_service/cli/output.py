@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-
-from dynident_service.cli import terminal
-from dynident_service.cli.files import write_atomically
-from dynident_service.cli.options import OutputOptions
-
-if TYPE_CHECKING:
-    from pydantic import BaseModel
-
-    from dynident.identification import Identification
-    from dynident.verdict import ModelVerdict
-from collections.abc import Sequence
 
 from dynident.diagnosis import compare
 from dynident.identification import Identification
 from dynident.progress import Progress, scale_progress
 from dynident.recordings.recording_files import compute_digest
 from dynident.reports import ReportedRecording
+from dynident_service.cli import terminal
+from dynident_service.cli.files import write_atomically
 from dynident_service.cli.inputs import LoadedRecording
+from dynident_service.cli.options import OutputOptions
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from dynident.verdict import ModelVerdict
 
 
 def build_reported_runs(
@@ -97,11 +94,11 @@ def write_extended_model(
 
     def describe_model() -> Document:
         from dynident_service.adapters.identifications import describe_identification
-        from dynident_service.adapters.verdicts import show_verdict as shown_verdict
+        from dynident_service.adapters.identifications import show_verdict as view_verdict
         from dynident_service.wire_types.common import to_plain_json
 
         document = to_plain_json(describe_identification(identification, parent_id, parent))
-        return document if verdict is None else {**document, "verdict": to_plain_json(shown_verdict(verdict))}
+        return document if verdict is None else {**document, "verdict": to_plain_json(view_verdict(verdict))}
 
     def show_model(console: Console) -> None:
         show_ladder(console, identification)

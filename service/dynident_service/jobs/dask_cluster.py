@@ -19,9 +19,8 @@ from dynident_service.jobs.confinement import Confinement
 from dynident_service.jobs.fork_server import ForkServer
 from dynident_service.jobs.messages import Answer, Call
 from dynident_service.jobs.pool import ChildPool
-from dynident_service.jobs.remote_parts import JobPart, PartFailed
 from dynident_service.jobs.supervisor import PATIENCE, supervise_job
-from dynident_service.jobs.task import ClusterAddresses, JobEnvironment
+from dynident_service.jobs.task import ClusterAddresses, JobEnvironment, JobPart, PartFailed
 from dynident_service.logs import set_log_context
 from dynident_service.storage.database import Database
 from dynident_service.storage.job_queue import JobQueue
@@ -82,7 +81,7 @@ def _make_call(part: JobPart) -> Call:
         "item": part.item,
     }
     return Call(
-        "dynident_service.jobs.remote_parts:compute_part",
+        "dynident_service.jobs.task:compute_part",
         arguments,
         part.claim.request_id,
         part.claim.trace,

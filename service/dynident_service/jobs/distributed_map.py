@@ -17,11 +17,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from dynident.errors import Cancelled
-from dynident.parallel.remote_workers import RemoteWorkersBusy, RemoteWorkFailed, share_work_with
+from dynident.parallel import RemoteWorkersBusy, RemoteWorkFailed, share_work_with
 from dynident.progress import Progress
 from dynident.version import __version__
-from dynident_service.jobs.remote_parts import JobPart, PartFailed, pack_value
-from dynident_service.jobs.task import ClusterAddresses, JobEnvironment
+from dynident_service.jobs.task import ClusterAddresses, JobEnvironment, JobPart, PartFailed, pack_value
 from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.objects import ObjectStore
 
@@ -71,7 +70,7 @@ class OtherWorkers:
     def list_workers(
         self, work: Callable[[_Item, Progress], _Result], size: float
     ) -> Sequence[Callable[[_Item, Progress], _Result]]:
-        """Return a callable for each thread of each other worker; see `dynident.parallel.remote_workers.RemoteWorkers`.
+        """Return a callable for each thread of each other worker; see `dynident.parallel.RemoteWorkers`.
 
         Parameters
         ----------

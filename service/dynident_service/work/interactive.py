@@ -18,7 +18,7 @@ from dynident.verdict import Outcome, verdict
 from dynident_service.adapters.conversion import to_view
 from dynident_service.adapters.designs import compute_clearances
 from dynident_service.adapters.exports import export_file
-from dynident_service.adapters.identifications import describe_essential
+from dynident_service.adapters.identifications import SeenMeasurement, describe_essential, show_verdict
 from dynident_service.adapters.measurements import (
     describe_file_problem,
     describe_recording,
@@ -38,7 +38,6 @@ from dynident_service.adapters.robots import (
     place_mesh_files,
     restore_robot,
 )
-from dynident_service.adapters.verdicts import SeenMeasurement, show_verdict
 from dynident_service.problems import ProblemError
 from dynident_service.wire_types.common import to_plain_json
 from dynident_service.wire_types.designs import DesignRequest

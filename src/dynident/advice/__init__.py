@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
+    from dynident.advice.experiments import AdvisedDiagnosis, NextExperiment, Separation
     from dynident.advice.next_experiment import advise
-    from dynident.advice.result import AdvisedDiagnosis, NextExperiment, Separation
 
 __all__ = [
     "AdvisedDiagnosis",

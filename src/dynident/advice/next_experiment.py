@@ -7,8 +7,15 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from dynident.advice.experiments import EXPERIMENTS, Experiment, Question, choose_experiment
-from dynident.advice.result import AdvisedDiagnosis, NextExperiment, Separation
+from dynident.advice.experiments import (
+    EXPERIMENTS,
+    AdvisedDiagnosis,
+    Experiment,
+    NextExperiment,
+    Question,
+    Separation,
+    choose_experiment,
+)
 from dynident.advice.separation import (
     DataRows,
     NormalEquations,

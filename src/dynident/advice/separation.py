@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.advice.result import Separation
+from dynident.advice.experiments import Separation
 from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.estimation.least_squares import floor_noise

@@ -135,7 +135,7 @@ class DiagnosedModel(Framed):
         DynidentError
             Where the diagnosis has no limits.
         """
-        from dynident.reports.figures.detection_limits import draw_detection_limits
+        from dynident.reports.figures.diagnosis import draw_detection_limits
 
         if not self.detection_limits:
             raise DynidentError("nothing to draw: the diagnosis has no detection limits")
@@ -195,7 +195,7 @@ class DiagnosedModel(Framed):
         DynidentError
             Where no effect was ranked.
         """
-        from dynident.reports.figures.candidates import draw_candidates, draw_evidence
+        from dynident.reports.figures.diagnosis import draw_candidates, draw_evidence
 
         # More bars or panels than these are too small to read.
         parts = [draw_candidates(self.candidates[:_MOST_BARS])] if self.candidates else []

@@ -22,12 +22,13 @@ from dynident.estimation import Errors
 from dynident.export import ExportedFile, PredictingModel, TorquePredictor, export_model
 from dynident.export.request import ENDINGS
 from dynident.identification import Estimate, Identification
-from dynident.identification.study.prediction import PredictedTorque, predict
-from dynident.identification.study.rigid_body_terms import (
+from dynident.identification.study.prediction import (
+    PredictedTorque,
     compute_coriolis_matrix,
     compute_friction,
     compute_gravity,
     compute_mass_matrix,
+    predict,
 )
 from dynident.recordings import Preprocessing
 from dynident.robot import Robot

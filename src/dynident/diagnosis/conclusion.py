@@ -10,7 +10,7 @@ import numpy as np
 from dynident.diagnosis.result import Adequacy, Conclusion, DetectionLimit, UnknownPattern
 from dynident.effects import get_effect
 from dynident.identification import Identification
-from dynident.robot.joint_names import join_joint_names
+from dynident.robot.joint import join_joint_names
 
 FAR_ABOVE_FIT = 1.6
 """Error on held-out data over that of the fit from which on the motion of the fit does not determine the model.

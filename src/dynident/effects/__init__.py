@@ -21,9 +21,8 @@ if TYPE_CHECKING:
         ShapeSpec,
     )
     from dynident.effects.effect_columns import build_columns
-    from dynident.effects.hysteresis_operators import DAHL, STOP, TRAVEL, Operator
     from dynident.effects.prediction import DRIVE_PARAMETERS, ReferenceParameters, count_reference_parameters
-    from dynident.effects.signals import MemorySignal, RunSignal, Signals
+    from dynident.effects.signals import DAHL, STOP, TRAVEL, MemorySignal, Operator, RunSignal, Signals
     from dynident.effects.usual_sizes import UsualSize
 
 __all__ = [

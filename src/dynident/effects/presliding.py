@@ -8,8 +8,7 @@ from types import MappingProxyType
 import casadi as ca
 
 from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, build_geometric_grid
-from dynident.effects.hysteresis_operators import DAHL, STOP, TRAVEL
-from dynident.effects.signals import MemorySignal, Signals
+from dynident.effects.signals import DAHL, STOP, TRAVEL, MemorySignal, Signals
 from dynident.effects.usual_sizes import COULOMB_SHARE, UsualSize, get_largest_torque
 from dynident.robot.model import Robot
 

@@ -42,7 +42,7 @@ from dynident.estimation.rest_and_reversal_rows import (
     RowGroup,
     compute_band_distance,
 )
-from dynident.estimation.reversal_weights import estimate_reversal_weights
+from dynident.estimation.row_weights import estimate_reversal_weights
 from dynident.estimation.shape_constant_uncertainty import LinearisedSolution, linearise_constants
 from dynident.estimation.uncertainty import CovarianceName, Statistics, compute_row_freedom, statistics
 

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from dynident.excitation.criteria.criterion_choice import CRITERIA, CriterionChoice
     from dynident.excitation.criteria.criterion_values import Baseline, CriterionValues
     from dynident.excitation.criteria.parameter_variances import ExpectedParameter
-    from dynident.excitation.design import design_experiment
+    from dynident.excitation.design import Rehearsal, design_experiment, rehearse_motion, rehearse_quickly
     from dynident.excitation.design_files import (
         FORMATS,
         design_document,
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
         trajectory_document,
         write_design,
     )
-    from dynident.excitation.rehearsal import Rehearsal, rehearse_motion, rehearse_quickly
     from dynident.excitation.request import KINDS, DesignRequest, TrajectoryRequest
     from dynident.excitation.result import Design, Run
 

@@ -1,28 +1,36 @@
-"""Design of an experiment: from a checked request for a robot to a motion that keeps every limit."""
+"""Design of an experiment: from a checked request for a robot to a motion that keeps every limit.
+
+A rehearsal is the motion of a design without verification, which predicts what the design is worth.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_choice import check_criterion, check_criterion_targets
 from dynident.excitation.criteria.design_criterion import add_rivals, build_design_criterion
-from dynident.excitation.design_model import build_design_model, lock_model, note_locked_joints
+from dynident.excitation.design_model import DesignModel, build_design_model, lock_model, note_locked_joints
 from dynident.excitation.expected_torque import ExpectedTorque, IdentifiedModel
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, build_earlier_rows
-from dynident.excitation.experiments.periodic import design_periodic
+from dynident.excitation.experiments.named_sets import SETS
+from dynident.excitation.experiments.periodic import build_family, design_periodic, search_trajectory
 from dynident.excitation.experiments.point_to_point import design_point_to_point
-from dynident.excitation.experiments.single_joint import design_joint_by_joint
-from dynident.excitation.optimising.design_problem import Budget
+from dynident.excitation.experiments.sequential_design import design_sequential
+from dynident.excitation.experiments.single_joint import Stroke, design_joint_by_joint, plan_stroke_moves, plan_strokes
+from dynident.excitation.optimising.design_problem import Budget, count_period_samples
 from dynident.excitation.request import FAMILIES, JOINT_BY_JOINT, KINDS, DesignRequest, TrajectoryRequest
 from dynident.excitation.result import Design
 from dynident.excitation.row_models import ROW_MODELS
-from dynident.excitation.sets.named_sets import SETS
-from dynident.excitation.sets.sequential_design import design_sequential
 from dynident.motion.collision.obstacles import ASSUMED_HEIGHT, check_surroundings, note_reach
-from dynident.motion.joint_trajectories import MOST_SAMPLES, sample_pieces
-from dynident.motion.limits.bounds import build_bounds, lock_bounds, select_moving_joints
+from dynident.motion.joint_trajectories import MOST_SAMPLES, Motion, PeriodicMotion, concatenate_motions, sample_pieces
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, build_bounds, lock_bounds, select_moving_joints
+from dynident.motion.limits.postures import compute_static_torque
 from dynident.motion.move_paths import check_home, list_home_candidates
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, make_monotonic
 from dynident.recordings import Recording
@@ -238,3 +246,132 @@ def _design_joint_motion(task: DesignTask, budget: Budget) -> DesignedExperiment
     if task.request.trajectory.family == "point_to_point":
         return design_point_to_point(task, budget)
     return design_periodic(task, budget)
+
+
+# Random motions of a quick rehearsal, and postures of a joint's strokes whose static torque is checked.
+_CANDIDATES = 6
+_POSTURES = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Rehearsal:
+    """A motion that stands for an experiment.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion, sampled sparsely.
+    n_samples : float
+        Number of samples that the experiment would have.
+    """
+
+    motion: Motion
+    n_samples: float
+
+
+def rehearse_quickly(request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float) -> Rehearsal:
+    """Return a motion of the requested kind, fast enough to tell whether that kind is worth while.
+
+    Of a periodic trajectory it is one period of the best of a few random ones, at every pace: an optimised one is
+    better, or at least different. The moves from and to rest are not included.
+
+    Parameters
+    ----------
+    request : DesignRequest
+        The design request.
+    model : DesignModel
+        Model with the effects in question.
+    bounds : Bounds
+        Limits of the motion.
+    rate : float
+        Rate of the samples of strokes, Hz.
+
+    Returns
+    -------
+    Rehearsal
+        The motion, and the number of samples that it stands for.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        No such motion keeps the limits.
+    """
+    hasty = replace(request, kind="random", random_trajectories=_CANDIDATES)
+    return rehearse_motion(request if request.kind in JOINT_BY_JOINT else hasty, model, bounds, rate)
+
+
+def rehearse_motion(
+    request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float, earlier: FloatArray | None = None
+) -> Rehearsal:
+    """Return the motion that a design of this request will have, except for what its verification removes.
+
+    Parameters
+    ----------
+    request : DesignRequest
+        The design request.
+    model : DesignModel
+        Model with the effects in question.
+    bounds : Bounds
+        Limits of the motion.
+    rate : float
+        Rate of the samples of strokes, Hz: the design's own where the model has a memory, fewer otherwise.
+    earlier : (r, b), optional
+        Rows besides W / √N that stand for earlier runs, see `build_earlier_rows`.
+
+    Returns
+    -------
+    Rehearsal
+        The motion, and the number of samples that it stands for.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        No such motion keeps the limits.
+    """
+    if request.kind in JOINT_BY_JOINT:
+        home = list_home_candidates(request.home, bounds, model)[0]
+        strokes = plan_strokes(request, bounds, home)
+        _check_holding(strokes, home, bounds, model)
+        # One look at all strokes is enough here; every single move is checked when it is designed.
+        unloaded = replace(bounds, torque=np.full_like(bounds.torque, np.inf))
+        course = plan_stroke_moves(unloaded, model, home, strokes, repeats=request.trajectory.periods, rate=rate)
+        motion = sample_pieces(course.pieces, rate)
+        return Rehearsal(motion, float(len(motion.t)))
+    trajectory = request.trajectory
+    # The period need not be a whole number of samples: nothing is recorded.
+    family = build_family(trajectory, trajectory.duration)
+    design_criterion = build_design_criterion(model, request.criterion, request.noise, earlier=earlier)
+    budget = Budget(request.starts_or_default, request.time_budget)
+    # The same search with the same seed as the design makes, so that its result foretells the design's.
+    best = search_trajectory(request, family, model, bounds, design_criterion, budget).best
+    parts, elapsed = [], 0.0
+    for pace in trajectory.paces:
+        slow = family.with_period(trajectory.duration / pace)
+        # The same number of samples at every pace would count the slow ones too little.
+        t = np.arange(0.0, slow.period, trajectory.duration / count_period_samples(model, family))
+        part = PeriodicMotion(slow, best.x).evaluate(t)
+        parts.append(Motion(elapsed + part.t, part.q, part.dq, part.ddq, part.dddq))
+        # Paces are recorded one after the other.
+        elapsed += slow.period
+    return Rehearsal(concatenate_motions(parts), elapsed * trajectory.periods * rate)
+
+
+def _check_holding(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, model: DesignModel) -> None:
+    """Raise `ImpossibleLimitsError` where the arm cannot be held along the strokes."""
+    if not bounds.has_torque_limits:
+        return
+    postures = []
+    for joint in sorted({stroke.joint for stroke in strokes}):
+        own = [stroke for stroke in strokes if stroke.joint == joint]
+        along = np.tile(home, (_POSTURES, 1))
+        # Static torque depends on the position alone, and so on the range of a joint's strokes, not on their number.
+        along[:, joint] = np.linspace(
+            min(own_stroke.low for own_stroke in own), max(own_stroke.high for own_stroke in own), _POSTURES
+        )
+        postures.append(along)
+    if (np.abs(compute_static_torque(model, np.concatenate(postures))) > bounds.torque).any():
+        raise ImpossibleLimitsError(
+            "the torque limits do not allow the arm to be held everywhere along the strokes; choose another home "
+            "posture",
+            pointer="/home",
+        )

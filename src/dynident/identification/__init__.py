@@ -8,6 +8,7 @@ from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.identification.choices import IdentificationChoices
+    from dynident.identification.equations.reduce_data import ReducedData
     from dynident.identification.loads.current_units import CurrentModel, identify_currents
     from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, identify_gains, payload_mass
     from dynident.identification.loads.payload_weighing import PayloadVerdict, payload_from_pair
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from dynident.identification.study.extending import extend
     from dynident.identification.study.fit_model import identify_model
     from dynident.identification.study.identifying import check_same_recordings, identify
-    from dynident.identification.study.reduced_data import ReducedData
     from dynident.identification.study.result import Estimate, Identification, IdentifiedParameter, LadderStep
     from dynident.identification.study.solve_again import reidentify, remove
     from dynident.identification.study.storage import from_bytes, to_bytes

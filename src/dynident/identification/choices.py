@@ -96,7 +96,7 @@ class IdentificationChoices:
         payload.
     prior_error : float
         Share by which the description's inertias are usually off (`robot.pseudo_inertia`, and for the prior
-        description_entropic `identification.entropic_prior`).
+        description_entropic `identification.description_prior`).
     pole : float or None
         The a of [12.29] in rad/s, for the filtered model; None where the data decide.
     interval : float or None
@@ -108,7 +108,7 @@ class IdentificationChoices:
     covariance : str
         Which residuals are taken to be correlated (`estimation.statistics`).
     weigh_turns : bool
-        Whether rows at reversals count by a noise of their own (`estimation.reversal_weights`).
+        Whether rows at reversals count by a noise of their own (`estimation.row_weights`).
 
     Raises
     ------

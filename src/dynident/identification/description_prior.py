@@ -1,23 +1,243 @@
-"""The prior on a model's parameters: the inertias of the robot's description."""
+"""Prior on a model's parameters: the inertias of the robot's description, as a normal prior or an entropic one.
+
+From the normal prior on standard parameters follows one on base parameters.
+
+The entropic distance of a body with the pseudo-inertia J from the description's with J₀ is the divergence
+
+    d(J ‖ J₀) = tr(J₀⁻¹ J) - log det(J₀⁻¹ J) - 4
+
+(Wensing, Kim and Slotine 2018; Lee, Wensing and Park 2019). It is twice the Kullback-Leibler divergence between normal
+distributions with these second moments. It is convex, the same in every frame and every unit, and grows without bound
+where a body stops being possible. Near J₀ it is ½ tr((J₀⁻¹ dJ)²). Added to the squares of the weighted residuals with
+the factor 2 / p², it assigns the mass, and the second moment of the mass about any plane, a relative standard deviation
+of p.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.effects import Column, get_role
 from dynident.errors import DynidentError
 from dynident.estimation import PriorInformation
-from dynident.estimation.uncertainty import find_prior_dominated
-from dynident.identification.entropic_prior import NormalPrior, build_entropic_prior, split_prior
-from dynident.identification.equations.reduce_data import Data
-from dynident.identification.fit import Fit
+from dynident.estimation.uncertainty import compute_null_space
 from dynident.identification.problem_options import DescriptionTrust
+from dynident.identification.standard_parameters import find_bodies
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES, Robot
-from dynident.robot.pseudo_inertia import estimate_inertia_errors, estimate_rotor_inertias, smallest_pseudo_inertia
+from dynident.robot.pseudo_inertia import (
+    estimate_inertia_errors,
+    estimate_rotor_inertias,
+    inertial_parameters,
+    pseudo_inertia,
+    smallest_pseudo_inertia,
+)
+
+# Share of the largest singular value below which a combination has no error of its own but rounding.
+_NULL = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class NormalPrior:
+    """A normal prior on standard parameters.
+
+    Parameters
+    ----------
+    mean : (c,)
+        Mean of each parameter.
+    size : (c,)
+        Standard deviation of each parameter.
+    stated : (c,)
+        Where it is false nothing is known: mean and size are then only the order of magnitude.
+    spread : (c, c) or None
+        Where given, errors of the stated parameters are its product with independent ones of size one, and `size` is
+        only an order of magnitude there, too.
+    """
+
+    mean: FloatArray
+    size: FloatArray
+    stated: BoolArray
+    spread: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SplitPrior:
+    """A prior in two independent parts: what it says of base parameters, and the rest.
+
+    Parameters
+    ----------
+    base : PriorInformation
+        Rows for the base parameters (b,).
+    rest : (k, c)
+        Rows for the standard parameters, counted from their mean and in units of their size, that say what the base
+        parameters do not.
+    """
+
+    base: PriorInformation
+    rest: FloatArray
+
+
+def split_prior(model: Model, belief: NormalPrior) -> SplitPrior:
+    """Split a prior into rows for the base parameters, and rows for what the base parameters leave open.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    belief : NormalPrior
+        Mean and standard deviation of the standard parameters.
+
+    Returns
+    -------
+    SplitPrior
+        Rows for the base parameters, and the rest.
+    """
+    grouping, stated = model.base.grouping, belief.stated
+    # Scale the standard parameters by their standard deviations and every base parameter by its own size, so that kg
+    # and kg m² compare.
+    scaled = grouping * belief.size
+    errors = np.eye(int(stated.sum()))
+    if belief.spread is not None:
+        errors = belief.spread[np.ix_(stated, stated)] / belief.size[stated][:, None]
+    row_size = np.linalg.norm(np.where(model.base.written, scaled, 0.0), axis=1)
+    scaled = scaled / row_size[:, None]
+    unknown = np.where(model.base.written, scaled, 0.0)[:, ~stated]
+    # Only combinations of base parameters that hold no unknown standard parameter have a prior at all.
+    untouched = compute_null_space(unknown.T, size=1.0).T
+    mapped = untouched @ scaled[:, stated] @ errors
+    # The singular values are the standard deviations of independent combinations of base parameters.
+    left_vectors, singular, right_vectors = np.linalg.svd(mapped, full_matrices=False)
+    enough = singular > _NULL * max(float(singular.max(initial=0.0)), 1.0)
+    # Whitened rows: each has an error of variance one, and the errors are independent.
+    whiten = (left_vectors[:, enough] / singular[enough]).T @ untouched
+    factor = whiten / row_size
+    base = PriorInformation(factor, factor @ (grouping @ np.where(stated, belief.mean, 0.0)))
+    rest = np.zeros((len(errors), len(belief.mean)))
+    # The complement of the directions that the base parameters take: independent of them, as the errors are whitened.
+    rest[:, stated] = (np.eye(len(errors)) - right_vectors[enough].T @ right_vectors[enough]) @ np.linalg.inv(errors)
+    return SplitPrior(base, rest)
+
+
+# Smallest eigenvalue of a pseudo-inertia, scaled to a unit diagonal, that has a distance: flatter bodies are at the
+# edge of what can exist.
+_FLAT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class EntropicPrior:
+    """The divergence of bodies from those of a description.
+
+    Parameters
+    ----------
+    columns : (k, 10)
+        Numbers of the bodies' standard parameters.
+    nominal : (k, 4, 4)
+        Their pseudo-inertias J₀ in the description.
+    share : float
+        The relative standard deviation p.
+    """
+
+    columns: IndexArray
+    nominal: FloatArray
+    share: float
+
+    def compute_cost(self, values: FloatArray) -> float:
+        """Return the cost 2 / p² Σ d(J ‖ J₀) of standard parameters (c,): infinite for bodies that cannot exist."""
+        matrices = pseudo_inertia(values[self.columns])
+        if not len(matrices):
+            return 0.0
+        try:
+            # The same factorisation as in `approximate_at`. By rounding, a test of eigenvalues could pass a matrix that
+            # has no Cholesky factor.
+            np.linalg.cholesky(matrices)
+        except np.linalg.LinAlgError:
+            return float("inf")
+        # J₀⁻¹ J: its trace and determinant do not depend on the frame.
+        relative = np.linalg.solve(self.nominal, matrices)
+        divergence = np.trace(relative, axis1=1, axis2=2) - np.linalg.slogdet(relative)[1] - 4.0
+        return float(2.0 / self.share**2 * divergence.sum())
+
+    def approximate_at(self, belief: NormalPrior, values: FloatArray) -> NormalPrior:
+        """Return the normal prior whose cost has the slope and curvature of `compute_cost` at standard parameters (c,).
+
+        Its mean is 2 J - J J₀⁻¹ J and its errors are p L Δ Lᵀ with J = L Lᵀ, the entries of the symmetric Δ being
+        independent.
+
+        Parameters
+        ----------
+        belief : NormalPrior
+            Prior of the other parameters.
+        values : (c,)
+            Standard parameters, whose bodies are possible.
+
+        Returns
+        -------
+        NormalPrior
+            `belief` with the bodies' mean and spread in place of its own.
+        """
+        mean, spread = belief.mean.copy(), np.diag(belief.size)
+        for columns, nominal in zip(self.columns, self.nominal, strict=True):
+            matrix = pseudo_inertia(values[columns])
+            root = np.linalg.cholesky(matrix)
+            mean[columns] = inertial_parameters(2.0 * matrix - matrix @ np.linalg.solve(nominal, matrix))
+            spread[np.ix_(columns, columns)] = self.share * inertial_parameters(root @ _SYMMETRIC_BASIS @ root.T).T
+        return replace(belief, mean=mean, spread=spread)
+
+
+def build_entropic_prior(model: Model, share: float, belief: NormalPrior) -> EntropicPrior:
+    """Return the entropic prior of the links that a belief covers, whose bodies are usually off by the share.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    share : float
+        p, the relative standard deviation.
+    belief : NormalPrior
+        Its mean is the description.
+
+    Raises
+    ------
+    DynidentError
+        Where the description of one of them is flat or without mass: no body with volume is near it.
+    """
+    # A body of which some parameters are unknown has no distance as a whole.
+    believed = [body for body in find_bodies(model.columns) if belief.stated[body.columns].all()]
+    nominal = np.array([belief.mean[body.columns] for body in believed]).reshape(-1, 10)
+    _check_bodies(model.robot.name, [body.name for body in believed], nominal)
+    columns = np.array([body.columns for body in believed], dtype=np.intp).reshape(-1, 10)
+    return EntropicPrior(columns, pseudo_inertia(nominal), share)
+
+
+def _check_bodies(robot: str, names: Sequence[str], nominal: FloatArray) -> None:
+    flat = [name for name, least in zip(names, smallest_pseudo_inertia(nominal), strict=True) if not least > _FLAT]
+    if flat:
+        raise DynidentError(
+            f"the description of {robot} gives {', '.join(flat)} no mass or no extent in some direction: the entropic "
+            "prior is not defined for such a body; correct it, add the link to free_links, or choose the prior "
+            "description",
+            pointer="/prior",
+            title="No prior",
+        )
+
+
+def _build_symmetric_basis() -> FloatArray:
+    """Return a basis (10, 4, 4) of the symmetric matrices, orthonormal in the Frobenius product."""
+    matrices = []
+    for row in range(4):
+        for column in range(row + 1):
+            matrix = np.zeros((4, 4))
+            matrix[row, column] = matrix[column, row] = 1.0 if row == column else np.sqrt(0.5)
+            matrices.append(matrix)
+    return np.array(matrices)
+
+
+_SYMMETRIC_BASIS = _build_symmetric_basis()
+
 
 _TITLE = "No prior"
 # Inertias of links within this share of one another are the same: placeholders.
@@ -161,31 +381,3 @@ def build_normal_prior(model: Model, trust: DescriptionTrust) -> NormalPrior:
 
 def _get_payload_parameter(column: Column) -> int:
     return [f"{name}p" for name in INERTIAL_NAMES].index(column.parameter)
-
-
-def add_prior_warning(model: Model, data: Data, fit: Fit) -> Fit:
-    """Return the fit with a warning that says what in it rests on the prior rather than on the data.
-
-    Parameters
-    ----------
-    model : Model
-        The model, with its base parameters' columns.
-    data : Data
-        Recordings reduced to the model's columns.
-    fit : Fit
-        The fit with the prior.
-
-    Returns
-    -------
-    Fit
-        The same with one more warning, which comes first.
-    """
-    owed = find_prior_dominated(data.equations, fit.solution)
-    names = [column.name for column, rests in zip(model.kept, owed, strict=True) if rests]
-    warning = (
-        "The inertias of the description are used as data here, each with the usual error of descriptions: this is an "
-        "assumption, and the standard deviations depend on it."
-    )
-    if names:
-        warning += f" The data determine these parameters less than the prior does: {', '.join(names)}."
-    return replace(fit, warnings=(warning, *fit.warnings))

@@ -1,4 +1,4 @@
-"""The problem that an estimator solves."""
+"""The problem that an estimator solves, and the fit that comes out of it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,34 @@ from typing import Protocol
 
 import numpy as np
 
-from dynident.estimation import CovarianceName, PriorInformation, estimate_reversal_weights
+from dynident.estimation import CovarianceName, PriorInformation, Solution, Statistics, estimate_reversal_weights
 from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.reduce_data import Data
 from dynident.identification.problem_options import DescriptionTrust
+from dynident.identification.standard_parameters import StandardParameters
 from dynident.regressors.model import Model
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The result of an estimator or a strategy.
+
+    Parameters
+    ----------
+    solution : Solution
+        Estimated base parameters.
+    statistics : Statistics
+        Their covariance.
+    warnings : tuple of str
+        How they came about, as far as the user has to know.
+    standard : StandardParameters or None
+        The standard parameters, where the estimator solves for these.
+    """
+
+    solution: Solution
+    statistics: Statistics
+    warnings: tuple[str, ...] = ()
+    standard: StandardParameters | None = None
 
 
 class ProblemChoices(Protocol):

@@ -11,7 +11,7 @@ from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.effects import ReferenceParameters, RunSignal
 from dynident.effects.hysteresis_states import MemoryStates
 from dynident.estimation import Reduction, merge_phase_equations
-from dynident.parallel.thread_map import prefetch
+from dynident.parallel import prefetch
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
 from dynident.recordings.phases import Phase, PhaseArray

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.estimation import FactorAccumulator, Reduction, RestRowAccumulator, concatenate_reductions
-from dynident.parallel.thread_map import map_in_threads, map_sequentially
+from dynident.parallel import map_in_threads, map_sequentially
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 

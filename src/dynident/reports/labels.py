@@ -15,7 +15,7 @@ from dynident.identification.thresholds import ParameterJudgement
 from dynident.reports.number_format import format_estimate
 from dynident.reports.report_tables import Mark
 from dynident.robot import Robot
-from dynident.robot.joint_names import join_joint_names
+from dynident.robot.joint import join_joint_names
 from dynident.robot.json_fields import join_names
 
 if TYPE_CHECKING:

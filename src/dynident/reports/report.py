@@ -18,8 +18,12 @@ from dynident.reports.sections.accuracy import build_errors_section, build_resid
 from dynident.reports.sections.data import build_data_section
 from dynident.reports.sections.design import build_design_section, build_promises_section
 from dynident.reports.sections.diagnosis import build_diagnosis_section
-from dynident.reports.sections.ladder import build_ladder_section
-from dynident.reports.sections.model import build_model_section, build_parameters_section, build_robot_section
+from dynident.reports.sections.model import (
+    build_ladder_section,
+    build_model_section,
+    build_parameters_section,
+    build_robot_section,
+)
 from dynident.reports.sections.provenance import build_provenance_section
 from dynident.reports.sections.summary import build_summary_section
 

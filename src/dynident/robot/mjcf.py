@@ -6,7 +6,7 @@ From ties and cut loops follows which joints are driven.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,27 +15,20 @@ import pinocchio as pin
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.optional_dependencies import format_install_hint
-from dynident.robot.cut_joint import FrameOnJoint, Loop
+from dynident.robot.cut_joint import FrameOnJoint, Loop, LoopKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits import Drive, Limits
 from dynident.robot.linkage import LoopCuts, link_joints, lock_followers
 from dynident.robot.loop_equations import CLOSED
 from dynident.robot.mjcf_xml import TITLE, make_mjcf_error, parse_mjcf
-from dynident.robot.model import Description, Robot
+from dynident.robot.model import Description, Robot, Tie
 from dynident.robot.pinocchio_model import LARGEST, DescribedJoints, from_pinocchio, lock_joints
 from dynident.robot.settings import settings_from
 from dynident.robot.xml_text import Element, write_with_line_numbers
 
 if TYPE_CHECKING:
     import mujoco
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from dynident.robot.cut_joint import LoopKind
-from dynident.robot.model import Tie
-
-if TYPE_CHECKING:
-    import mujoco
 
 # MuJoCo's numbers: of kinds of equalities, and of a site, a joint in a tendon's path and a transmission by a tendon.
 _CONNECT, _WELD, _JOINT, _TENDON = 0, 1, 2, 3

@@ -9,9 +9,8 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.equations.reduce_data import Data
-from dynident.identification.fit import Fit
 from dynident.identification.methods.bases import Estimator
-from dynident.identification.problem import Problem
+from dynident.identification.problem import Fit, Problem
 from dynident.regressors.model import Model
 from dynident.simulation.ground_truth import list_drive_effects
 from dynident.testing.trial import TrialRecordings, build_trial_arm, record_trial, require

@@ -17,7 +17,7 @@ from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
 from dynident.estimation import compute_relative_change, weighted
-from dynident.estimation.robust_weights import estimate_robust_scale
+from dynident.estimation.row_weights import estimate_robust_scale
 from dynident.identification import Identification
 from dynident.identification.estimators.simulator import RecordedMotion, Simulator, build_simulator, read_longest_piece
 from dynident.progress import Progress, ignore_progress, scale_progress

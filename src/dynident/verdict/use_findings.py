@@ -13,7 +13,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import compute_moving_errors
 from dynident.identification.estimators.feasible import find_nearest_feasible
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
-from dynident.identification.study.slow_motion import describe_slow_motion
+from dynident.identification.study.identifying import describe_slow_motion
 from dynident.identification.thresholds import (
     LARGEST_DRIFT,
     LARGEST_ERROR,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,11 +14,8 @@ if TYPE_CHECKING:
     from dynident_service.storage.backup import ArchiveSize
     from dynident_service.storage.database import Database
     from dynident_service.storage.objects import ObjectStore
-from collections import Counter
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
     from dynident_service.storage.records import Resource
+
 
 UNSOUND = 1
 

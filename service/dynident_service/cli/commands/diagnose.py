@@ -55,7 +55,7 @@ def series(
     from dynident.reports.figures.changes import draw_parameter_tracks
     from dynident_service.adapters.diagnoses import describe_series
     from dynident_service.cli import files, inputs, output, result_tables, table_files, terminal
-    from dynident_service.cli.series_days import load_continued_days
+    from dynident_service.cli.inputs import load_continued_days
 
     identification = inputs.load_model(model)
     if out is not None:

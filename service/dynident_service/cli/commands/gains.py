@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,21 +11,17 @@ from dynident.errors import DynidentError
 from dynident.identification.loads.known_load import KnownLoad
 from dynident_service.cli.files import READABLE_FILE
 from dynident_service.cli.options import (
+    Effects,
     Json,
     Measurements,
+    OutputOptions,
     RobotArgument,
     RobotReading,
+    Validation,
     file_option,
     repeatable_file_option,
 )
 from dynident_service.cli.request_options import RequestOptions, TypedValues
-
-if TYPE_CHECKING:
-    from rich.console import Console
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-from dynident_service.cli.options import Effects, OutputOptions, Validation
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -8,33 +8,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident.identification.choices import IdentificationChoices
+from dynident.identification.choices import EssentialChoices, IdentificationChoices
 from dynident.recordings.metadata import Filters
 from dynident.schema.fields import get_description
 from dynident_service.cli.files import READABLE_FILE
 from dynident_service.cli.options import (
     Effects,
+    Json,
     Measurements,
+    ModelArgument,
     OutputOptions,
+    Reading,
     RobotArgument,
     RobotReading,
+    SomeFile,
     Validation,
+    file_option,
     repeatable_file_option,
 )
 from dynident_service.cli.request_options import RequestOptions, TypedValues
-
-if TYPE_CHECKING:
-    from rich.console import Console
-from typing import TYPE_CHECKING
-
-from dynident.identification.choices import EssentialChoices
-from dynident_service.cli.options import (
-    Json,
-    ModelArgument,
-    Reading,
-    SomeFile,
-    file_option,
-)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -222,9 +214,8 @@ def identify(
         model_verdict = verdict(identification, recordings, held_out, checks)
 
     def describe_result() -> dict[str, object]:
-        from dynident_service.adapters.identifications import describe_identification
+        from dynident_service.adapters.identifications import describe_identification, show_verdict
         from dynident_service.adapters.measurements import show_checks
-        from dynident_service.adapters.verdicts import show_verdict
         from dynident_service.wire_types.common import to_plain_json
 
         return {

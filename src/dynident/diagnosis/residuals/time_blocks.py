@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.estimation.robust_weights import estimate_robust_scale
+from dynident.estimation.row_weights import estimate_robust_scale
 
 # Of bursts: power over its median, averaging window (s), gap that ends one (s), number, and largest share of all rows.
 _BURST_RATIO, _BURST_WINDOW, _BURST_GAP, _MOST_BURSTS, _LONGEST_BURSTS = 16.0, 0.1, 0.3, 3, 0.2

@@ -13,8 +13,13 @@ from dynident.excitation.criteria.design_criterion import DesignCriterion
 from dynident.excitation.design_model import DesignModel
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, MotionValues
 from dynident.excitation.optimising.augmented_lagrangian import Resumption, optimise_trajectories, read_checkpoint
-from dynident.excitation.optimising.design_problem import Budget, DesignProblem
-from dynident.excitation.optimising.random_trajectories import Candidate, CandidateEvaluator, draw_candidates
+from dynident.excitation.optimising.design_problem import (
+    Budget,
+    Candidate,
+    CandidateEvaluator,
+    DesignProblem,
+    draw_candidates,
+)
 from dynident.excitation.request import DesignRequest, TrajectoryRequest
 from dynident.motion.joint_trajectories import BSplineFamily, Family, FourierFamily, PeriodicMotion
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError

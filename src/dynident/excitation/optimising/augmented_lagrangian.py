@@ -20,10 +20,16 @@ import numpy as np
 from scipy.optimize import OptimizeResult, minimize
 
 from dynident.array_types import FloatArray
-from dynident.excitation.optimising.design_problem import Budget, DesignProblem, Evaluation, Multipliers
-from dynident.excitation.optimising.random_trajectories import Candidate, CandidateEvaluator
+from dynident.excitation.optimising.design_problem import (
+    Budget,
+    Candidate,
+    CandidateEvaluator,
+    DesignProblem,
+    Evaluation,
+    Multipliers,
+)
 from dynident.motion.limits.margins import AmplitudeScaler
-from dynident.parallel.thread_map import MIN_PARALLEL_SIZE, count_processors, map_in_threads
+from dynident.parallel import MIN_PARALLEL_SIZE, count_processors, map_in_threads
 from dynident.progress import Checkpoints, NoCheckpoints, Progress
 from dynident.version import __version__
 

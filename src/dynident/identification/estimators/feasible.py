@@ -26,8 +26,7 @@ from dynident.identification.estimators.feasible_problem import (
     build_problem,
     build_standard_prior,
 )
-from dynident.identification.fit import Fit
-from dynident.identification.problem import Problem
+from dynident.identification.problem import Fit, Problem
 from dynident.identification.problem_options import DescriptionTrust
 from dynident.identification.standard_parameters import StandardParameters, find_bodies
 from dynident.regressors.model import Model

@@ -18,8 +18,13 @@ from dynident.estimation.constrained_least_squares import (
 )
 from dynident.estimation.least_squares import build_weighted_factor, compute_correlated_noise
 from dynident.estimation.uncertainty import compute_null_space, compute_standard_deviations
-from dynident.identification.description_prior import build_normal_prior
-from dynident.identification.entropic_prior import EntropicPrior, NormalPrior, build_entropic_prior, split_prior
+from dynident.identification.description_prior import (
+    EntropicPrior,
+    NormalPrior,
+    build_entropic_prior,
+    build_normal_prior,
+    split_prior,
+)
 from dynident.identification.problem_options import DescriptionTrust
 from dynident.identification.standard_parameters import Body, StandardParameters, find_bodies
 from dynident.regressors.model import Model

@@ -40,8 +40,7 @@ from dynident.estimation.kalman_filter import (
 from dynident.estimation.prior_information import invert_information
 from dynident.estimation.qr import compute_r_factor
 from dynident.identification.equations.reduce_data import Data
-from dynident.identification.fit import Fit
-from dynident.identification.problem import Problem
+from dynident.identification.problem import Fit, Problem
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing, filtered_blocks
 from dynident.recordings.spectra import estimate_spectra
 from dynident.regressors.filtered_rows import reduce_recordings

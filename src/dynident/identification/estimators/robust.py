@@ -1,7 +1,7 @@
 """Robust regression by iteratively reweighted least squares: rows that nothing explains lose their weight.
 
 A contact or a glitch of the torque is no noise: squared, a hundredth of the rows can outweigh all others. Every row of
-every joint's torque gets a weight from its own residual (`estimation.robust_weights`), from Huber's function to
+every joint's torque gets a weight from its own residual (`estimation.row_weights`), from Huber's function to
 convergence and then from the bisquare. The last solution is that of least squares on pseudo-observations ŷ + ψ(e) /
 mean ψ'. Its cluster-robust covariance is that of the robust estimate: residuals stay correlated and are not counted as
 independent.
@@ -18,10 +18,9 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import PriorInformation, Reduction, compute_noise_levels, solve, statistics, weighted
 from dynident.estimation.least_squares import compute_correlated_noise, floor_noise
-from dynident.estimation.robust_weights import BISQUARE, HUBER, Influence, estimate_robust_scale
+from dynident.estimation.row_weights import BISQUARE, HUBER, Influence, estimate_robust_scale
 from dynident.identification.equations.reduce_data import Data
-from dynident.identification.fit import Fit
-from dynident.identification.problem import Problem
+from dynident.identification.problem import Fit, Problem
 from dynident.recordings import Recording
 from dynident.regressors.filtered_rows import FilteredSamples, reduce_recordings, stream_filtered_samples
 from dynident.regressors.model import Model

@@ -25,8 +25,7 @@ from dynident.identification.estimators.simulator import (
     read_whole_segments,
     simulate_recording,
 )
-from dynident.identification.fit import Fit
-from dynident.identification.problem import Problem
+from dynident.identification.problem import Fit, Problem
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, find_motion_band
 from dynident.regressors.filtered_rows import SampleFunction, filter_in_parallel, reduce_recordings
 from dynident.regressors.model import Model

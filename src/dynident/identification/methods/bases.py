@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 from dynident.schema.registry import Registry, RegistryEntry
 
 if TYPE_CHECKING:
-    from dynident.identification.fit import Fit
-    from dynident.identification.problem import Problem
+    from dynident.identification.problem import Fit, Problem
     from dynident.recordings import Preprocessing
 
 StepsName = Literal["link_by_link", "wrist_then_shoulder"]

@@ -8,18 +8,7 @@ from typing import TYPE_CHECKING
 from dynident.identification.methods.bases import Strategy, StrategyChoices
 
 if TYPE_CHECKING:
-    from dynident.identification.fit import Fit
-    from dynident.identification.problem import Problem
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from dynident.identification.fit import Fit
-    from dynident.identification.problem import Problem
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from dynident.identification.fit import Fit
-    from dynident.identification.problem import Problem
+    from dynident.identification.problem import Fit, Problem
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dynident.errors import DynidentError
+from dynident.estimation.uncertainty import find_prior_dominated
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.description_prior import add_prior_warning
+from dynident.identification.equations.reduce_data import Data
 from dynident.identification.estimators.feasible import move_where_free
-from dynident.identification.fit import Fit
-from dynident.identification.problem import Problem
+from dynident.identification.problem import Fit, Problem
+from dynident.regressors.model import Model
 
 
 def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
@@ -40,7 +41,7 @@ def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
     if choices.solver.possible_where_free and choices.plan.at_once:
         fitted = move_where_free(problem.model, problem.data.equations, fitted, choices.trust)
     if choices.prior is not None:
-        fitted = add_prior_warning(problem.model, problem.data, fitted)
+        fitted = _add_prior_warning(problem.model, problem.data, fitted)
     friction = problem.data.friction
     if not friction or choices.plan.friction_runs:
         return fitted
@@ -73,3 +74,16 @@ def _check_compatible(choices: IdentificationChoices, problem: Problem) -> None:
             "the recordings",
             pointer="/estimator",
         )
+
+
+def _add_prior_warning(model: Model, data: Data, fit: Fit) -> Fit:
+    """Return the fit with one more warning, the first: what in it rests on the prior rather than on the data."""
+    owed = find_prior_dominated(data.equations, fit.solution)
+    names = [column.name for column, rests in zip(model.kept, owed, strict=True) if rests]
+    warning = (
+        "The inertias of the description are used as data here, each with the usual error of descriptions: this is an "
+        "assumption, and the standard deviations depend on it."
+    )
+    if names:
+        warning += f" The data determine these parameters less than the prior does: {', '.join(names)}."
+    return replace(fit, warnings=(warning, *fit.warnings))

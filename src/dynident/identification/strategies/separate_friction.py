@@ -17,9 +17,8 @@ from dynident.array_types import FloatArray
 from dynident.effects import ReferenceParameters, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction
-from dynident.identification.fit import Fit
 from dynident.identification.methods.bases import StrategyChoices
-from dynident.identification.problem import Problem
+from dynident.identification.problem import Fit, Problem
 from dynident.identification.strategies.sequential import StepEstimates, check_estimator, conclude_steps, take_step
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, filtered_blocks
 from dynident.recordings.phases import find_sole_mover

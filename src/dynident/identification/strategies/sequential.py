@@ -31,9 +31,8 @@ from dynident.estimation import (
     count_effective_rows,
 )
 from dynident.identification.equations.reduce_data import Data
-from dynident.identification.fit import Fit
 from dynident.identification.methods.bases import ESTIMATORS, MODELS, Estimator, StepsName, StrategyChoices
-from dynident.identification.problem import Problem
+from dynident.identification.problem import Fit, Problem
 from dynident.robot.model import Robot
 
 # Share of the largest singular value, columns of equal size, below which a direction is rounding alone.

@@ -20,14 +20,12 @@ from dynident.estimation import (
 )
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.checks import check_reduction, check_torque
-from dynident.identification.equations.reduce_data import Data, reduce_to_rows, reduce_torque
-from dynident.identification.fit import Fit
-from dynident.identification.problem import Problem
+from dynident.identification.equations.reduce_data import Data, ReducedData, reduce_to_rows, reduce_torque
+from dynident.identification.problem import Fit, Problem
 from dynident.identification.shape_constants import judge_shape_constants, linearise_shapes
 from dynident.identification.shape_refinement import build_shape_columns, list_shape_variables
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
 from dynident.identification.strategies.dispatch import solve_by_strategy
-from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import NONE_IN_MEMORY, Estimate, Identification, RowsInMemory
 from dynident.identification.thresholds import (
     DETERMINED,

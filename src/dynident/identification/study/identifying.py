@@ -4,6 +4,8 @@ A soft joint or a belt between encoder and link, and a clock with jitter, spoil 
 spectrum cannot tell that from motion. A model can: it explains the torque below that frequency and not above it.
 
 Later steps check here that the recordings are those that the model was identified from.
+
+Motions that are too slow to show inertia are recognised here: slow sweeps identify gravity and friction.
 """
 
 from __future__ import annotations
@@ -35,8 +37,7 @@ from dynident.identification.equations.reduce_data import split_friction_tests
 from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
 from dynident.identification.study.fit_model import identify_model
 from dynident.identification.study.poses import are_poses, identify_poses
-from dynident.identification.study.result import Identification
-from dynident.identification.study.slow_motion import describe_slow_motion
+from dynident.identification.study.result import Identification, IdentifiedParameter
 from dynident.progress import Progress, ignore_progress, make_monotonic, scale_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.recordings.preprocessing import OVERSAMPLING
@@ -371,3 +372,35 @@ def identify(
         advice = "Use the model at such speeds only, and record a faster motion for the dynamics."
         identified = replace(identified, warnings=(f"{slow} {advice}", *identified.warnings))
     return add_digests(identified, recordings, validation)
+
+
+LEAST_DETERMINED = 0.1
+"""Share of the moments of inertia below which a motion counts as too slow: sweeps at 0.04 to 0.1 rad/s determine none
+of an arm's 28, designed motions a third of them."""
+
+_INERTIA, _FIRST_MOMENT = "kg m²", "kg m"
+
+
+def describe_slow_motion(parameters: Sequence[IdentifiedParameter]) -> str | None:
+    """Describe a motion that determines first moments of the links, but hardly any moment of inertia.
+
+    Parameters
+    ----------
+    parameters : sequence of IdentifiedParameter
+        The base parameters of a model.
+
+    Returns
+    -------
+    str or None
+        A sentence; None where the motion shows inertia, or gravity is not determined either.
+    """
+    inertias, moments = (
+        [parameter.judgement == "determined" for parameter in parameters if parameter.unit == unit]
+        for unit in (_INERTIA, _FIRST_MOMENT)
+    )
+    if not inertias or not any(moments) or sum(inertias) >= LEAST_DETERMINED * len(inertias):
+        return None
+    return (
+        f"The motion shows gravity and friction, but hardly any inertia ({sum(inertias)} of {len(inertias)} moments of "
+        "inertia are determined): it is too slow or too short."
+    )

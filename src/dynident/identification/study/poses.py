@@ -19,9 +19,8 @@ from dynident.errors import DynidentError
 from dynident.estimation import FactorAccumulator, Reduction
 from dynident.estimation.uncertainty import NORMAL_95
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.equations.reduce_data import Data
+from dynident.identification.equations.reduce_data import Data, ReducedData
 from dynident.identification.study.fit_model import finalise_identification
-from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.poses import has_poses, read_pose_rows

@@ -31,9 +31,9 @@ from dynident.estimation import (
 from dynident.estimation.least_squares import floor_noise
 from dynident.estimation.uncertainty import find_prior_dominated
 from dynident.identification.choices import IdentificationChoices
+from dynident.identification.equations.reduce_data import ReducedData
 from dynident.identification.shape_constants import ShapeConstant
 from dynident.identification.standard_parameters import StandardParameters
-from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.thresholds import ParameterJudgement, judge_parameter
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model

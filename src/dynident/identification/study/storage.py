@@ -28,13 +28,13 @@ from dynident.estimation import (
     compute_row_freedom,
 )
 from dynident.identification.choices import USUAL_SHARE, IdentificationChoices
+from dynident.identification.equations.reduce_data import ReducedData
 from dynident.identification.methods.bases import ESTIMATORS
 from dynident.identification.shape_constants import ShapeConstant, judge_shape_constants
 from dynident.identification.standard_parameters import (
     StandardParameters,
     compute_smallest_inertia_eigenvalue,
 )
-from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Estimate, Identification, LadderStep
 from dynident.identification.study.stored_formats import (
     NAME,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
 from dynident.excitation import Design
-from dynident.reports.figures.decimation import find_extremes
+from dynident.reports.figures.signals import find_extremes
 from dynident.reports.figures.svg import Margins, make_panels, set_panel_title, shorten_name, to_svg
 from dynident.robot import Robot
 from dynident.robot.kinematics import tool_path

@@ -1,21 +1,26 @@
-"""The sections on the robot, the effects of its model, and the identified base parameters with their uncertainty."""
+"""The sections on the robot, the effects of its model, its base parameters, and the ladder of models that led to it."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
+import numpy as np
 from markupsafe import Markup
 
+from dynident.array_types import FloatArray
+from dynident.diagnosis import Diagnosis
 from dynident.effects import EffectChoice, get_effect
 from dynident.effects.effect_columns import find_joints
-from dynident.estimation import CovarianceName
+from dynident.estimation import CovarianceName, Errors
 from dynident.identification import Identification
 from dynident.identification.study.correlated_and_essential_parameters import parameter_dependence
+from dynident.identification.study.held_out_gain import find_best_step
+from dynident.reports.figures.ladder import draw_models
 from dynident.reports.figures.svg import draw_formula
-from dynident.reports.labels import format_shape_constants
+from dynident.reports.labels import describe_best_step, format_joints, format_shape_constants, get_step_mark
 from dynident.reports.number_format import format_number, format_percent, format_range
 from dynident.reports.report_data import Section
 from dynident.reports.report_tables import ReportedTable
@@ -254,3 +259,117 @@ def _build_effect_row(choice: EffectChoice, robot: Robot, added: bool) -> Effect
         "; ".join(effect.sources),
         added,
     )
+
+
+@dataclass(frozen=True)
+class StepRow:
+    """One model of the ladder, with its errors where joints move, and on all rows of the held-out data."""
+
+    number: int
+    changes: tuple[str, ...]
+    n_parameters: int
+    fit: float
+    fit_text: str
+    held_out: float | None
+    held_out_text: str
+    all_rows_text: str
+    mark: str
+
+
+@dataclass(frozen=True)
+class JointErrorRow:
+    """One joint's error in every model, the last over the first, and what sensor noise alone would leave."""
+
+    joint: str
+    errors: tuple[str, ...]
+    change: str
+    floor: str
+
+
+@dataclass(frozen=True)
+class LadderContent:
+    """The content of the section: the models, their errors per joint, and both as a figure."""
+
+    rungs: tuple[StepRow, ...]
+    joints: tuple[JointErrorRow, ...]
+    kind: str
+    best: str
+    has_floor: bool
+    figure: Markup
+
+
+def build_ladder_section(identification: Identification, diagnosis: Diagnosis | None) -> Section:
+    """Return the section on all models from the first to this one.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model, with the data of its fit.
+    diagnosis : Diagnosis or None
+        Diagnosis that tells the noise floor.
+
+    Returns
+    -------
+    Section
+        A row for each model, and their errors by joint.
+    """
+    models = list(identification.ladder())
+    # Held-out errors are comparable along the ladder only where every model has one.
+    held_out_errors = [model.held_out_judged for model in models if model.held_out_judged is not None]
+    held_out = held_out_errors if len(held_out_errors) == len(models) else None
+    errors = held_out or [model.fit_judged for model in models]
+    floor = _compute_relative_floor(diagnosis, errors[-1])
+    names = identification.model.robot.joint_names
+    best = find_best_step(models)
+    content = LadderContent(
+        tuple(_build_step_row(k, model, get_step_mark(best, k, len(models))) for k, model in enumerate(models)),
+        tuple(_build_joint_error_row(name, [e.relative[j] for e in errors], floor, j) for j, name in enumerate(names)),
+        "held out" if held_out else "fit",
+        describe_best_step(best, len(models)),
+        floor is not None,
+        draw_models(models, floor),
+    )
+    return Section("ladder", "The ladder of models", "ladder", content)
+
+
+def _build_step_row(index: int, model: Identification, mark: str) -> StepRow:
+    held_out = model.held_out_judged.relative_total if model.held_out_judged is not None else None
+    robot = model.model.robot
+    changes = tuple(_format_choice(choice, robot) for choice in model.step.added)
+    changes += tuple(f"without {_format_choice(choice, robot)}" for choice in model.step.removed)
+    return StepRow(
+        index + 1,
+        changes,
+        model.model.n_parameters,
+        model.fit_judged.relative_total,
+        format_percent(model.fit_judged.relative_total),
+        held_out,
+        format_percent(held_out),
+        format_percent(model.held_out.relative_total) if model.held_out is not None else "–",
+        mark,
+    )
+
+
+def _format_choice(choice: EffectChoice, robot: Robot) -> str:
+    shape = f" ({format_shape_constants(choice)})" if choice.shape else ""
+    return f"{get_effect(choice.effect).title} on {format_joints(choice.joints, robot.joint_names)}{shape}"
+
+
+def _build_joint_error_row(name: str, errors: Sequence[float], floor: FloatArray | None, joint: int) -> JointErrorRow:
+    # The ratio says what all steps together have brought this joint.
+    first, last = float(errors[0]), float(errors[-1])
+    return JointErrorRow(
+        name,
+        tuple(format_percent(float(value)) for value in errors),
+        f"× {last / first:.2f}" if len(errors) > 1 and first > 0 else "–",
+        format_percent(float(floor[joint])) if floor is not None else "",
+    )
+
+
+def _compute_relative_floor(diagnosis: Diagnosis | None, errors: Errors) -> FloatArray | None:
+    """Return the noise floor over the rms of the measured torque, (n,); None where it is unknown."""
+    if diagnosis is None:
+        return None
+    # A joint without torque or without rows must not divide by zero.
+    measured = np.sqrt(errors.measured / np.maximum(errors.counts, 1.0))
+    return np.asarray(diagnosis.noise_floor / np.maximum(measured, np.finfo(float).tiny))

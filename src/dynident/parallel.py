@@ -1,7 +1,7 @@
-"""A map over large items on several processors at once, by threads that share a queue of work.
+"""A map over large items on several processors at once, by threads that share a queue of work, and on other machines.
 
 Threads suffice: what takes the time, machine code, filters and factorisations, does not hold Python's lock, and nothing
-has to be copied between processes. Other machines take items as well where the caller allows it (`remote_workers`).
+has to be copied between processes. Other machines take items as well where the caller allows it (`share_work_with`).
 """
 
 from __future__ import annotations
@@ -13,20 +13,100 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from queue import Empty, Full, Queue
 from threading import Condition, Event, Thread, local
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from dynident.errors import Cancelled
-from dynident.parallel.remote_workers import RemoteWorkersBusy, list_remote_workers
 from dynident.progress import Progress, ignore_progress, scale_progress
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+_PartResult = TypeVar("_PartResult")
+
+
+class RemoteWorkFailed(Exception):
+    """Raised where a part that was sent away was not computed there, and that machine is not to be asked again."""
+
+
+class RemoteWorkersBusy(RemoteWorkFailed):
+    """Raised where a part was not computed there, but that machine may be asked again after a while."""
+
+
+class RemoteWorkers(Protocol):
+    """Other machines that take parts of a computation; the caller computes itself whatever they do not return."""
+
+    def list_workers(
+        self, work: Callable[[_Item, Progress], _Result], size: float
+    ) -> Sequence[Callable[[_Item, Progress], _Result]]:
+        """Return functions that compute an item on another machine, one for each item that may be under way at a time.
+
+        The functions are called as `work` is, and wait for the result. They call the progress function all the time and
+        stop with whatever it raises. Whatever goes wrong on the other machine they raise as `RemoteWorkFailed`: if the
+        item itself is at fault, the same error shows when it is computed here.
+
+        Parameters
+        ----------
+        work : function
+            Computes an item here.
+        size : float
+            Of all items together, in samples.
+
+        Returns
+        -------
+        sequence of functions
+            Empty where sending is not worth it, or `work` cannot be sent.
+        """
+        ...
+
+
+# A context variable, not a global: the service computes for several callers in threads of one process.
+_others: ContextVar[RemoteWorkers | None] = ContextVar("others", default=None)
+
+
+@contextmanager
+def share_work_with(others: RemoteWorkers) -> Iterator[None]:
+    """Let other machines take parts of what this thread computes within the with statement.
+
+    Parameters
+    ----------
+    others : RemoteWorkers
+        The machines, and how they are reached.
+    """
+    token = _others.set(others)
+    try:
+        yield
+    # Also after an error: a thread of the service serves other callers next.
+    finally:
+        _others.reset(token)
+
+
+def list_remote_workers(
+    work: Callable[[_Item, Progress], _Result], size: float
+) -> Sequence[Callable[[_Item, Progress], _Result]]:
+    """Return the functions that compute an item on the machines that this thread shares with.
+
+    Parameters
+    ----------
+    work : function
+        Computes an item here.
+    size : float
+        Of all items together, in samples.
+
+    Returns
+    -------
+    sequence of functions
+        As `RemoteWorkers.list_workers` returns them; empty outside of `share_work_with`.
+    """
+    other_machines = _others.get()
+    return () if other_machines is None else other_machines.list_workers(work, size)
+
 
 _LATE_FACTOR = 2.0
 """A part is late that has been elsewhere for so many times as long as one of its size took here."""
 _LATE_CHECK_INTERVAL = 0.1
 """Seconds between two looks at what is late."""
-
-_PartResult = TypeVar("_PartResult")
 
 
 class WorkQueue(Generic[_PartResult]):
@@ -168,9 +248,6 @@ _PREFETCHED_ITEMS = 2
 _thread_state = local()
 """Of a thread: whether it is one of several that have all processors between them."""
 
-_Item = TypeVar("_Item")
-_Result = TypeVar("_Result")
-
 
 def count_processors() -> int:
     """Return how many processors this process may use."""
@@ -227,7 +304,7 @@ def map_in_threads(
     """Apply `work` to every item, in threads where the items are large; return the results in the items' order.
 
     A thread that is done takes the next item. Other machines that this thread shares with
-    (`remote_workers.share_work_with`) take items, too, so `work` has to give the same result wherever it runs.
+    (`share_work_with`) take items, too, so `work` has to give the same result wherever it runs.
 
     Parameters
     ----------

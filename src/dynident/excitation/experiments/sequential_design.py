@@ -10,12 +10,12 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.excitation.criteria.criterion_values import Baseline, CriterionValues, compute_baseline
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, MotionValues
+from dynident.excitation.experiments.named_sets import BetweenTwoPoints, PlannedRun, plan_runs
 from dynident.excitation.experiments.point_to_point import check_no_path, verify_pieces
+from dynident.excitation.experiments.run_search import RunMotion, RunSearch, factor_information
 from dynident.excitation.optimising.design_problem import Budget
 from dynident.excitation.result import Run
 from dynident.excitation.row_models import DYNAMIC_ROWS
-from dynident.excitation.sets.named_sets import BetweenTwoPoints, PlannedRun, plan_runs
-from dynident.excitation.sets.run_search import RunMotion, RunSearch, factor_information
 from dynident.motion.joint_trajectories import Motion, Piece, sample_pieces
 from dynident.motion.limits.bounds import ImpossibleLimitsError
 from dynident.motion.move_paths import list_home_candidates, note_home, plan_path

@@ -17,11 +17,11 @@ from dynident.excitation.criteria.criterion_choice import CriterionChoice
 from dynident.excitation.criteria.design_criterion import DesignCriterion
 from dynident.excitation.criteria.parameter_variances import ParameterSelection
 from dynident.excitation.experiments.design_task import DesignTask
+from dynident.excitation.experiments.named_sets import BetweenTwoPoints, FreeMotion, PlannedRun
 from dynident.excitation.experiments.periodic import build_family, fit_within_limits
 from dynident.excitation.experiments.point_to_point import select_first_fitting
 from dynident.excitation.optimising.augmented_lagrangian import optimise_trajectories
-from dynident.excitation.optimising.design_problem import Budget, DesignProblem
-from dynident.excitation.optimising.random_trajectories import CandidateEvaluator, draw_candidates
+from dynident.excitation.optimising.design_problem import Budget, CandidateEvaluator, DesignProblem, draw_candidates
 from dynident.excitation.point_sequence import (
     FreePoints,
     MovePlanner,
@@ -32,7 +32,6 @@ from dynident.excitation.point_sequence import (
     improve_sequence,
     stack_rows,
 )
-from dynident.excitation.sets.named_sets import BetweenTwoPoints, FreeMotion, PlannedRun
 from dynident.motion.joint_trajectories import Piece
 from dynident.motion.limits.bounds import ImpossibleLimitsError, lock_bounds
 from dynident.motion.limits.margins import AmplitudeScaler

@@ -1,1 +1,0 @@
-"""Work on several processors, and on other machines."""
