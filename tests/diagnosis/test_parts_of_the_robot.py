@@ -45,7 +45,8 @@ def test_a_torque_over_the_position_is_told_as_that_and_the_part_is_asked_for():
     )
     (question,) = diagnosis.questions
     assert question in diagnosis.summary
-    assert HARDWARE[SPRING] in question and f"has_not {SPRING}" in question
+    assert HARDWARE[SPRING] in question
+    assert f"has_not {SPRING}" in question
     assert diagnosis.find_question(choice) == question
 
 

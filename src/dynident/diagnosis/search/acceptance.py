@@ -216,8 +216,8 @@ def _check_share(scored: ScoredCandidate, least: float) -> Reason | None:
     return Reason.build("not_determined", share=scored.separability, least=min(least, 1.0))
 
 
-def find_least_drop(candidate: Candidate, separability: float, t: float) -> float:
-    """Return the share of the squared error that a candidate has to remove; infinite where no share is enough.
+def find_least_drops(candidate: Candidate, separability: float, t: FloatArray) -> FloatArray:
+    """Return (d,): the share of the squared error that a candidate has to remove; infinite where no share is enough.
 
     Parameters
     ----------
@@ -225,15 +225,14 @@ def find_least_drop(candidate: Candidate, separability: float, t: float) -> floa
         The candidate.
     separability : float
         Share of its column that is left beside the model.
-    t : float
+    t : (d,)
         t of its gain.
     """
-    if separability < VISIBLE or separability * t < _LEAST_REACH:
-        return np.inf
-    effect = get_effect(candidate.effect)
-    if effect.first_order and separability < _BLURRED:
-        return _DROP_OF_BLURRED
-    return SMALLEST_DROP
+    if separability < VISIBLE:
+        return np.full_like(t, np.inf)
+    is_blurred = get_effect(candidate.effect).first_order and separability < _BLURRED
+    least = _DROP_OF_BLURRED if is_blurred else SMALLEST_DROP
+    return np.where(separability * t < _LEAST_REACH, np.inf, least)
 
 
 def _check_shadows(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
