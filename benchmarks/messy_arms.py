@@ -35,7 +35,7 @@ from hiding.site import Site
 from dynident.diagnosis import diagnose
 from dynident.identification import identify
 
-RATE, DURATION, PAUSE, PACES = 125.0, 18.0, 3.0, (1.0, 0.8, 0.5, 0.2)
+RATE, PAUSE, PACES = 125.0, 3.0, (1.0, 0.8, 0.5, 0.2)
 ARMS = ("ur10", "franka_panda", "ur5")
 # The larger effects that a mess does not have itself.
 LARGER = (
@@ -49,6 +49,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", default="1", help='a number, or "new"')
     parser.add_argument("--cases", type=int, default=len(LARGER))
+    parser.add_argument("--duration", type=float, default=18.0, help="s of a run")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--json", type=Path, default=None, help="write every outcome here")
     parser.add_argument("--cache", type=Path, default=kept())
@@ -56,7 +57,9 @@ def main() -> None:
     seed = secrets.randbelow(10**6) if given.seed == "new" else int(given.seed)
     start = time.perf_counter()
     outcomes = []
-    for outcome in each(partial(judge, folder=given.cache), draw_cases(seed, given.cases), given.processes):
+    for outcome in each(
+        partial(judge, folder=given.cache), draw_cases(seed, given.cases, given.duration), given.processes
+    ):
         outcomes.append(outcome)
         print(outcome, flush=True)
     hits = [outcome for outcome in outcomes if outcome["named"]]
@@ -73,14 +76,14 @@ def main() -> None:
     )
 
 
-def draw_cases(seed: int, n_cases: int) -> list[Case]:
+def draw_cases(seed: int, n_cases: int, duration: float) -> list[Case]:
     """Draw arms with a mess on every joint and one larger effect."""
     cases = []
     for number in range(n_cases):
         rng = np.random.default_rng([seed, number])
         arm, effect = ARMS[(seed + number) % len(ARMS)], LARGER[number % len(LARGER)]
         session = tuple(
-            Take(k * (DURATION + PAUSE), DURATION, held_out, k > 0 and not held_out, pace)
+            Take(k * (duration + PAUSE), duration, held_out, k > 0 and not held_out, pace)
             for k, (pace, held_out) in enumerate([*((pace, False) for pace in PACES), (0.7, True)])
         )
         site = Site(arm_by_name(arm), rng, 1.0, session)

@@ -13,9 +13,9 @@ import dynident as dy
 from dynident.diagnosis import Diagnosis, diagnose
 from dynident.effects import CATALOGUE
 from dynident.errors import DynidentError
+from dynident.identification import identify
 from dynident.robot.document import robot_from_document, robot_to_document
-from dynident.robot.model import merge_hardware
-from dynident.robot.settings import HARDWARE
+from dynident.robot.settings import HARDWARE, check_hardware
 
 SPRING = "gravity_compensator"
 
@@ -32,8 +32,9 @@ def hidden() -> Experiment:
 
 
 @cache
-def diagnosed(has: tuple[str, ...] = (), has_not: tuple[str, ...] = ()) -> Diagnosis:
-    return diagnose(hidden().identification, [hidden().training], has=has, has_not=has_not)
+def diagnosed(has: bool | None = None) -> Diagnosis:
+    hardware = {} if has is None else {SPRING: has}
+    return diagnose(hidden().identification, [hidden().training], hardware=hardware)
 
 
 def test_a_torque_over_the_position_is_told_as_that_and_the_part_is_asked_for():
@@ -51,14 +52,14 @@ def test_a_torque_over_the_position_is_told_as_that_and_the_part_is_asked_for():
 
 
 def test_a_part_that_is_there_is_named():
-    diagnosis = diagnosed(has=(SPRING,))
+    diagnosis = diagnosed(has=True)
     assert diagnosis.recommended == diagnosed().recommended
     assert diagnosis.questions == ()
     assert f"The model lacks: Gravity compensating spring on {NAMES[1]}." in diagnosis.summary
 
 
 def test_a_part_that_is_not_there_is_not_proposed():
-    diagnosis = diagnosed(has_not=(SPRING,))
+    diagnosis = diagnosed(has=False)
     assert all(item.effect != SPRING for item in diagnosis.candidates)
     assert diagnosis.verdict != "adequate"
     assert (
@@ -68,9 +69,10 @@ def test_a_part_that_is_not_there_is_not_proposed():
 
 
 def test_what_the_robot_states_counts_until_a_request_says_otherwise():
-    bare = replace(ROBOT, has=("cable",), has_not=(SPRING,))
-    assert merge_hardware(bare, (), ()) == (("cable",), (SPRING,))
-    assert merge_hardware(bare, (SPRING,), ("cable",)) == ((SPRING,), ("cable",))
+    robot, run = replace(ROBOT, has_not=(SPRING,)), hidden()
+    stated = identify(robot, [run.training], [run.validation], run.identification.choices)
+    assert diagnose(stated, [hidden().training]).recommended == diagnosed(has=False).recommended
+    assert diagnose(stated, [hidden().training], hardware={SPRING: True}).recommended == diagnosed().recommended
 
 
 def test_every_part_has_an_effect_and_every_effect_of_a_part_says_what_the_data_show():
@@ -90,13 +92,15 @@ def test_a_robot_keeps_its_parts_in_a_file():
     [
         ({"has": ["balancer"]}, "/has/0"),
         ({"has_not": ["cable", "ballast"]}, "/has_not/1"),
-        ({"has": "cable", "has_not": "cable"}, "/has_not/0"),
+        ({"has": ["cable"], "has_not": ["cable"]}, "/has_not/0"),
     ],
 )
 def test_parts_that_cannot_be_are_named(stated, pointer):
     with pytest.raises(DynidentError) as raised:
-        dy.load_robot("ur10", **stated)
+        check_hardware(**{"has": [], "has_not": [], **stated})
     assert raised.value.pointer == pointer
+    with pytest.raises(DynidentError, match="There is no hardware 'balancer'; the names are: gravity_compensator"):
+        dy.load_robot("ur10", hardware={"balancer": False})
 
 
 def test_a_robot_file_states_its_parts_and_arguments_replace_them(tmp_path):
@@ -108,5 +112,5 @@ def test_a_robot_file_states_its_parts_and_arguments_replace_them(tmp_path):
         + '}, "has": ["cable"], "has_not": ["spring"]}'
     )
     assert dy.load_robot(path).has == ("cable",)
-    changed = dy.load_robot(path, has_not=["cable"])
+    changed = dy.load_robot(path, hardware={"cable": False})
     assert (changed.has, set(changed.has_not)) == ((), {"cable", "spring"})

@@ -90,8 +90,10 @@ def load_robot_argument(text: str, additions: RobotAdditions = _NOTHING_BESIDE) 
         text,
         locked_joints=parsing.parse_locks(additions.lock),
         gravity=upright,
-        has=_split_names(additions.has),
-        has_not=_split_names(additions.has_not),
+        hardware={
+            **dict.fromkeys(_split_names(additions.has), True),
+            **dict.fromkeys(_split_names(additions.has_not), False),
+        },
     )
     return with_gains(robot, additions.drive_gains)
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from dynident.advice import advise
 from dynident.diagnosis import DiagnosisChoices, evidence, examine
 from dynident.diagnosis.changes import identify_on_both
 from dynident.progress import scale_progress
-from dynident.robot.model import merge_hardware
 from dynident_service.adapters.conversion import to_request
 from dynident_service.adapters.diagnoses import describe_diagnosis, write_evidence
 from dynident_service.jobs.task import Outcome, Task
@@ -29,11 +26,7 @@ def diagnose_model(task: Task) -> Outcome:
     earlier = open_stored_recordings(task, request.baseline_ids)
     # What is known of the robot now, which may be more than when the model was identified.
     robot = task.resources.get("robot", identification.get_dependency("robot")).request
-    has, has_not = merge_hardware(
-        replace(model.model.robot, has=robot.get("has", ()), has_not=robot.get("has_not", ())),
-        choices.has,
-        choices.has_not,
-    )
+    stated = {**dict.fromkeys(robot.get("has", ()), True), **dict.fromkeys(robot.get("has_not", ()), False)}
     examined = examine(
         model,
         recordings,
@@ -41,8 +34,7 @@ def diagnose_model(task: Task) -> Outcome:
         candidates=choices.candidates,
         most_effects=choices.max_effects,
         significance=choices.significance,
-        has=has,
-        has_not=has_not,
+        hardware={**stated, **choices.hardware},
         progress=scale_progress(task.progress, 0.0, 0.9),
     )
     diagnosis = advise(examined)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,7 +26,7 @@ from dynident.diagnosis import (
     examine,
 )
 from dynident.diagnosis.reasons import CandidateOutcome, Reason
-from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, DiagnosisChoices
+from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE
 from dynident.effects import EffectChoice
 from dynident.effects.text_format import format_effect
 from dynident.errors import DynidentError
@@ -114,7 +114,7 @@ class DiagnosedModel(Framed):
 
     @property
     def questions(self) -> tuple[str, ...]:
-        """Parts that recommended effects are of, asked for once: `has` and `has_not` of `load_robot` answer."""
+        """Parts that recommended effects are of, asked for once: `hardware` of `load_robot` answers."""
         return self.diagnosis.questions
 
     @property
@@ -267,8 +267,7 @@ def diagnose(
     candidates: str | Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
-    has: str | Sequence[str] = (),
-    has_not: str | Sequence[str] = (),
+    hardware: Mapping[str, bool] | None = None,
     progress: Progress = ignore_progress,
 ) -> DiagnosedModel:
     """Name the physics that a model is missing.
@@ -285,9 +284,9 @@ def diagnose(
         At most so many are recommended; contacts do not count.
     significance : float
         Largest p-value of a finding: the probability that anything is named where nothing is missing.
-    has, has_not : names of parts
-        Parts that the robot has or does not have, beside those given to `load_robot`: what is not there is not
-        proposed, and `questions` asks about what nobody has said.
+    hardware : mapping of part to bool
+        Whether the robot has a part, as in `load_robot`, for a model whose robot does not say: what is not there is
+        not proposed, and `questions` asks about what nobody has said.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -319,18 +318,13 @@ def diagnose(
         desk_model.check_data("diagnose the model")
     checked_recordings = desk_model.recordings if recordings is None else as_recordings(recordings)
     check_not_empty(checked_recordings, "recordings")
-    stated = DiagnosisChoices(
-        has=(has,) if isinstance(has, str) else tuple(has),
-        has_not=(has_not,) if isinstance(has_not, str) else tuple(has_not),
-    )
     examination = examine(
         desk_model.identification,
         checked_recordings.recordings,
         candidates=[candidates] if isinstance(candidates, str) else candidates,
         most_effects=most_effects,
         significance=significance,
-        has=stated.has,
-        has_not=stated.has_not,
+        hardware=hardware or {},
         progress=progress,
     )
     return DiagnosedModel(desk_model, checked_recordings, examination)

@@ -28,6 +28,7 @@ from dynident.robot.json_fields import (
     parse_json,
 )
 from dynident.robot.meshes import find_package
+from dynident.robot.settings import split_hardware
 from dynident.robot.xml_text import read_root
 
 _XACRO_TITLE = "Unusable xacro"
@@ -152,8 +153,7 @@ def load_robot(
     drive_gains: DriveGains | None = None,
     locked_joints: Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
-    has: str | Sequence[str] = (),
-    has_not: str | Sequence[str] = (),
+    hardware: Mapping[str, bool] | None = None,
 ) -> Robot:
     """Read a robot.
 
@@ -177,10 +177,10 @@ def load_robot(
         is clamped (at 0).
     gravity : (x, y, z), optional
         In the base frame, m/s².
-    has, has_not : names of parts
-        Parts that the robot has or does not have: "gravity_compensator", "spring" (or a cable that pulls a joint to a
-        position), "cable" (between two links), "coupled_wrist". A diagnosis does not propose what is not there, and
-        asks about what nobody has said.
+    hardware : mapping of part to bool
+        Whether the robot has a part: "gravity_compensator", "spring" (or a cable that pulls a joint to a position),
+        "cable" (between two links), "coupled_wrist". A diagnosis does not propose what is not there, and asks about
+        what nobody has said. In a file these are the lists `has` and `has_not`.
 
     Returns
     -------
@@ -202,13 +202,14 @@ def load_robot(
     >>> float(hanging.gravity[2])
     9.81
     """
+    has, has_not = split_hardware(hardware or {})
     stated: dict[str, Any] = {
         "limits": dict(limits or {}),
         "drives": dict(drives or {}),
         "locked_joints": dict(locked_joints or {}),
         "gravity": None if gravity is None else tuple(gravity),
-        "has": (has,) if isinstance(has, str) else tuple(has),
-        "has_not": (has_not,) if isinstance(has_not, str) else tuple(has_not),
+        "has": has,
+        "has_not": has_not,
     }
     robot = _read_robot(source, name, stated)
     return robot if drive_gains is None else set_drive_gains(robot, drive_gains)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -63,7 +64,7 @@ from dynident.identification.study.extending import extend_at_once
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.recordings.poses import has_poses
-from dynident.robot.model import merge_hardware
+from dynident.robot.settings import split_hardware
 
 _AT_FIRST = (
     "it explains a part of the residual of this model, but it does not explain that part once the model is "
@@ -104,8 +105,7 @@ def diagnose(
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
-    has: Sequence[str] = (),
-    has_not: Sequence[str] = (),
+    hardware: Mapping[str, bool] = MappingProxyType({}),
     progress: Progress = ignore_progress,
 ) -> Diagnosis:
     """Find the effects that are missing in an identified model.
@@ -126,9 +126,9 @@ def diagnose(
         Largest number of effects that are recommended, contacts not counted.
     significance : float
         Largest p-value of a finding: the probability that anything is named where nothing is missing.
-    has, has_not : sequence of str
-        Parts that the robot has or does not have, beside those that it states: effects of parts that it does not have
-        are not tried, unless `candidates` lists them.
+    hardware : mapping of str to bool
+        Whether the robot has a part, by its name of `dynident.robot.settings.HARDWARE`, in place of what it states:
+        effects of parts that are not there are not tried, unless `candidates` lists them.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
 
@@ -149,8 +149,7 @@ def diagnose(
         candidates=candidates,
         most_effects=most_effects,
         significance=significance,
-        has=has,
-        has_not=has_not,
+        hardware=hardware,
         progress=progress,
     ).diagnosis
 
@@ -164,8 +163,7 @@ def examine(
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
-    has: Sequence[str] = (),
-    has_not: Sequence[str] = (),
+    hardware: Mapping[str, bool] = MappingProxyType({}),
     progress: Progress = ignore_progress,
 ) -> Examination:
     """Find missing effects as `diagnose` does, and keep what advice on the next experiment needs.
@@ -184,9 +182,9 @@ def examine(
         Largest number of effects that are recommended, contacts not counted.
     significance : float
         Largest p-value of a finding: the probability that anything is named where nothing is missing.
-    has, has_not : sequence of str
-        Parts that the robot has or does not have, beside those that it states: effects of parts that it does not have
-        are not tried, unless `candidates` lists them.
+    hardware : mapping of str to bool
+        Whether the robot has a part, by its name of `dynident.robot.settings.HARDWARE`, in place of what it states:
+        effects of parts that are not there are not tried, unless `candidates` lists them.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
 
@@ -201,7 +199,8 @@ def examine(
         For recordings of poses at rest, in which nothing that is missing shows.
     """
     _check_request(candidates or (), (*recordings, *baseline))
-    has, absent = merge_hardware(identification.model.robot, has, has_not)
+    # What is said with the request counts more than what was said with the robot.
+    has, absent = split_hardware({**identification.model.robot.hardware, **hardware})
     held_out_ratio = compute_held_out_ratio(identification)
     recordings, _ = split_friction_tests(recordings)
     since: tuple[str, ...] = ()

@@ -58,6 +58,11 @@ class DiagnosisChoices:
         "Parts that the robot does not have, beside those stated with it", default=()
     )
 
+    @property
+    def hardware(self) -> dict[str, bool]:
+        """Whether the robot has a part, by the part's name."""
+        return {**dict.fromkeys(self.has, True), **dict.fromkeys(self.has_not, False)}
+
     def __post_init__(self) -> None:
         check_ranges(self)
         check_candidates(self.candidates or ())

@@ -69,7 +69,8 @@ class RankedEffect:
     def title(self) -> str:
         """The effect in words: what the data show, as long as nobody has said that the robot has such a part."""
         effect = get_effect(self.effect)
-        return effect.get_cautious_title(() if self.question else (effect.hardware,))
+        # Data never show a part of the robot: only a torque that such a part would give.
+        return f"{effect.appearance} ({effect.title.lower()}?)" if self.question else effect.title
 
     @property
     def effect(self) -> str:

@@ -348,17 +348,6 @@ class Effect(ABC):
     appearance: ClassVar[str] = ""
     often_missed: ClassVar[int | None] = None
 
-    def get_cautious_title(self, known: Collection[str]) -> str:
-        """Return the title, or what the data show where nobody has said that the robot has such a part.
-
-        Parameters
-        ----------
-        known : collection of str
-            Parts that the robot is known to have.
-        """
-        # Data never show a part of the robot: only a torque that such a part would give.
-        return self.title if self.hardware in ("", *known) else f"{self.appearance} ({self.title.lower()}?)"
-
     @property
     def proposal(self) -> Proposal:
         """Where candidates for its shape constants come from."""

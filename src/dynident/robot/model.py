@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -64,22 +64,6 @@ def compute_currents(robot: Robot, tau: FloatArray) -> FloatArray:
     # Γ = Cᵀ diag(g) u, solved for u.
     motors = tau if matrix is None else np.linalg.solve(matrix.T, tau.T).T
     return np.asarray(motors / gains)
-
-
-def merge_hardware(robot: Robot, has: Sequence[str], has_not: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the parts that a robot has and those that it has not; what is stated now replaces what the robot states.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot with what was stated with it.
-    has, has_not : sequence of str
-        What is stated now, of `dynident.robot.settings.HARDWARE`.
-    """
-    return (
-        tuple(dict.fromkeys((*has, *(part for part in robot.has if part not in has_not)))),
-        tuple(dict.fromkeys((*has_not, *(part for part in robot.has_not if part not in has)))),
-    )
 
 
 INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
@@ -186,6 +170,11 @@ class Robot:
     def has_torque(self) -> BoolArray:
         """Which joints (n,) have a torque in the data that models of the robot are identified from."""
         return np.array([name not in self.joints_without_torque for name in self.joint_names], dtype=bool)
+
+    @property
+    def hardware(self) -> dict[str, bool]:
+        """Whether the robot has a part, by the part's name, as far as its owner has said."""
+        return {**dict.fromkeys(self.has, True), **dict.fromkeys(self.has_not, False)}
 
     @property
     def tree(self) -> Robot:

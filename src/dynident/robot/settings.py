@@ -124,6 +124,25 @@ def gravity_from(gravity: Sequence[float], at: str = "/gravity") -> FloatArray:
     return vector
 
 
+def split_hardware(hardware: Mapping[str, bool]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the parts that a robot has, and those that it has not.
+
+    Parameters
+    ----------
+    hardware : mapping of str to bool
+        Whether the robot has a part, by its name of `HARDWARE`.
+
+    Raises
+    ------
+    DynidentError
+        For a part of another name.
+    """
+    has = tuple(name for name, is_there in hardware.items() if is_there)
+    has_not = tuple(name for name, is_there in hardware.items() if not is_there)
+    check_hardware(has, has_not)
+    return has, has_not
+
+
 def check_hardware(has: Sequence[str], has_not: Sequence[str]) -> None:
     """Raise an error for a part that is none of `HARDWARE`, or that the robot both has and has not.
 
