@@ -11,11 +11,12 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.reasons import CandidateOutcome, Reason
+from dynident.diagnosis.reasons import CandidateOutcome, Reason, describe_place
 from dynident.diagnosis.result import Adequacy, Conclusion, RankedEffect, UnknownPattern
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, get_effect
 from dynident.regressors.model import Model
+from dynident.robot.joint import join_joint_names
 from dynident.robot.settings import HARDWARE
 
 ABOVE_NOISE = 4.0
@@ -203,7 +204,7 @@ def _build_ranked_effect(
 
 
 def _word_evidence(title: str, scored: ScoredCandidate, before: float, after: float, why: str) -> str:
-    place = ", ".join(scored.candidate.joints) or "the whole robot"
+    place = describe_place(scored.candidate.joints)
     if after >= before:
         return f"{title} on {place} does not improve the prediction of blocks left out of the fit. {why}"
     return (
@@ -257,6 +258,32 @@ def select_verdict(
     return "adequate"
 
 
+def group_patterns(unknown: Sequence[UnknownPattern], joint_names: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Group what the residual depends on by the variable, however many joints there are.
+
+    Parameters
+    ----------
+    unknown : sequence of UnknownPattern
+        Dependences of the residual.
+    joint_names : sequence of str
+        All joints of the robot.
+
+    Returns
+    -------
+    list of (str, str, str)
+        The variable, the joints, and the share of their variance, from the least to the most.
+    """
+    groups: dict[str, list[UnknownPattern]] = {}
+    for pattern in unknown:
+        groups.setdefault(pattern.variable.replace("_", " "), []).append(pattern)
+    rows = []
+    for variable, patterns in groups.items():
+        low, high = (f"{end(pattern.share for pattern in patterns):.0%}" for end in (min, max))
+        joints = join_joint_names(list(dict.fromkeys(pattern.joint for pattern in patterns)), joint_names)
+        rows.append((variable, joints, low if low == high else f"{low} to {high}"))
+    return rows
+
+
 def word_summary(
     verdict: Adequacy,
     conclusion: Conclusion,
@@ -287,9 +314,13 @@ def word_summary(
     """
     significant = [ranked_effect for ranked_effect in ranked if ranked_effect.significant]
     if verdict == "missing_effect":
+        # An effect that was found joint by joint is told once.
+        places: dict[str, list[str]] = {}
+        for ranked_effect in significant:
+            places.setdefault(ranked_effect.title, []).extend(ranked_effect.joints)
         names = "; ".join(
-            f"{ranked_effect.title} on {', '.join(ranked_effect.joints) or 'the whole robot'}"
-            for ranked_effect in significant
+            f"{title} on {join_joint_names(list(dict.fromkeys(joints)), model.robot.joint_names) or 'the whole robot'}"
+            for title, joints in places.items()
         )
         questions = dict.fromkeys(ranked_effect.question for ranked_effect in significant if ranked_effect.question)
         text = " ".join((f"The model lacks: {names}.", *questions))
@@ -303,7 +334,10 @@ def word_summary(
     else:
         text = " ".join((conclusion.headline, *conclusion.why))
     if unknown:
-        parts = "; ".join(f"{p.joint} over {p.variable.replace('_', ' ')} ({p.share:.0%})" for p in unknown[:4])
+        parts = "; ".join(
+            f"{joints} over {variable} ({shares})"
+            for variable, joints, shares in group_patterns(unknown, model.robot.joint_names)
+        )
         text += f" The residual still depends on: {parts}."
     # The joint where the residual exceeds the noise most, in multiples, stands for all.
     worst = int(np.argmax(residual / np.maximum(floor, 1e-12)))

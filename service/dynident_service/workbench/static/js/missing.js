@@ -128,8 +128,12 @@ function partQuestions(model, result, run) {
 
 function unknown(result) {
   if (!result.unknown.length) return null;
-  const columns = [["joint", (one) => one.joint], ["over", (one) => one.variable.replaceAll("_", " ")], figures("share of its variance", (one) => one.share, (value) => percent(value))];
-  return listed("With all recommended effects, the residual still depends on", columns, result.unknown);
+  const columns = [["joints", (one) => one.joints], ["over", (one) => one.variable.replaceAll("_", " ")], figures("share of their variance, at most", (one) => one.share, (value) => percent(value))];
+  const rows = [...new Set(result.unknown.map((one) => one.variable))].map((variable) => {
+    const all = result.unknown.filter((one) => one.variable === variable);
+    return { variable, joints: [...new Set(all.map((one) => one.joint))].join(", "), share: Math.max(...all.map((one) => one.share ?? 0)) };
+  });
+  return listed("With all recommended effects, the residual still depends on", columns, rows);
 }
 
 function nextExperiment(model, result) {
@@ -143,10 +147,16 @@ function nextExperiment(model, result) {
 
 function invisible(model, result) {
   if (!result.not_visible.length) return null;
+  // A row an effect, however many joints the robot has.
+  const groups = [...new Set(result.not_visible.map((one) => one.effect))].map((effect) => {
+    const all = result.not_visible.filter((one) => one.effect === effect);
+    const reasons = [...new Set(all.map((one) => one.reason))];
+    return { effect, joints: [...new Set(all.flatMap((one) => one.joints))], reason: reasons.length > 1 ? `${reasons[0]}; and ${reasons.length - 1} more, as the detection limits show` : reasons[0] };
+  });
   const columns = [["effect", (one) => titleOf(model.effects, one.effect)], ["where", (one) => placeOf(model.effects, one, model.joints)], ["why", (one) => one.reason]];
   return h("details", {},
-    h("summary", {}, `Not visible in this data (${result.not_visible.length})`),
+    h("summary", {}, `Not visible in this data (${groups.length})`),
     h("p", { class: "note" }, "The robot may have these effects: this data cannot show them in their usual size."),
-    listed("Effects that this data cannot show", columns, result.not_visible),
+    listed("Effects that this data cannot show", columns, groups),
   );
 }
