@@ -32,6 +32,7 @@ from dynident.diagnosis.changes import (
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise
 from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
+from dynident.diagnosis.decision_rules import DecisionRules
 from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
 from dynident.diagnosis.reasons import CandidateOutcome, Reason
 from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, check_candidates
@@ -225,7 +226,8 @@ def examine(
     # One pass over the recordings for the model and all candidates: every score of the search comes from these
     # products.
     data = rows.gather_products(pool, scale_progress(progress, 0.1, 0.5))
-    start = _build_start_state(data, pool, identification, floor, significance)
+    rules = DecisionRules(significance=significance, most_effects=most_effects)
+    start = _build_start_state(data, pool, identification, floor, rules)
     first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
     # First the best candidates of a coarse grid, then their shape constants, on all rows.
     record = search_findings(data, pool, start, first, most_effects, rows, scale_progress(progress, 0.5, 0.8))
@@ -382,14 +384,14 @@ def _reidentify_unweighted(identification: Identification) -> Identification:
 
 
 def _build_start_state(
-    data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray, level: float
+    data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray, rules: DecisionRules
 ) -> State:
     """Return the state that the search starts from: the model with the contacts that disturb it."""
     base, noise = tuple(range(pool.n_base)), identification.noise
     picks = find_contacts(data, pool, base, noise, identification.preprocessing)
     for finding in picks:
         base += finding.columns
-    return State(base, estimate_residual_noise(data, base) if picks else noise, floor, picks, pool.since, level)
+    return State(base, estimate_residual_noise(data, base) if picks else noise, floor, picks, pool.since, rules)
 
 
 def _compute_rms(comparisons: Sequence[Comparison]) -> FloatArray:

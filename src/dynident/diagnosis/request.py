@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from dynident.diagnosis.decision_rules import RULES
 from dynident.robot.settings import check_hardware
 from dynident.schema.fields import check_ranges, declare_field
 
-DEFAULT_MOST_EFFECTS = 12
-"""Two for each joint of a usual arm: a search ends where nothing more passes, this only bounds how long it takes.
+DEFAULT_MOST_EFFECTS = int(RULES.most_effects)
+"""Contacts do not count: they are events of a recording, not effects of the arm."""
 
-Contacts do not count: they are events of a recording, not effects of the arm."""
-
-DEFAULT_SIGNIFICANCE = 0.01
-"""How often anything at all may be named, by chance, in an arm where nothing is missing (`benchmarks/placebo.py`)."""
+DEFAULT_SIGNIFICANCE = RULES.significance
 
 
 @dataclass(frozen=True)

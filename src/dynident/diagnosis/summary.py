@@ -11,6 +11,7 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparing.compare import Comparison
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.reasons import CandidateOutcome, Reason, describe_place
 from dynident.diagnosis.result import Adequacy, Conclusion, RankedEffect, UnknownPattern
 from dynident.diagnosis.search.state import Finding
@@ -18,12 +19,6 @@ from dynident.effects import EffectChoice, get_effect
 from dynident.regressors.model import Model
 from dynident.robot.joint import join_joint_names
 from dynident.robot.settings import HARDWARE
-
-ABOVE_NOISE = 4.0
-"""Times the sensor's noise from which on what is left where a joint moves is no adequate model, whatever it depends on.
-
-Clocks, filters and torque that is logged slower than it is commanded leave more than noise beside a sound model, too:
-up to 1.9 times in 72 cases of `benchmarks/clean_residuals.py`, up to 3.8 where arms dwell at many points."""
 
 # A torque sensor hardly resolves less of the torque: in noiseless simulations what is left has to be more than that.
 _QUIET = 1e-3
@@ -253,7 +248,7 @@ def select_verdict(
     """
     if recommended:
         return "missing_effect"
-    if unknown or (above > ABOVE_NOISE).any():
+    if unknown or (above > RULES.adequate_over_noise).any():
         return "unexplained"
     return "adequate"
 

@@ -23,17 +23,12 @@ from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products, split_data_folds
 from dynident.diagnosis.candidates.scoring import compute_block_products
-from dynident.diagnosis.candidates.significance import (
-    SMALLEST_ERROR_DROP,
-    FamilywiseLevels,
-    compute_least_t,
-    standardise_size,
-)
+from dynident.diagnosis.candidates.significance import FamilywiseLevels, compute_least_t, standardise_size
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.reasons import CandidateOutcome, Reason
 from dynident.diagnosis.result import DetectionLimit, Invisible
-from dynident.diagnosis.search.acceptance import VISIBLE, find_least_drops, get_least_gain
+from dynident.diagnosis.search.acceptance import find_least_drops, get_least_gain
 from dynident.diagnosis.search.outcomes import FinalScores
-from dynident.diagnosis.search.pruning import PRUNE_T
 from dynident.diagnosis.search.state import KINDS, find_acting_columns, may_use_scores
 from dynident.effects import EffectChoice, get_effect
 from dynident.estimation.errors import compute_evenness
@@ -273,18 +268,18 @@ class _PlantedEffect:
             ((t >= self.levels.gains) | self._test_scores(shares))
             & (t >= self.least_t)
             & (over_joints(drops, axis=1) >= least_drop)
-            & (over_joints(error_drops, axis=1) >= SMALLEST_ERROR_DROP)
+            & (over_joints(error_drops, axis=1) >= RULES.least_error_drop)
             & (over_joints(removed / self.floor, axis=1) >= get_least_gain(effect))
         )
         if self.moving is not None:
             kinds = range(len(self.moving.held_out))
             where_moving = _compute_error_drops([self.moving._compare(number, shares) for number in kinds])
-            accepted &= over_joints(where_moving, axis=1) >= SMALLEST_ERROR_DROP
+            accepted &= over_joints(where_moving, axis=1) >= RULES.least_error_drop
         return accepted
 
     def find_thresholds(self) -> FloatArray:
         """Return (d,): the smallest share of the usual size that is accepted in each draw; infinite where none is."""
-        if self.separability < VISIBLE:
+        if self.separability < RULES.least_separability:
             return np.full(_DRAWS, np.inf)
         low, high = np.full(_DRAWS, math.log(_SMALLEST)), np.full(_DRAWS, math.log(LARGEST))
         is_ever = self.find_accepted(np.exp(high))
@@ -411,7 +406,7 @@ def _list_planted(
                 unit[place],
                 float(separability[place]),
                 final.levels,
-                max(compute_least_t(rows.n_stretches, state.level), PRUNE_T),
+                max(compute_least_t(rows.n_stretches, state.level), RULES.staying_finding_t),
             )
 
 

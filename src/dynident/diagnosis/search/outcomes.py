@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, explain_absence
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, ScoredCandidate
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.reasons import CandidateOutcome, Reason, describe_choice
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.diagnosis.search.acceptance import find_rejection
@@ -17,11 +18,6 @@ from dynident.diagnosis.search.physical_constraints import find_impossibility
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_family
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.regressors.model import Model
-
-EXPLAINED = 0.5
-"""Share of what a candidate gains by itself below which it is explained by what was found.
-
-As between rivals (`next_finding`): what keeps more of its gain beside another effect is another effect."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +207,11 @@ class _Judge:
         """Return which finding explains what a candidate would gain by itself; None where none does."""
         gain = last.total_gain if last is not None else 0.0
         loss = self.record.losses.get(alone.candidate)
-        if loss is None or not alone.is_significant(self.final.state.level) or gain >= EXPLAINED * alone.total_gain:
+        if (
+            loss is None
+            or not alone.is_significant(self.final.state.level)
+            or gain >= RULES.still_gains * alone.total_gain
+        ):
             return None
         step = self._find_step(loss)
         choice = loss.finding.judged.candidate.choice if step is None else self.choices[step - 1]
