@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from dynident.encoding import encode_text
 from pydantic import BaseModel, Field
 
 import dynident as dy
@@ -13,7 +14,6 @@ from dynident.advice import AdvisedDiagnosis
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.motion_design import resolve_request
 from dynident.diagnosis.request import DiagnosisChoices
-from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
 from dynident.export import ExportChoices

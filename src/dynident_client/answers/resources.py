@@ -63,9 +63,13 @@ class EffectParameter(TypedDict):
 class EffectView(TypedDict):
     """A physical cause of joint torque."""
 
+    appearance: str
+    """What the data show of such an effect, whatever its cause"""
     confused_with: list[str]
     formula: str
     """LaTeX"""
+    hardware: str
+    """The part that the effect is of, if only some robots have it"""
     id: str
     parameters: list[EffectParameter]
     scope: Literal["joint", "robot"]
