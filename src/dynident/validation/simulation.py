@@ -27,7 +27,7 @@ from dynident.recordings.phases import SLOW, STANDS
 from dynident.schema.fields import check_value
 from dynident.simulation.ground_truth import may_be_negative
 from dynident.validation.outcome import ValidationOutcome
-from dynident.validation.request import Simulation
+from dynident.validation.request import LONGEST_SIMULATED, Simulation
 
 AFTER = (0.1, 0.5, 2.0)
 """Seconds: a few samples of a controller, a quick move, and a whole motion from point to point."""
@@ -193,10 +193,6 @@ def _compute_rms(values: FloatArray) -> FloatArray:
     return np.where(counts > 0, np.sqrt(squares.sum(axis=0) / np.maximum(counts, 1)), np.nan)
 
 
-LONGEST = 20.0
-"""Seconds of a recording that are simulated at most."""
-
-
 @dataclass(frozen=True, eq=False)
 class SimulationValidation:
     """A simulated robot that followed the recorded motion under control, and one that was left alone.
@@ -238,7 +234,7 @@ def validate_simulation(
     identification: Identification,
     recording: Recording,
     limit: float = LARGEST_ERROR,
-    longest: float = LONGEST,
+    longest: float = LONGEST_SIMULATED,
     progress: Progress = ignore_progress,
 ) -> SimulationValidation:
     """Let a robot with the identified parameters make the recorded motion under joint control, and without any.
