@@ -46,6 +46,7 @@ _ANSWERS = {
     "resources": (
         *(
             "Catalogue",
+            "KnownRobots",
             "CheckView",
             "GeometryView",
             "Health",

@@ -124,6 +124,10 @@ class RobotOptions(TypedDict, total=False):
     """By joint"""
     gravity: tuple[float, float, float] | None
     """m/s² in the base frame"""
+    has: Sequence[str]
+    """Parts that the robot has"""
+    has_not: Sequence[str]
+    """Parts that it does not have: diagnoses do not propose their effects"""
     limits: Mapping[str, Limits]
     """By joint; these replace the limits of the description."""
     locked_joints: Mapping[str, float]

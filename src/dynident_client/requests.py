@@ -95,6 +95,10 @@ class DiagnosisOptions(TypedDict, total=False):
 
     candidates: Sequence[str] | None
     """Ids of the effects to try; the whole catalogue if not given"""
+    has: Sequence[str]
+    """Parts that the robot has, beside those stated with it: gravity_compensator, spring, cable, coupled_wrist"""
+    has_not: Sequence[str]
+    """Parts that the robot does not have, beside those stated with it"""
     max_effects: int | None
     """Largest number of recommended effects; contacts do not count (1 to 100)"""
     name: str | None

@@ -247,6 +247,8 @@ def build_robot(request: wire.RobotRequest) -> Robot:
         drives=from_body_value(request.drives, "/drives"),
         locked_joints=request.locked_joints,
         gravity=request.gravity,
+        has=request.has,
+        has_not=request.has_not,
     )
 
 

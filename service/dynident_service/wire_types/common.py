@@ -8,7 +8,15 @@ from datetime import datetime
 from math import nan
 from typing import Annotated, Any, Generic, Literal, TypeVar, cast
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    model_validator,
+)
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
@@ -150,6 +158,13 @@ class EffectChoice(RequestModel):
     runs: list[str] = Field(
         default=[], description="Names of the measurements, or labels of their runs, in which the effect acts"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _drop_question(cls, values: Any) -> Any:
+        # What a diagnosis recommends is posted as it is, with the question that came with it.
+        known = "question" in cls.model_fields or not isinstance(values, dict)
+        return values if known else {name: value for name, value in values.items() if name != "question"}
 
 
 Effects = Annotated[list[EffectChoice], Field(max_length=MOST_EFFECTS)]

@@ -278,6 +278,10 @@ class Methods(Trial):
         return validate_methods(tried.model, tried.others, tried.recordings, self.methods, tried.progress)
 
 
+LONGEST_SIMULATED = 20.0
+"""Seconds of a recording that are simulated at most."""
+
+
 @dataclass(frozen=True)
 class Simulation(LimitedTrial):
     """A simulated robot against the recorded one."""
@@ -291,9 +295,8 @@ class Simulation(LimitedTrial):
         """Make the validation on each recording."""
         from dynident.progress import scale_progress
         from dynident.validation import validate_simulation
-        from dynident.validation.simulation import LONGEST
 
-        longest, n = self.longest or LONGEST, len(tried.recordings)
+        longest, n = self.longest or LONGEST_SIMULATED, len(tried.recordings)
         return [
             validate_simulation(
                 tried.model, recording, self.largest_error, longest, scale_progress(tried.progress, k / n, (k + 1) / n)

@@ -63,9 +63,13 @@ class EffectParameter(TypedDict):
 class EffectView(TypedDict):
     """A physical cause of joint torque."""
 
+    appearance: str
+    """What the data show of such an effect, whatever its cause"""
     confused_with: list[str]
     formula: str
     """LaTeX"""
+    hardware: str
+    """The part that the effect is of, if only some robots have it"""
     id: str
     parameters: list[EffectParameter]
     scope: Literal["joint", "robot"]
@@ -144,6 +148,22 @@ class KeyUsage(TypedDict):
     """Name of the key; `null` for resources without a key, or from before keys were counted"""
     recordings: Quota
     """Measurements, including those that unfinished simulations will make"""
+
+
+class KnownRobot(TypedDict):
+    """A well-known arm."""
+
+    description: dict[str, str]
+    """For POST /v1/robots: format and content"""
+    name: str
+    source: str
+    """Where its limits and inertial parameters are from"""
+
+
+class KnownRobots(TypedDict):
+    """The well-known arms, by name."""
+
+    items: list[KnownRobot]
 
 
 class Limits(TypedDict):
@@ -259,6 +279,8 @@ class Quota(TypedDict):
 class RawSignals(TypedDict):
     """Signals of a measurement's file, without filtering, repair or resampling."""
 
+    available: list[str]
+    """Signals of joints that the file has, by joint name"""
     n_samples: int
     """Number of samples from `from` to `to`, of which these are shown"""
     signals: dict[str, list[float | None]]
