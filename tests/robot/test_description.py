@@ -84,6 +84,7 @@ def test_a_setting_that_does_not_fit_is_named_with_its_place(arguments, pointer,
         (lambda: Limits((1, -1)), "/position", r"\[1, -1\]; give two numbers, the lower one first"),
         (lambda: Limits((0, math.inf)), "/position/1", "position is inf; it must be"),
         (lambda: Drive(0.0), "/drive_gain", "drive_gain is 0.0; it must be .* but 0"),
+        (lambda: Drive(coupling={"a": math.nan}), "/coupling/a", "coupling of a is nan; it must be"),
         (lambda: Drive(gear_ratio=math.nan), "/gear_ratio", "gear_ratio is nan; it must be"),
         (
             lambda: Drive(10.0, 100.0, 0.2),

@@ -240,7 +240,7 @@ BAD = {
         r"\[2.0, 1.0\].*the lower one first",
     ),
     "one limit": ([{"limits": {"position": [2]}}], "/0/limits/position", "Expected a list of 2 numbers"),
-    "limit of zero": ([{"limits": {"velocity": 0}}], "/0/limits/velocity", "is 0.0; expected a positive number"),
+    "limit of zero": ([{"limits": {"velocity": 0}}], "/0/limits/velocity", "velocity is 0.0; it must be"),
     "unknown limit": ([{"limits": {"torque": 1}}], "/0/limits/torque", "Unknown field 'torque'"),
     "unknown inertial": ([{"inertia": {"xx": 1}}], "/0/inertia/xx", "Unknown field 'xx'; expected XX, XY"),
     "no mass": ([{"inertia": {"XX": 1}}], "/0/inertia/M", "positive mass"),

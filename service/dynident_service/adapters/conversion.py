@@ -117,7 +117,7 @@ def to_request(request_body: BaseModel, science: type[RequestT], **more: object)
     ]
     # Null by default stands for the default of the library, which may be another.
     values = {
-        name: from_body_value(value, f"/{name}")
+        name: _from_body_value(value, f"/{name}")
         for name in names
         if (value := getattr(request_body, name)) is not None or body_fields[name].default is not None
     }
@@ -166,32 +166,42 @@ def _body_fields(value: DataclassInstance) -> dict[str, object]:
     }
 
 
-def from_body_value(value: Any, pointer: str) -> Any:
-    """Convert a value of a body to the types of requests; `DynidentError` where a part is refused.
+def to_requests(bodies: Mapping[str, BaseModel], science: type[RequestT], pointer: str) -> dict[str, RequestT]:
+    """Build requests of the library from parts of a body by name.
 
     Parameters
     ----------
-    value : object
-        A field of a body.
+    bodies : mapping of str to BaseModel
+        The parts.
+    science : type
+        The dataclass of each request.
     pointer : str
-        JSON pointer to it, for errors.
+        JSON pointer to the parts, for errors.
 
     Returns
     -------
-    object
-        Requests for models, tuples for lists.
+    dict
+        The requests by the same names.
     """
+    requests = {}
+    for name, body in bodies.items():
+        with point_within(make_pointer(name, within=pointer)):
+            requests[name] = to_request(body, science)
+    return requests
+
+
+def _from_body_value(value: Any, pointer: str) -> Any:
     if isinstance(value, common.EffectChoice):
         return from_wire_choice(value)
     if isinstance(value, BaseModel):
         with point_within(pointer):
             return to_request(value, REQUESTS[type(value)])
     if isinstance(value, dict):
-        return {name: from_body_value(element, make_pointer(name, within=pointer)) for name, element in value.items()}
+        return {name: _from_body_value(element, make_pointer(name, within=pointer)) for name, element in value.items()}
     if not isinstance(value, list):
         return value
     # Requests are frozen and hashable: lists become tuples.
-    return tuple(from_body_value(element, f"{pointer}/{index}") for index, element in enumerate(value))
+    return tuple(_from_body_value(element, f"{pointer}/{index}") for index, element in enumerate(value))
 
 
 T = TypeVar("T")

@@ -11,11 +11,11 @@ from typing import Annotated, Any
 
 import typer
 
-from dynident.errors import Cancelled, DynidentError
+from dynident.errors import Cancelled, DynidentError, word_remedies
 from dynident.optional_dependencies import format_install_hint
 from dynident.version import __version__
 from dynident_service.cli.files import check_inputs
-from dynident_service.cli.request_options import spread_options
+from dynident_service.cli.request_options import spread_options, write_option
 
 EXIT_MISUSED = 2
 """Exit code after an error that the user can mend; typer ends with the same one for wrong options."""
@@ -35,7 +35,8 @@ def print_error(error: DynidentError, as_json: bool) -> None:
     """
     # Many messages name the place already.
     where = f"{error.pointer}: " if error.pointer and error.pointer not in error.detail else ""
-    print(f"dynident: {error.title}\n  {where}{error.detail}", file=sys.stderr)
+    detail = word_remedies(error.detail, error.remedies, write_option)
+    print(f"dynident: {error.title}\n  {where}{detail}", file=sys.stderr)
     # A file may fail several checks; the first is the error itself.
     checks = [
         check for check in getattr(error, "checks", ()) if check.status == "error" and check.detail not in error.detail

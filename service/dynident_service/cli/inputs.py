@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import tempfile
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,7 +14,7 @@ from dynident.api.robot_files import set_drive_gains as set_gains
 from dynident.diagnosis.monitoring import Day, Measure, build_measure, find_free_name, load_days, reduce_day
 from dynident.effects import EffectChoice
 from dynident.effects.text_format import parse_effects
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, word_remedies
 from dynident.identification import Identification, from_bytes
 from dynident.identification.robot_recordings import MOST_CURES, import_cured
 from dynident.identification.shape_search import check_choices
@@ -27,29 +26,13 @@ from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, read_json_object
 from dynident_service.cli.metadata import StatedAnswers, accept_proposal, read_metadata
 from dynident_service.cli.options import Reading, RobotAdditions, TimedReading
+from dynident_service.cli.request_options import write_option
 from dynident_service.cli.terminal import show_progress_bar
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
     from dynident.advice import AdvisedDiagnosis
     from dynident.recordings.metadata import ConditioningStep
-
-
-# The library words remedies by the fields of the HTTP contract. The command line has options instead, so these patterns
-# rewrite the sentences. A remedy that is not in this list is printed as the contract words it.
-_REWORDED = (
-    (re.compile(r'say "accept": \["(\w+)"\]'), r"say --accept \1"),
-    (re.compile(r'say "skip": \["(\w+)"\]'), r"say --skip \1"),
-    (re.compile(r'"windows": \[\[([^,\]]+), ([^,\]]+)\]\]'), r"--windows {name}=\1:\2"),
-    (re.compile(r'"units": \{"(\w+)": "([^"]+)"\}'), r"--units \1=\2"),
-    (re.compile(r'"locked_joints": \{"([^"]+)": 0\}'), r"--lock \1"),
-    (re.compile(r'"columns": \{"(\w+)": "(\w+)"\}'), r"--columns \1=\2"),
-    (re.compile(r'Name it by columns, \{"(\w+)": "…"\}'), r"Name it by --columns \1=…"),
-    (re.compile(r'say "rate": …'), "say --rate HZ"),
-    (re.compile(r'with "role": "friction"'), "given as --friction"),
-    (re.compile(r'State "gravity": \[([^\]]+)\] with the robot'), r"Say --gravity \1"),
-    (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give --drive-gains in N m/A"),
-)
 
 
 _NOTHING_BESIDE = RobotAdditions()
@@ -211,23 +194,15 @@ def _load_recording(
         if not cure and refused and refused[0].apply is not None:
             error.detail += " Or let dynident correct it: --cure."
         # The library knows columns, rows and times, but not which of the files it is.
-        error.detail = f"{path.name}: {reword_for_options(error.detail, metadata.name)}"
-        error.checks = tuple(
-            replace(check, detail=reword_for_options(check.detail, metadata.name)) for check in error.checks
-        )
+        error.detail = f"{path.name}: {word_remedies(error.detail, error.remedies, write_option)}"
+        error.checks = _word_checks(error.checks)
         raise
-    checks = tuple(
-        replace(check, detail=reword_for_options(check.detail, imported.metadata.name)) for check in imported.checks
-    )
+    checks = _word_checks(imported.checks)
     return LoadedRecording(imported.recording, checks, path, imported.metadata)
 
 
-def reword_for_options(detail: str, name: str) -> str:
-    """Rewrite a sentence about the recording of that name: options in place of fields of the contract."""
-    # Several remedies may stand in one sentence: all patterns are tried.
-    for pattern, words in _REWORDED:
-        detail = pattern.sub(words.replace("{name}", name), detail)
-    return detail
+def _word_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
+    return tuple(replace(check, detail=word_remedies(check.detail, check.remedies, write_option)) for check in checks)
 
 
 def extract_recordings(measurements: Sequence[LoadedRecording]) -> list[Recording]:

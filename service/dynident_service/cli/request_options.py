@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_t
 
 import typer
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Remedy
 from dynident.schema.fields import FieldDescription, get_default, get_description, resolve_hint
 from dynident.schema.registry import Registry
 from dynident_service.cli import parsing
@@ -69,9 +69,7 @@ class TypedValues:
         try:
             return science(**{**dict(self._read_fields(science, more)), **more})
         except DynidentError as error:
-            options = {f"/{request_field.name}": _option_name(request_field) for request_field in fields(science)}  # type: ignore[arg-type]
-            # The request points at its field, or at an item of it; the user knows the option.
-            error.pointer = options.get("/".join(error.pointer.split("/")[:2]), error.pointer)
+            error.pointer = find_option(science, error.pointer)
             raise
 
     def _read_fields(self, science: type, more: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -90,6 +88,13 @@ class TypedValues:
                         request_field.name,
                         _parse_value(typed, get_description(request_field), hint, _option_name(request_field)),
                     )
+
+
+def find_option(science: type, pointer: str) -> str:
+    """Return the option of the field that a pointer into a request names; the pointer itself where there is none."""
+    # The request points at its field, or at an item of it; the user knows the option.
+    name = pointer.split("/")[1] if pointer.startswith("/") else ""
+    return next((_option_name(one) for one in fields(science) if one.name == name), pointer)  # type: ignore[arg-type]
 
 
 def spread_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -125,6 +130,28 @@ def spread_options(command: Callable[..., None]) -> Callable[..., None]:
     run_with_options.__signature__ = inspect.Signature(all_parameters)  # type: ignore[attr-defined]
     run_with_options.__annotations__ = {option.name: option.annotation for option in all_parameters}
     return run_with_options
+
+
+def write_option(remedy: Remedy) -> str:
+    """Return a remedy as options of the command line."""
+    option, value = f"--{remedy.field.replace('_', '-')}", remedy.value
+    if remedy.field == "drives":
+        return "--drive-gains"
+    if remedy.field == "rate":
+        return "--rate HZ"
+    if remedy.field == "role":
+        return f"option --{value}"
+    if remedy.field == "locked_joints" and isinstance(value, Mapping):
+        return f"--lock {','.join(value)}"
+    if remedy.field in ("signs", "scale", "torque_delay"):
+        return f"{remedy} in --metadata"
+    if isinstance(value, Mapping):
+        return f"{option} {','.join(f'{key}={_write_value(item)}' for key, item in value.items())}"
+    return f"{option} {','.join(map(_write_value, value)) if isinstance(value, tuple) else _write_value(value)}"
+
+
+def _write_value(value: object) -> str:
+    return "…" if value is ... else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def list_option_words(group: object) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ from dynident.api.argument_checks import check_arguments, require
 from dynident.api.recording_sources import RecordingData, SourceFile, TemporaryFile, open_recording_source
 from dynident.api.recordings import CheckedRecording, Recordings, RecordingSource
 from dynident.api.robot_files import DriveGains, set_drive_gains
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Remedy, word_remedies
 from dynident.identification.column_inference import Guess, Inspection, Question, inspect_file
 from dynident.identification.robot_recordings import MOST_CURES, import_cured
 from dynident.progress import Progress, ignore_progress, scale_progress
@@ -149,17 +148,18 @@ def _format_question(question: Question) -> str:
     return f"{question.field}: {question.detail}" + (f" ({', '.join(question.choices)})" if question.choices else "")
 
 
-# The checks word their remedies for requests over HTTP. These are the same remedies as arguments of Python.
-_REWORDINGS = (
-    (re.compile(r'say "accept": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(accept=(\1,))"),
-    (re.compile(r'say "skip": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(skip=(\1,))"),
-    (re.compile(r'"units": (\{[^}]*\})'), r"units=\1"),
-    (re.compile(r'"columns": (\{[^}]*\})'), r"columns=\1"),
-    (re.compile(r'"locked_joints": (\{[^}]*\})'), r"load_robot(…, locked_joints=\1)"),
-    (re.compile(r'Name it by columns, (\{"\w+": "…"\})'), r"Name it by columns=\1"),
-    (re.compile(r'with "role": "(\w+)"'), r'with metadata=dy.RecordingMetadata(role="\1")'),
-    (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give drive_gains in N m/A"),
-)
+def _write_argument(remedy: Remedy) -> str:
+    """Return a remedy as an argument of this package's functions."""
+    text = str(remedy).partition(": ")[2]
+    if isinstance(remedy.value, tuple):
+        text = f"({text[1:-1]},)" if len(remedy.value) == 1 else f"({text[1:-1]})"
+    if remedy.field in ("columns", "units"):
+        return f"{remedy.field}={text}"
+    if remedy.field in ("locked_joints", "gravity"):
+        return f"load_robot(…, {remedy.field}={text})"
+    if remedy.field == "drives":
+        return "drive_gains"
+    return f"metadata=dy.RecordingMetadata({remedy.field}={text})"
 
 
 @check_arguments
@@ -280,7 +280,7 @@ def _read_recording(
     # Copies of a recording (other windows, another name) share its source, so the source decides how long the file is
     # needed.
     weakref.finalize(read.recording.source, _let_go, destination)
-    checks = tuple(replace(check, detail=_reword(check.detail)) for check in read.checks)
+    checks = tuple(replace(check, detail=_word(check)) for check in read.checks)
     return CheckedRecording(
         read.recording, checks, robot, RecordingSource(file.path, read.metadata, (*edits, *read.revisions), file.owner)
     )
@@ -360,8 +360,8 @@ def _join_errors(failures: Sequence[tuple[str, RecordingError]], n_files: int) -
     for name, error in failures:
         # The error's text quotes the first failed check already; only the others are added.
         own = [check for check in error.checks if check.status == "error" and check.detail not in error.detail]
-        further = [f"\n    also {check.name.replace('_', ' ')}: {_reword(check.detail)}" for check in own]
-        texts.append(f"{name}: {_reword(error.detail)}{''.join(further)}")
+        further = [f"\n    also {check.name.replace('_', ' ')}: {_word(check)}" for check in own]
+        texts.append(f"{name}: {_word(error)}{''.join(further)}")
         checks += error.checks
     _, first = failures[0]
     if len(failures) == 1:
@@ -372,8 +372,5 @@ def _join_errors(failures: Sequence[tuple[str, RecordingError]], n_files: int) -
     return RecordingError(text, pointer=first.pointer, title=first.title, checks=tuple(checks))
 
 
-def _reword(detail: str) -> str:
-    # In their order: later patterns see what earlier ones have written.
-    for pattern, words in _REWORDINGS:
-        detail = pattern.sub(words, detail)
-    return detail
+def _word(finding: Check | RecordingError) -> str:
+    return word_remedies(finding.detail, finding.remedies, _write_argument)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from dynident.errors import Remedy
 from dynident.recordings.columns import Layout
 from dynident.recordings.file_source import RawSample
 from dynident.recordings.metadata import ACCEPTED, Check, RecordingError, RecordingMetadata
@@ -64,14 +65,15 @@ def run_checks(
     final_checks = adapt_cures(_mark_accepted(checks, accept), metadata, recording.joint_names)
     wrong = [check for check in final_checks if check.status == "error"]
     if wrong:
-        first = wrong[0]
+        first, remedy = wrong[0], Remedy("accept", (wrong[0].name,))
         raise RecordingError(
-            f'{first.detail} If the recording is right, say "accept": ["{first.name}"].',
+            f"{first.detail} If the recording is right, say {remedy}.",
             pointer=first.column,
             title=first.name.replace("_", " ").capitalize(),
             row=first.row,
             time=first.time,
             checks=final_checks,
+            remedies=(*first.remedies, remedy),
         )
     return final_checks
 

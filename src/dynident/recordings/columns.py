@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import FloatArray, IntArray
+from dynident.errors import Remedy
 from dynident.recordings.metadata import Check, RecordingError, RecordingMetadata
 from dynident.recordings.recording import WRENCH_NAMES, JointKind, RecordedJoints
 from dynident.recordings.revisions import ColumnArrangement
@@ -175,12 +176,13 @@ def find_columns(
 
 def _convert_current(current: Column, joint_name: str, gain: float | None) -> Column:
     if gain is None:
+        remedy = Remedy("drives", {joint_name: {"drive_gain": ...}})
         raise RecordingError(
-            f"Column {current.source} is a current, and joint {joint_name} has no drive gain; give the robot "
-            f'"drives": {{"{joint_name}": {{"drive_gain": …}}}} in N m/A (or gear_ratio and torque_constant), or a '
-            "torque column.",
+            f"Column {current.source} is a current, and joint {joint_name} has no drive gain; give {remedy} "
+            "in N m/A, or a torque column.",
             pointer=f"/drives/{joint_name}/drive_gain",
             title="Missing drive gain",
+            remedies=(remedy,),
         )
     if not (np.isfinite(gain) and gain != 0.0):
         raise RecordingError(
@@ -343,33 +345,37 @@ class _ColumnFinder:
         expected = kind if joint is None else _name_alternatives(kind, self.joint_names[joint], joint)
         whose = "" if joint is None else f" of joint {self.joint_names[joint]}"
         available = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
-        hint = ""
+        ours, hint = kind if joint is None else f"{kind}{joint + 1}", ""
+        remedies = [Remedy("columns", {ours: "…"})]
         if kind == "t":
-            hint = ' If the file has no time, say "rate": … in Hz.'
+            remedies.append(Remedy("rate"))
+            hint = f" If the file has no time, say {remedies[-1]} in Hz."
         elif kind in ("q", "tau") and not any(name.startswith(kind) for name in self.names):
             hint = " If it is in another file, give both files as one recording, a.csv+b.csv."
         if all(name == f"column{number}" for number, name in enumerate(self.names, start=1)):
             hint += " The file has no column names, so the columns are numbered here."
         elif f"{kind}0" in self.names:
-            hint = f" Joints are counted from 1 here, but the file has {kind}0: map the columns by columns."
+            hint = f" Joints are counted from 1 here, but the file has {kind}0: map the columns."
+        advice, further = (".", ()) if joint is None else self._advise_without_column(kind, joint)
         return RecordingError(
             f"There is no column {expected} for {kind}{whose}{instead}. The file has: {available}. Name it by "
-            f'columns, {{"{kind if joint is None else kind + str(joint + 1)}": "…"}}'
-            + ("." if joint is None else self._advise_without_column(kind, joint))
-            + hint,
-            pointer=f"/columns/{kind if joint is None else kind + str(joint + 1)}",
+            f"{remedies[0]}{advice}{hint}",
+            pointer=f"/columns/{ours}",
             title="Missing column",
+            remedies=(*remedies, *further),
         )
 
-    def _advise_without_column(self, kind: str, joint: int) -> str:
+    def _advise_without_column(self, kind: str, joint: int) -> tuple[str, tuple[Remedy, ...]]:
         """Return the advice for a joint without such a column: it stands, or its torque was not recorded."""
-        lock = f', or lock the joint if it does not move ("locked_joints": {{"{self.joint_names[joint]}": 0}}).'
+        remedy = Remedy("locked_joints", {self.joint_names[joint]: 0})
+        lock = f", or lock the joint if it does not move ({remedy})."
         others = (self.find(other, k) for other in ("tau", "current") for k in range(len(self.joint_names)))
         # Where no joint has a torque it is the kind of column that is missing, and not this joint's.
         if kind != "tau" or not any(others):
-            return lock
-        mapping = f'"columns": {{"tau{joint + 1}": "{NOT_RECORDED}"}}'
-        return f"{lock} If its torque was not recorded, say {mapping}; the motion of the joint is still used."
+            return lock, (remedy,)
+        mapping = Remedy("columns", {f"tau{joint + 1}": NOT_RECORDED})
+        sentence = f"{lock} If its torque was not recorded, say {mapping}; the motion of the joint is still used."
+        return sentence, (remedy, mapping)
 
     def _find_source(self, ours: tuple[str, ...]) -> str | None:
         # The user's mapping goes before equal names, and these before names in other upper and lower case.

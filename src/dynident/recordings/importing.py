@@ -11,6 +11,7 @@ from tempfile import NamedTemporaryFile
 import numpy as np
 
 from dynident.array_types import FloatArray, IntArray
+from dynident.errors import Remedy
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings.checks import run_checks
 from dynident.recordings.columns import Column, Layout, check_surplus_columns, find_columns, mark_not_recorded
@@ -78,6 +79,7 @@ def report_missing_torques(layout: Layout, joint_names: Sequence[str]) -> tuple[
         return ()
     names = [joint_names[joint] for joint in layout.without_torque]
     several = len(names) > 1
+    remedy = Remedy("locked_joints", {names[0]: 0})
     return (
         Check(
             "joint_torque",
@@ -86,8 +88,8 @@ def report_missing_torques(layout: Layout, joint_names: Sequence[str]) -> tuple[
             f"equation{'s are' if several else ' is'} left out, {'their' if several else 'its'} motion is used. "
             f"Parameters that only {'these torques' if several else 'this torque'} would show "
             f"({'their' if several else 'its'} friction and drive inertia; for the first joint also its inertia) are "
-            f"not identifiable. If a joint does not belong to the arm, such as a finger, lock it: "
-            f'"locked_joints": {{"{names[0]}": 0}}.',
+            f"not identifiable. If a joint does not belong to the arm, such as a finger, lock it: {remedy}.",
+            remedies=(remedy,),
         ),
     )
 

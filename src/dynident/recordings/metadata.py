@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, fields, replace
 from math import isfinite
 from typing import Any, Literal, TypedDict, get_args
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Remedy
 from dynident.schema.fields import Choice, OneOf, Request, declare_field, redeclare_field
 
 Status = Literal["ok", "warning", "error"]
@@ -380,6 +380,8 @@ class Check:
         What would have to be said of the file instead, where that is known.
     rows : mapping of str to tuple of int
         Data rows, counted from 1, by column, where the finding is about several.
+    remedies : tuple of Remedy
+        Those that the sentence quotes.
     """
 
     name: str
@@ -390,6 +392,7 @@ class Check:
     time: float | None = None
     apply: Revision | None = None
     rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    remedies: tuple[Remedy, ...] = ()
 
     @property
     def is_accepted(self) -> bool:
@@ -414,6 +417,8 @@ class RecordingError(DynidentError):
         Seconds of t.
     checks : tuple of Check
         All that was found up to the error.
+    remedies : tuple of Remedy
+        Those that the sentence quotes.
     """
 
     def __init__(
@@ -425,21 +430,31 @@ class RecordingError(DynidentError):
         row: int | None = None,
         time: float | None = None,
         checks: tuple[Check, ...] = (),
+        remedies: tuple[Remedy, ...] = (),
     ) -> None:
-        super().__init__(detail, pointer=pointer, title=title)
+        super().__init__(detail, pointer=pointer, title=title, remedies=remedies)
         self.row = row
         self.time = time
         self.checks = checks
 
     def __reduce__(self) -> tuple[object, ...]:
-        return (_rebuild_error, (self.detail, self.pointer, self.title, self.row, self.time, self.checks))
+        return (
+            _rebuild_error,
+            (self.detail, self.pointer, self.title, self.row, self.time, self.checks, self.remedies),
+        )
 
 
 def _rebuild_error(
-    detail: str, pointer: str, title: str, row: int | None, time: float | None, checks: tuple[Check, ...]
+    detail: str,
+    pointer: str,
+    title: str,
+    row: int | None,
+    time: float | None,
+    checks: tuple[Check, ...],
+    remedies: tuple[Remedy, ...],
 ) -> RecordingError:
     """Return the error again after pickling, which keeps no keyword arguments."""
-    return RecordingError(detail, pointer=pointer, title=title, row=row, time=time, checks=checks)
+    return RecordingError(detail, pointer=pointer, title=title, row=row, time=time, checks=checks, remedies=remedies)
 
 
 class RevisionFields(TypedDict, total=False):

@@ -7,6 +7,7 @@ from math import pi
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.errors import Remedy
 from dynident.recordings.columns import Column, Layout
 from dynident.recordings.file_source import RawSample
 from dynident.recordings.metadata import Check, Revision, Status
@@ -164,31 +165,34 @@ def _check_position_unit(
         small, unit, ours = (DEGREE, "deg", "rad") if limit.kind == "revolute" else (1e-3, "mm", "m")
         where = int(positions.row[row]), float(positions.t[row])
         if _is_counted(limit, low, high):
+            remedy = Remedy("units", {"q": "counts:4096"})
             return Check(
                 "position_unit",
                 "error",
                 f"{column} runs from {low:.6g} to {high:.6g} {ours} (farthest in row {where[0]}, t = {where[1]:.6g} "
                 "s). In no unit of angles is this the range of a joint: the values look like encoder counts. Say how "
-                'many counts make a turn, "units": {"q": "counts:4096"}, and after an @ the count at zero if it is '
-                'not 0: "counts:4096@2048".',
+                f"many counts make a turn, {remedy}, and after an @ the count at zero if it is not 0: "
+                '"counts:4096@2048".',
                 column,
                 *where,
+                remedies=(remedy,),
             )
         if has_other_unit(limit, low, high, rate, small):
             # Of whole numbers a unit that fits is not enough to be taken unasked.
             counts = limit.kind == "revolute" and bool(
                 (positions.q[:, joint] == np.rint(positions.q[:, joint])).mean() > WHOLE
             )
+            remedy = Remedy("units", {"q": unit})
             also = ' Whole numbers can also be encoder counts: "counts:4096" means 4096 a turn.' if counts else ""
             return Check(
                 "position_unit",
                 "error",
                 f"{column} runs from {low:.4g} to {high:.4g} {ours} at up to {rate:.3g} {ours}/s (farthest in row "
-                f'{where[0]}, t = {where[1]:.6g} s); the values look like {unit}. Say "units": {{"q": '
-                f'"{unit}"}}.{also}',
+                f"{where[0]}, t = {where[1]:.6g} s); the values look like {unit}. Say {remedy}.{also}",
                 column,
                 *where,
                 None if counts else Revision(units=_unit_of_same_kind("q", unit, limit, limits)),
+                remedies=(remedy,),
             )
         if limit.position is not None and doubtful is None:
             # Encoders and stated limits do not agree to the last degree.
@@ -305,7 +309,9 @@ def _check_velocity(positions: _MeasuredPositions, layout: Layout) -> list[Check
         if mismatch is not None:
             row = int(np.flatnonzero(inner)[np.abs(logged).argmax()])
             status, detail, units = mismatch
-            where = f" (fastest in row {positions.row[row]})."
+            remedies = (Remedy("units", units),) if units else ()
+            say = "".join(f". Say {remedy}" for remedy in remedies)
+            where = f"{say} (fastest in row {positions.row[row]})."
             return [
                 Check(
                     "velocity_unit",
@@ -315,6 +321,7 @@ def _check_velocity(positions: _MeasuredPositions, layout: Layout) -> list[Check
                     int(positions.row[row]),
                     float(positions.t[row]),
                     Revision(units=units) if units else None,
+                    remedies=remedies,
                 )
             ]
     return [Check("velocity_unit", "ok", "The velocity columns are the derivatives of the positions.")]
@@ -325,11 +332,11 @@ def _explain_ratio(
 ) -> tuple[Status, str, dict[str, str]] | None:
     known_ratios = {
         1.0 / DEGREE: (
-            'one of them is in degrees, the other in radians. Say "units": {"dq": "deg/s"}, or {"q": …}',
+            "one of them is in degrees, the other in radians",
             {"dq": "deg/s"},
         ),
-        DEGREE: ('positions look like degrees, velocities like rad/s. Say "units": {"q": "deg"}', {"q": "deg"}),
-        30.0 / pi: ('the velocity looks like rpm. Say "units": {"dq": "rpm"}', {"dq": "rpm"}),
+        DEGREE: ("positions look like degrees, velocities like rad/s", {"q": "deg"}),
+        30.0 / pi: ("the velocity looks like rpm", {"dq": "rpm"}),
     }
     claim = f"{velocity.source} is {ratio:.4g} times the derivative of {position.source}"
     for factor, (meaning, units) in known_ratios.items():

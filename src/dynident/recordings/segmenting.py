@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.errors import Remedy
 from dynident.recordings.columns import Layout
 from dynident.recordings.file_source import RawRows
 from dynident.recordings.metadata import RecordingError
@@ -317,16 +318,17 @@ class Segmenter:
             other = values[row - 1] if row else (self._last[2] if self._last is not None else values[row])
             if not np.array_equal(values[row], other, equal_nan=True):
                 column = int(np.flatnonzero(values[row] != other)[0])
-                name = self._layout.t.source
+                name, remedy = self._layout.t.source, Remedy("rate")
                 raise RecordingError(
                     f"Column {name} repeats {t[row]:.9g} s in row {rows.first_row + row + 1}, while "
                     f"{self._layout.columns[column].source} changes. Either the time stamps have too few digits "
-                    '(write more digits, or say "rate": … if the rows are evenly spaced), or the file mixes two '
+                    f"(write more digits, or say {remedy} if the rows are evenly spaced), or the file mixes two "
                     "recordings (separate them).",
                     pointer=name,
                     title="Repeated time",
                     row=rows.first_row + int(row) + 1,
                     time=float(t[row]),
+                    remedies=(remedy,),
                 )
         return new
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.errors import Remedy
 from dynident.recordings.file_source import RawRows
 from dynident.recordings.metadata import Check, RecordingError, Revision
 
@@ -397,15 +398,17 @@ def _check_jitter(base: TimeBase, column: str) -> Check:
     if base.period > LONGEST_PERIOD:
         # The coarsest of the smaller units in which the rows are close enough for a motion.
         unit = next((name for name, size in _SMALLER_UNITS if base.period * size <= LONGEST_PERIOD), "ms")
+        remedy = Remedy("units", {"t": unit})
         return Check(
             "sampling_jitter",
             "error",
             f"The rows are {base.period:.4g} s of {column} apart, too far apart to show motion. If {column} is in "
-            f'{unit}, say "units": {{"t": "{unit}"}}.',
+            f"{unit}, say {remedy}.",
             column,
             1,
             base.first,
             Revision(units={"t": unit}),
+            remedies=(remedy,),
         )
     if spread > HOPELESS_SPREAD:
         return Check(

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.errors import Remedy
 from dynident.recordings import nonparametric_fit as against_motion
 from dynident.recordings.columns import NOT_RECORDED, Layout
 from dynident.recordings.file_source import RawSample
@@ -191,13 +192,13 @@ def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layo
         f"{layout.tau[joint].source} is {tau[0, joint]:.4g} in every row from row {sample.row[first]} on, "
         f"while {layout.q[joint].source} moves: the torque was not recorded."
     )
-    cure = None
+    cure, remedies = None, tuple[Remedy, ...]()
     if len(constant) < np.count_nonzero(recording.has_torque):
-        entries = ", ".join(f'"tau{k + 1}": "{NOT_RECORDED}"' for k in constant)
         names = " and ".join(recording.joint_names[k] for k in constant)
-        detail += f' To leave out the equation of {names} but use the motion, say "columns": {{{entries}}}.'
         cure = Revision(columns={f"tau{k + 1}": NOT_RECORDED for k in constant})
-    return Check("constant_torque", "error", detail, layout.tau[joint].source, row, time, cure)
+        remedies = (Remedy("columns", cure.columns),)
+        detail += f" To leave out the equation of {names} but use the motion, say {remedies[0]}."
+    return Check("constant_torque", "error", detail, layout.tau[joint].source, row, time, cure, remedies=remedies)
 
 
 def _check_order(recording: Recording, evidence: TorqueEvidence, layout: Layout, sample: RawSample) -> Check:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import isclose
-from typing import Any
 
 from dynident.errors import DynidentError
 from dynident.schema.fields import Request, declare_field, get_description
@@ -61,10 +60,21 @@ class Limits(Request):
                 title=TITLE,
             )
 
-    @property
-    def known(self) -> dict[str, Any]:
-        """The limits that are known, by name."""
-        return {item.name: value for item in fields(self) if (value := getattr(self, item.name)) is not None}
+    def override(self, others: Limits) -> Limits:
+        """Return these limits, and those of others where none is known here.
+
+        Parameters
+        ----------
+        others : Limits
+            Limits of the same joint.
+
+        Returns
+        -------
+        Limits
+            None where neither knows a limit.
+        """
+        known = {item.name: value for item in fields(self) if (value := getattr(self, item.name)) is not None}
+        return replace(others, **known)
 
     @classmethod
     def from_description(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -173,7 +173,7 @@ def merge_limits(described: Limits, stated: Limits | None) -> Limits:
     Limits
         None where neither knows a limit.
     """
-    return described if stated is None else replace(described, **stated.known)
+    return described if stated is None else stated.override(described)
 
 
 def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] = ()) -> None:

@@ -68,24 +68,24 @@ def _to_document(inspection: Inspection) -> dict[str, Any]:
 
 
 def _print_inspection(console: Console, inspection: Inspection) -> None:
+    from dynident.errors import word_remedies
     from dynident_service.cli import metadata, terminal
-    from dynident_service.cli.inputs import reword_for_options
+    from dynident_service.cli.request_options import write_option
 
     console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows inspected")
     if inspection.proposal is None:
         console.print(", ".join(inspection.columns), soft_wrap=True)
         console.print("To find out what the columns are, give the robot: --robot ROBOT.")
         return
-    name = inspection.path.stem
     rows = [
-        [guess.field, guess.value, f"{guess.confidence:.0%}", reword_for_options(guess.reason, name)]
+        [guess.field, guess.value, f"{guess.confidence:.0%}", word_remedies(guess.reason, guess.remedies, write_option)]
         for guess in inspection.proposal.guesses
     ]
     table = terminal.build_table("", ("field", "guess", "sure", "why"), rows, right_from=4)
     console.print(table)
     for question in inspection.proposal.questions:
         choices = f" ({', '.join(question.choices[:8])})" if question.choices else ""
-        detail = reword_for_options(question.detail, name)
+        detail = word_remedies(question.detail, question.remedies, write_option)
         console.print(f"? {question.field}: {detail}{choices}", soft_wrap=True)
         if answer := metadata.describe_answer(question):
             console.print(f"    → {answer}", soft_wrap=True, markup=False)

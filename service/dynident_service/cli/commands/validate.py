@@ -11,7 +11,7 @@ import typer
 from dynident.validation.request import TRIALS, Stated, build_trial
 from dynident_service.cli.files import READABLE_FILE
 from dynident_service.cli.options import ModelArgument, OutputOptions, Reading, SomeFiles, Validation, file_option
-from dynident_service.cli.request_options import RequestOptions, TypedValues
+from dynident_service.cli.request_options import RequestOptions, TypedValues, find_option
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,9 @@ def validate(
             kind, {option_field.name: getattr(options, option_field.name) for option_field in fields(options)}
         )
     except DynidentError as error:
-        option = error.pointer.replace("/kind", "KIND").replace("/", "--")
-        raise DynidentError(error.detail, pointer=option, title="Unusable option") from error
+        # The kind is an argument; all else are options.
+        place = "KIND" if error.pointer == "/kind" else find_option(Stated, error.pointer)
+        raise DynidentError(error.detail, pointer=place, title="Unusable option") from error
     paths = measurements or []
     others = [*further.validation, *(further.unloaded or [])]
     model_validation.check_recording_counts(trial, len(paths), len(others))

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Remedy
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_statistics import Sample, fill_gaps
 from dynident.identification.column_inference.proposal import Guess, Question
@@ -66,7 +66,7 @@ def condition_sample(
             for ours, column in names.items():
                 # The checks use the names of a stored recording; the user knows only the file's.
                 detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", rows.names[column], detail)
-            put_right.append(Guess(f"rows/{check.name}", "corrected", 0.95, detail))
+            put_right.append(Guess(f"rows/{check.name}", "corrected", 0.95, detail, check.remedies))
     return fill_gaps(right), put_right
 
 
@@ -204,23 +204,27 @@ def check_against_dynamics(
     # Where the unit is not known yet, the size of the torques says nothing: that is asked together with the unit.
     wrong = [] if examined is None else [check for check in examined.checks if _is_finding(check, in_si=in_si)]
     questions = [
-        Question(_FIELDS.get(check.name, "columns"), check.detail, check=check.name)
+        Question(_FIELDS.get(check.name, "columns"), check.detail, check=check.name, remedies=check.remedies)
         for check in wrong
         if _is_question(check)
     ]
     guesses = [
-        Guess("check", check.name.replace("_", " "), 0.5, check.detail) for check in wrong if not _is_question(check)
+        Guess("check", check.name.replace("_", " "), 0.5, check.detail, check.remedies)
+        for check in wrong
+        if not _is_question(check)
     ]
     is_commanded = any(check.name == COMMANDED for check in wrong)
     # A torque that never changes while its joint moves was not recorded, or another column holds it.
     still = np.setdiff1d(np.flatnonzero((np.ptp(tau, axis=0) == 0) & (np.ptp(q, axis=0) > 0)), silent)
     if len(still) and not is_commanded:
+        remedy = Remedy("columns", {f"tau{int(still[0]) + 1}": NOT_RECORDED})
         never = ", ".join(names[1][int(joint)] for joint in still)
         questions.append(
             Question(
                 "columns/tau",
                 f"{never} never change while the joints move: where is the measured torque? If it was not recorded, "
-                f'say "columns": {{"tau{int(still[0]) + 1}": "{NOT_RECORDED}"}}, or lock the joint.',
+                f"say {remedy}, or lock the joint.",
+                remedies=(remedy,),
             )
         )
     if examined is None or examined.unexplained is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from dynident.errors import Remedy
 from dynident.recordings.metadata import EffortKind
 
 
@@ -22,12 +23,15 @@ class Guess:
         From 0 to 1.
     reason : str
         The reason, as a clause.
+    remedies : tuple of Remedy
+        Those that the reason quotes.
     """
 
     field: str
     value: str
     confidence: float
     reason: str
+    remedies: tuple[Remedy, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -44,12 +48,15 @@ class Question:
         Answers that make sense; none where any may be right.
     check : str
         Name of the check that asks, if one does: to accept it is an answer, too.
+    remedies : tuple of Remedy
+        Those that the question quotes.
     """
 
     field: str
     detail: str
     choices: tuple[str, ...] = ()
     check: str = ""
+    remedies: tuple[Remedy, ...] = ()
 
 
 @dataclass(frozen=True)

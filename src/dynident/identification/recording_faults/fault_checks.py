@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynident.blas_threads import single_threaded
+from dynident.errors import Remedy
 from dynident.identification.recording_faults.column_faults import (
     ColumnFault,
     FaultKind,
@@ -214,17 +215,18 @@ def _report_fault(finding: DetectedFault, recording: Recording, q: Sequence[str]
     if finding.left_with < _HARDLY_BETTER * finding.left_without:
         why = "friction would drive the joint, which is impossible"
     columns, is_scaled = tau if "torque" in finding.mistake.kind else q, finding.mistake.kind == "torque scaled"
+    cure, remedies = _describe_cure(finding.mistake, q, tau)
     return Check(
         _CHECK[finding.mistake.kind],
         "error" if finding.certain else "warning",
-        f"{known} {description}: with the columns as they are, {why}. "
-        f"{_describe_cure(finding.mistake, q, tau)}{doubt}{otherwise}",
+        f"{known} {description}: with the columns as they are, {why}. {cure}{doubt}{otherwise}",
         columns[finding.mistake.joints[0]],
         # A cure is applied without asking only where it is the only one. Between cures that explain alike the user
         # has to choose, and a ratio is only as good as the masses of the description.
         apply=None
         if finding.certain and (_is_ambiguous(finding) or is_scaled)
         else build_revision(finding.mistake, recording.n),
+        remedies=remedies,
     )
 
 
@@ -256,7 +258,8 @@ def _report_compensated(robot: Robot, motion: Motion, tau: Sequence[str]) -> tup
 
 
 def _report_mounting(mounting: Mounting, robot: Robot) -> Check:
-    direction = ",".join(f"{value:.3g}" for value in mounting.gravity + 0.0)
+    rounded = tuple(float(f"{value:.3g}") for value in mounting.gravity + 0.0)
+    direction, remedy = ",".join(f"{value:g}" for value in rounded), Remedy("gravity", rounded)
     worst = robot.joint_names[int(np.argmax(mounting.as_stated.joints))]
     why = (
         f"With the given gravity the robot's dynamics leave {mounting.unexplained_as_stated:.0%} of the torque of "
@@ -272,7 +275,8 @@ def _report_mounting(mounting: Mounting, robot: Robot) -> Check:
         GRAVITY,
         "warning",
         f"Gravity seems to act along ({direction}) m/s² in the base frame, as on a wall, a slope or a ceiling. {why} "
-        f'State "gravity": [{direction}] with the robot.',
+        f"State {remedy} with the robot.",
+        remedies=(remedy,),
     )
 
 
@@ -294,14 +298,16 @@ def _check_delay(
         usual = "which is usual" if is_possible_delay(delay.seconds) else "but the recording does not show this surely"
         return (Check(DELAY, "ok", f"{shown}, {usual}."),)
     seconds = float(f"{delay.seconds:.2g}")
+    remedy = Remedy("torque_delay", seconds)
     check = Check(
         DELAY,
         "warning",
         f"The torque is about {1e3 * abs(delay.seconds):.0f} ms {word} against the position: the robot's dynamics "
         f"leave {delay.left_with:.1%} of an average joint's torque unexplained, and {delay.left_without:.1%} without "
-        f'this delay. Log both at the same instant, or correct the delay by "torque_delay": {seconds} (in s).',
+        f"this delay. Log both at the same instant, or correct the delay by {remedy} (in s).",
         tau[0],
         apply=Revision(torque_delay=seconds),
+        remedies=(remedy,),
     )
     return (check,)
 
@@ -411,38 +417,36 @@ def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str],
     return descriptions[mistake.kind]
 
 
-def _describe_cure(mistake: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> str:
+def _describe_cure(mistake: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> tuple[str, tuple[Remedy, ...]]:
     if mistake.kind == "joint coupled":
         own, other = (q[joint] for joint in mistake.joints)
         word = "Subtract" if mistake.factor > 0 else "Add"
         preposition = "from" if mistake.factor > 0 else "to"
-        return f"{word} {other} {preposition} {own}, and their velocities, before the file is read."
+        return f"{word} {other} {preposition} {own}, and their velocities, before the file is read.", ()
     if mistake.kind == "torque scaled":
         which = (
             "its unit and its drive gain, or multiply it"
             if len(mistake.joints) == 1
             else "their units and drive gains, or multiply them"
         )
-        scale = ", ".join(f'"tau{joint + 1}": {mistake.factor:.3g}' for joint in mistake.joints)
-        return f'Check {which} by {mistake.factor:.3g}: "scale": {{{scale}}}.'
+        remedy = Remedy("scale", {f"tau{joint + 1}": float(f"{mistake.factor:.3g}") for joint in mistake.joints})
+        return f"Check {which} by {mistake.factor:.3g}: {remedy}.", (remedy,)
     if not mistake.is_swap:
         side = "tau" if mistake.kind == "torque turned" else "q"
-        signs = ", ".join(f'"{side}{joint + 1}": -1' for joint in mistake.joints)
+        remedy = Remedy("signs", {f"{side}{joint + 1}": -1 for joint in mistake.joints})
         alternative = (
             "the joint's axis in the description" if mistake.kind != "torque turned" else "the sign of its drive gain"
         )
-        return (
-            f'Change the sign of the column{"" if len(mistake.joints) == 1 else "s"} ("signs": {{{signs}}}), or '
-            f"{alternative}."
-        )
+        plural = "" if len(mistake.joints) == 1 else "s"
+        return f"Change the sign of the column{plural} ({remedy}), or {alternative}.", (remedy,)
     pairs = []
     for joint, source in mistake.places:
         if mistake.is_of_positions:
             pairs.append((f"q{joint + 1}", q[source]))
         if mistake.is_of_torques:
             pairs.append((f"tau{joint + 1}", tau[source]))
-    mapping = ", ".join(f'"{key}": "{source}"' for key, source in pairs)
-    return f'Map the columns: "columns": {{{mapping}}}.'
+    remedy = Remedy("columns", dict(pairs))
+    return f"Map the columns: {remedy}.", (remedy,)
 
 
 def _describe_exchange(mistake: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.effects import ReferenceParameters, get_effect
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Remedy
 from dynident.estimation import EquationFactors, Reduction
 from dynident.identification.methods.bases import StrategyChoices
 from dynident.identification.problem import Fit, Problem
@@ -289,12 +289,14 @@ def solve_separate_friction(choices: StrategyChoices, problem: Problem) -> Fit:
     runs = find_friction_runs(model, sources, choices.preprocessing, data.reference)
     solvable = [j for j in range(model.robot.n) if len(runs.velocities[j]) and find_friction_columns(model, j)]
     if not solvable:
+        remedy = Remedy("role", "friction")
         raise DynidentError(
             "no joint with friction in the model moves alone at constant velocity in "
             f"{', '.join(r.name for r in sources)}; record each joint alone at several constant speeds in both "
-            'directions, with "role": "friction", or choose the global strategy',
+            f"directions, with {remedy}, or choose the global strategy",
             pointer="/measurement_ids",
             title="No friction runs",
+            remedies=(remedy,),
         )
     both = Reduction(model.n_parameters, runs.equations.equations + data.equations.equations, data.equations.spans)
     # First friction from its own runs, then the rest with it known.

@@ -103,8 +103,8 @@ class WrappedAngles:
             parts.append(
                 f"A whole turn is added to or subtracted from {shifted}, so that the joint is inside its limits."
             )
-        parts.append(f'If the recorded positions are right, say "skip": ["{self.name}"].')
-        return [self._found.make_check(self.name, "warning", " ".join(parts), sources)]
+        parts.append("If the recorded positions are right")
+        return [self._found.warn_of_correction(self.name, " ".join(parts), sources)]
 
     def _find_whole_turns(self, window: Window) -> dict[int, float]:
         """Return the columns that are inside their limits one turn farther on, with that turn (±2 pi)."""

@@ -97,10 +97,9 @@ class CorruptedSamples:
             f"{rows.n} sample{' is an obvious outlier' if single else 's are obvious outliers'} of "
             f"{'its signal' if single else 'their signals'} and cannot have been measured: "
             f"{rows.describe(self._signals.sources)}. {'It is' if single else 'They are'} interpolated between the "
-            "neighbours. Look for lost frames of the bus; if the recorded values are right, say "
-            f'"skip": ["{self.name}"].'
+            "neighbours. Look for lost frames of the bus; if the recorded values are right"
         )
-        return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
 
     def _find_explained_rows(self, window: Window, column: int, rows: IntArray, swings: BoolArray) -> BoolArray:
         """Return which rows of a torque may have been measured after all.

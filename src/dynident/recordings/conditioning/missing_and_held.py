@@ -66,9 +66,9 @@ class IdleDrives:
         detail = (
             f"All torques are exactly 0 in {rows.n} rows, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), "
             "and they jump to 0 there: the drives are switched off. These rows are not used, and no filter runs "
-            f'across them. If the torques are right, say "skip": ["{self.name}"].'
+            "across them. If the torques are right"
         )
-        return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
 
 
 LONGEST_HOLD = 0.2
@@ -129,9 +129,9 @@ class HeldSamples:
             f"In {rows.n} rows all positions and torques repeat the row before: the file has {rate:.4g} rows a "
             f"second, but new values come only about {rate * self._n_changes / self._n_rows:.3g} times a second. The "
             "signals are interpolated between the new values; faster changes are lost. Log at the rate of the source. "
-            f'If the rows are right, say "skip": ["{self.name}"].'
+            "If the rows are right"
         )
-        return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
 
 
 LONGEST_BRIDGE, FEWEST_ROWS = 0.03, 3

@@ -150,9 +150,9 @@ class SignedRegisters:
         names = [sources[column] for column in self._signals.registers[kind]]
         detail = (
             f"{names[0]} … {names[-1]} are signed numbers that were read as unsigned: {register}. {rows.n} samples "
-            f'are corrected; if the recorded values are right, say "skip": ["{self.name}"].'
+            "are corrected; if the recorded values are right"
         )
-        return rows.make_check(self.name, "warning", detail, sources)
+        return rows.warn_of_correction(self.name, detail, sources)
 
 
 def decode_registers(raw: FloatArray, t: FloatArray, kind: str) -> tuple[FloatArray, Register | None]:

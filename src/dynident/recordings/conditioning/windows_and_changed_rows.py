@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray, IntArray
+from dynident.errors import Remedy
 from dynident.recordings.columns import Layout
 from dynident.recordings.file_source import RawRows
 from dynident.recordings.metadata import Check, Status
@@ -139,7 +140,9 @@ class ChangedRows:
         """Number of samples in all columns together."""
         return sum(self.counts.values())
 
-    def make_check(self, name: str, status: Status, detail: str, sources: Sequence[str]) -> Check:
+    def make_check(
+        self, name: str, status: Status, detail: str, sources: Sequence[str], remedies: tuple[Remedy, ...] = ()
+    ) -> Check:
         """Return the check that reports these rows.
 
         Parameters
@@ -152,6 +155,8 @@ class ChangedRows:
             The sentence for the user.
         sources : sequence of str
             The user's names of the columns.
+        remedies : tuple of Remedy
+            Those that the sentence quotes.
 
         Returns
         -------
@@ -160,7 +165,28 @@ class ChangedRows:
         """
         row, time, column = self.first or (None, None, None)
         rows = {sources[at]: tuple(numbers) for at, numbers in sorted(self.rows.items())}
-        return Check(name, status, detail, "" if column is None else sources[column], row, time, rows=rows)
+        source = "" if column is None else sources[column]
+        return Check(name, status, detail, source, row, time, rows=rows, remedies=remedies)
+
+    def warn_of_correction(self, name: str, detail: str, sources: Sequence[str]) -> Check:
+        """Return the warning that a step changed these rows, and how to leave the step out.
+
+        Parameters
+        ----------
+        name : str
+            Of the check and of the step of conditioning.
+        detail : str
+            The sentence for the user, up to "if the values are right".
+        sources : sequence of str
+            The user's names of the columns.
+
+        Returns
+        -------
+        Check
+            The warning.
+        """
+        remedy = Remedy("skip", (name,))
+        return self.make_check(name, "warning", f"{detail}, say {remedy}.", sources, (remedy,))
 
     def describe(self, sources: Sequence[str]) -> str:
         """Return the columns with their rows in words: "q2 (3, in rows 17, 118 and 240), tau4 (…)"."""

@@ -1,0 +1,60 @@
+"""A remedy is an object: over HTTP, on the command line and in Python it is written in the syntax of each."""
+
+from __future__ import annotations
+
+import pickle
+
+import pytest
+
+from dynident.api.recording_files import _write_argument
+from dynident.errors import Remedy, word_remedies
+from dynident.recordings import RecordingError
+from dynident_service.cli.request_options import write_option
+
+WRITTEN = [
+    (
+        Remedy("skip", ("held_samples",)),
+        '"skip": ["held_samples"]',
+        "--skip held_samples",
+        'metadata=dy.RecordingMetadata(skip=("held_samples",))',
+    ),
+    (Remedy("units", {"q": "deg"}), '"units": {"q": "deg"}', "--units q=deg", 'units={"q": "deg"}'),
+    (
+        Remedy("columns", {"tau1": "none", "tau2": "none"}),
+        '"columns": {"tau1": "none", "tau2": "none"}',
+        "--columns tau1=none,tau2=none",
+        'columns={"tau1": "none", "tau2": "none"}',
+    ),
+    (
+        Remedy("locked_joints", {"j1": 0}),
+        '"locked_joints": {"j1": 0}',
+        "--lock j1",
+        'load_robot(…, locked_joints={"j1": 0})',
+    ),
+    (Remedy("rate"), '"rate": …', "--rate HZ", "metadata=dy.RecordingMetadata(rate=…)"),
+    (
+        Remedy("gravity", (0.0, 0.0, 9.81)),
+        '"gravity": [0, 0, 9.81]',
+        "--gravity 0,0,9.81",
+        "load_robot(…, gravity=(0, 0, 9.81))",
+    ),
+    (
+        Remedy("drives", {"j1": {"drive_gain": ...}}),
+        '"drives": {"j1": {"drive_gain": …}}',
+        "--drive-gains",
+        "drive_gains",
+    ),
+]
+
+
+@pytest.mark.parametrize(("remedy", "over_http", "as_option", "in_python"), WRITTEN)
+def test_each_way_in_writes_a_remedy_in_its_own_syntax(remedy, over_http, as_option, in_python) -> None:
+    sentence = f"This looks wrong: say {remedy} (first in row 3)."
+    assert sentence == f"This looks wrong: say {over_http} (first in row 3)."
+    assert word_remedies(sentence, (remedy,), write_option) == f"This looks wrong: say {as_option} (first in row 3)."
+    assert word_remedies(sentence, (remedy,), _write_argument) == f"This looks wrong: say {in_python} (first in row 3)."
+
+
+def test_remedies_cross_the_border_of_a_process_with_their_error() -> None:
+    error = RecordingError("say it", remedies=(Remedy("rate"),))
+    assert pickle.loads(pickle.dumps(error)).remedies == (Remedy("rate"),)
