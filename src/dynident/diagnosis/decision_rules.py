@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
+from inspect import cleandoc
 
 
 @dataclass(frozen=True)
@@ -370,6 +371,19 @@ class DecisionRules:
         for each in fields(self):
             yield Level(each.name, float(getattr(self, each.name)), **each.metadata)
 
+
+def _describe_parameters() -> str:
+    """Return the section of the docstring on the parameters, from the fields themselves."""
+    rows = []
+    for level in DecisionRules().list_levels():
+        unit = "" if level.unit == "-" else f" ({level.unit})"
+        script = f" (`benchmarks/{level.script}.py`)" if level.script else ""
+        rows.append(f"{level.name} : float\n    {level.meaning}{unit}. {level.reason}{script}.")
+    return "\n".join(("Parameters", "----------", *rows))
+
+
+# Each level is described once, beside its value.
+DecisionRules.__doc__ = f"{cleandoc(DecisionRules.__doc__ or '')}\n\n{_describe_parameters()}\n"
 
 RULES = DecisionRules()
 """The levels where no request sets others."""
