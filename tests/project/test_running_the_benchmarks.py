@@ -21,6 +21,7 @@ SMALL = {
     "changes": "--pairs 1 --processes 1",
     "clean_residuals": "--cases 1 --processes 1",
     "closed_loops": "",
+    "controller_code": "",
     "corrupted_samples": "--arms 1",
     "decision_level": "--draws 5",
     "design_speed": "--patience 2",

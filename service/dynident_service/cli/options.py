@@ -113,7 +113,7 @@ class RobotAdditions:
 
 Rate = Annotated[
     float | None,
-    typer.Option("--rate", metavar="HZ", help="Sampling rate in Hz, for files without time.", min=1e-3, max=1e6),
+    typer.Option("--rate", metavar="HZ", help="Sampling rate in Hz, for files without time."),
 ]
 
 

@@ -19,6 +19,7 @@ from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports.labels import (
     describe_best_step,
+    describe_condition_number,
     format_hidden_effects,
     format_joints,
     format_standstill_shares,
@@ -102,7 +103,7 @@ def show_identification(console: Console, identification: Identification, *, par
         for sentence in parameter_dependence(identification).sentences:
             console.print(f"  {sentence}")
         console.print(
-            f"Condition number of W: {format_number(identification.condition_number)}; "
+            f"Condition number of W: {describe_condition_number(identification)}; "
             f"{identification.equations_per_parameter:.0f} equations per parameter"
         )
     if identification.shape_constants:

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
 
 from dynident.robot.settings import check_hardware
+from dynident_service.preload import hold_import_lock
 from dynident_service.request_limits import mark_long
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.meshes import inherit_meshes
@@ -18,7 +19,7 @@ from dynident_service.services import ServicesDep
 from dynident_service.storage.bundle import RobotBundle
 from dynident_service.storage.records import NewResource, Resource, list_meshes
 from dynident_service.wire_types.common import LabelsRequest, to_plain_json
-from dynident_service.wire_types.robots import RobotChanges, RobotRequest, RobotView
+from dynident_service.wire_types.robots import KnownRobot, KnownRobots, RobotChanges, RobotRequest, RobotView
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"])
 ZIP = "application/zip"
@@ -87,3 +88,24 @@ def get_robot_bundle(robot_id: str, request: Request, services: ServicesDep) -> 
     bundle = RobotBundle(services.database, services.objects, robot_id)
     headers = {"Content-Disposition": f'attachment; filename="{robot_id}.zip"'}
     return StreamingResponse(bundle.stream(), media_type=ZIP, headers=headers)
+
+
+known_router = APIRouter(prefix="/v1/known-robots", tags=["robots"])
+
+
+@known_router.get("")
+def list_known_robots() -> KnownRobots:
+    """List the well-known arms, with the descriptions that robots are made from."""
+    with hold_import_lock():
+        from dynident.robot import library_names, library_source, library_table
+
+    return KnownRobots(
+        items=[
+            KnownRobot(
+                name=name,
+                source=library_source(name),
+                description={"format": "modified_dh", "content": library_table(name)},
+            )
+            for name in library_names()
+        ]
+    )

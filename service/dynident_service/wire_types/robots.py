@@ -209,3 +209,17 @@ class RobotView(RobotResult, Labelled):
     has: list[str] = Field(default=[], description="Parts that the robot has")
     has_not: list[str] = Field(default=[], description="Parts that it does not have")
     request: RobotRequest
+
+
+class KnownRobot(ViewModel):
+    """A well-known arm."""
+
+    name: str
+    source: str = Field(description="Where its limits and inertial parameters are from")
+    description: dict[str, str] = Field(description="For POST /v1/robots: format and content")
+
+
+class KnownRobots(ViewModel):
+    """The well-known arms, by name."""
+
+    items: list[KnownRobot]

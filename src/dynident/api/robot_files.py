@@ -30,10 +30,16 @@ from dynident.robot.json_fields import (
 from dynident.robot.meshes import find_package
 from dynident.robot.settings import split_hardware
 from dynident.robot.xml_text import read_root
+from dynident.schema.fields import point_within
 
 _XACRO_TITLE = "Unusable xacro"
 _XACRO_SYNTAX = re.compile(r"<\s*xacro:|\$\{|\$\(")
 _ROS_INDEX = "ament_index_python"
+
+
+def needs_xacro(content: str) -> bool:
+    """Return whether the content of a file is xacro, which has to be expanded."""
+    return _XACRO_SYNTAX.search(content) is not None
 
 
 def expand_xacro(path: Path, content: str) -> str:
@@ -60,7 +66,7 @@ def expand_xacro(path: Path, content: str) -> str:
         The package xacro is not installed, or it cannot expand the file.
     """
     # Plain URDF needs neither the package xacro nor trust in the file.
-    if not _XACRO_SYNTAX.search(content):
+    if not needs_xacro(content):
         return content
     try:
         import xacro
@@ -323,8 +329,7 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
     }
     for joint, stated_limits in stated["limits"].items():
         # Limits that are not stated are None and must not wipe out those of the file.
-        stated_values = {key: value for key, value in asdict(stated_limits).items() if value is not None}
-        limits[joint] = replace(limits.get(joint, Limits()), **stated_values)
+        limits[joint] = replace(limits.get(joint, Limits()), **stated_limits.known)
     drives = {
         joint: _parse_drive(value, f"/drives/{joint}") for joint, value in _get_object(document, "drives").items()
     }
@@ -384,11 +389,11 @@ def _parse_limits(value: object, pointer: str) -> Limits:
     numbers: dict[str, Any] = {
         key: expect_number(item, f"{pointer}/{key}", _ROBOT_TITLE) for key, item in fields.items()
     }
-    limits = replace(Limits(), **numbers)
-    if position is None:
-        return limits
-    low, high = expect_numbers(position, 2, f"{pointer}/position", _ROBOT_TITLE)
-    return replace(limits, position=(low, high))
+    if position is not None:
+        low, high = expect_numbers(position, 2, f"{pointer}/position", _ROBOT_TITLE)
+        numbers["position"] = (low, high)
+    with point_within(pointer):
+        return Limits(**numbers)
 
 
 def _parse_drive(value: object, pointer: str) -> Drive:
@@ -403,4 +408,5 @@ def _parse_drive(value: object, pointer: str) -> Drive:
     }
     numbers = {key: expect_number(item, f"{pointer}/{key}", _ROBOT_TITLE) for key, item in fields.items()}
     # Drive itself decides whether the gain is given or made of ratio, constant and amplifier.
-    return Drive(**numbers, coupling=shares)
+    with point_within(pointer):
+        return Drive(**numbers, coupling=shares)

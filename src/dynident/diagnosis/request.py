@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from dynident.diagnosis.decision_rules import RULES
 from dynident.robot.settings import check_hardware
-from dynident.schema.fields import check_ranges, declare_field
+from dynident.schema.fields import Request, declare_field
 
 DEFAULT_MOST_EFFECTS = int(RULES.most_effects)
 """Contacts do not count: they are events of a recording, not effects of the arm."""
@@ -16,7 +16,7 @@ DEFAULT_SIGNIFICANCE = RULES.significance
 
 
 @dataclass(frozen=True)
-class DiagnosisChoices:
+class DiagnosisChoices(Request):
     """Which effects may be missing in a model, and how many are recommended at most.
 
     Parameters
@@ -62,7 +62,7 @@ class DiagnosisChoices:
         return {**dict.fromkeys(self.has, True), **dict.fromkeys(self.has_not, False)}
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        super().__post_init__()
         check_candidates(self.candidates or ())
         check_hardware(self.has, self.has_not)
 
