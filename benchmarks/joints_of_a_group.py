@@ -204,7 +204,7 @@ def listening(case: str, effect: str, having: set[str]) -> Iterator[list[Weighed
 
     def gains(data: PhasedProducts, pool: Pool, state: State, alone: ScoredCandidate, least_t: float) -> bool:
         holds = judge(data, pool, state, alone, least_t)
-        if alone.candidate.effect == effect and least_t != pruning._STAYS_T:
+        if alone.candidate.effect == effect and least_t != RULES.staying_t:
             rows.append((alone.candidate.joints[0], holds, alone))
         return holds
 

@@ -114,3 +114,13 @@ def test_a_robot_file_states_its_parts_and_arguments_replace_them(tmp_path):
     assert dy.load_robot(path).has == ("cable",)
     changed = dy.load_robot(path, hardware={"cable": False})
     assert (changed.has, set(changed.has_not)) == ((), {"cable", "spring"})
+
+
+def test_the_command_line_states_parts():
+    from dynident_service.cli.inputs import load_robot_argument
+    from dynident_service.cli.options import RobotAdditions
+
+    robot = load_robot_argument("ur10", RobotAdditions(has="cable", has_not="spring, gravity_compensator"))
+    assert robot.hardware == {"cable": True, "spring": False, "gravity_compensator": False}
+    with pytest.raises(DynidentError, match="'cable' is in has and in has_not"):
+        load_robot_argument("ur10", RobotAdditions(has="cable", has_not="cable"))

@@ -22,6 +22,7 @@ from dynident.progress import Progress, scale_progress
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.recording_files import compute_digest, make_unique_names
 from dynident.robot import Robot
+from dynident.robot.settings import check_hardware
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, read_json_object
 from dynident_service.cli.metadata import StatedAnswers, accept_proposal, read_metadata
@@ -69,14 +70,13 @@ def load_robot_argument(text: str, additions: RobotAdditions = _NOTHING_BESIDE) 
         Where there is no such robot, or an option does not fit it.
     """
     upright = parsing.parse_vector(additions.gravity, "--gravity") if additions.gravity else None
+    has, has_not = _split_names(additions.has), _split_names(additions.has_not)
+    check_hardware(has, has_not)
     robot = load_robot(
         text,
         locked_joints=parsing.parse_locks(additions.lock),
         gravity=upright,
-        hardware={
-            **dict.fromkeys(_split_names(additions.has), True),
-            **dict.fromkeys(_split_names(additions.has_not), False),
-        },
+        hardware={**dict.fromkeys(has, True), **dict.fromkeys(has_not, False)},
     )
     return with_gains(robot, additions.drive_gains)
 

@@ -275,7 +275,7 @@ class _PlantedEffect:
             kinds = range(len(self.moving.held_out))
             where_moving = _compute_error_drops([self.moving._compare(number, shares) for number in kinds])
             accepted &= over_joints(where_moving, axis=1) >= RULES.least_error_drop
-        return accepted
+        return np.asarray(accepted)
 
     def find_thresholds(self) -> FloatArray:
         """Return (d,): the smallest share of the usual size that is accepted in each draw; infinite where none is."""
