@@ -13,13 +13,13 @@ from dynident.advice import AdvisedDiagnosis
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.motion_design import resolve_request
 from dynident.diagnosis.request import DiagnosisChoices
-from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
 from dynident.export import ExportChoices
 from dynident.identification.choices import IdentificationChoices
 from dynident.progress import Progress, scale_progress
 from dynident.robot.json_fields import parse_json
+from dynident.text_encoding import encode_text
 from dynident_service.adapters.conversion import to_request, to_view
 from dynident_service.adapters.designs import describe_design
 from dynident_service.adapters.diagnoses import describe_diagnosis, restore_diagnosis
