@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
+from dynident.diagnosis.summary import group_patterns
 from dynident.effects import EffectChoice, get_effect
 from dynident.estimation import Errors
 from dynident.identification import Identification
@@ -214,11 +215,8 @@ def show_diagnosis(
         console.print(f"  This data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
     if diagnosis.recommended:
         console.print(f"To add what is missing: {extend_command}", soft_wrap=True, markup=False, highlight=False)
-    for pattern in diagnosis.unknown:
-        console.print(
-            f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} "
-            f"({format_percent(pattern.share, 2)})"
-        )
+    for variable, joints, shares in group_patterns(diagnosis.unknown, robot.joint_names):
+        console.print(f"  Depends still on {variable}: {joints} ({shares})")
     if diagnosis.conclusion is not None:
         console.print(f"  {diagnosis.conclusion.headline} {diagnosis.conclusion.next_step}")
     if n_open:
