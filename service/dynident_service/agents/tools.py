@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from dynident.encoding import encode_text
 from pydantic import BaseModel, Field
 
 import dynident as dy
