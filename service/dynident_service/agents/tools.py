@@ -129,7 +129,10 @@ class WrittenFile(ViewModel):
 def _inspect(folder: Folder, given: arguments.InspectArguments, _: Progress) -> Answer:
     robot = None if given.robot is None else arguments.load_robot(folder, given.robot)
     inspected = dy.inspect(folder.find_recording(given.file, "/file"), robot, rate=given.rate)
-    return Answer(describe_inspection(inspected.inspection, inspected.inspection.sha256), repr(inspected))
+    view = describe_inspection(inspected.inspection, inspected.inspection.sha256)
+    # It is there to be drawn, and thousands of digits for who reads.
+    view.preview.sketch.clear()
+    return Answer(view, repr(inspected))
 
 
 def _identify(folder: Folder, given: arguments.IdentifyArguments, progress: Progress) -> Answer:
