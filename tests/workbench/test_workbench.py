@@ -306,12 +306,13 @@ def test_a_dropped_description_names_the_joints_and_takes_their_drive_gains(page
         URDF,
     )
     page.locator("#new-robot .drop").dispatch_event("drop", {"dataTransfer": dropped})
-    expect(page.locator("#robot-name")).to_have_value("dropped")
+    # By its own name; that of the file is for a description without one.
+    expect(page.locator("#robot-name")).to_have_value("two_links")
     page.get_by_label("Drive gain of elbow in N m/A").first.fill("12.5")
     with page.expect_response(lambda answer: answer.url.endswith("/v1/robots") and answer.status == 201) as made:
         page.click("#create-robot")
     assert [joint["drive_gain"] for joint in made.value.json()["joints"]] == [None, 12.5]
-    expect(page.locator("input[name=robot]:checked + strong")).to_have_text("dropped")
+    expect(page.locator("input[name=robot]:checked + strong")).to_have_text("two_links")
 
 
 def test_a_description_that_cannot_be_read_is_explained_beside_it(page: Any) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from dynident.encoding import encode_text
 from pydantic import BaseModel, Field
 
 import dynident as dy
@@ -20,6 +19,7 @@ from dynident.export import ExportChoices
 from dynident.identification.choices import IdentificationChoices
 from dynident.progress import Progress, scale_progress
 from dynident.robot.json_fields import parse_json
+from dynident.text_encoding import encode_text
 from dynident_service.adapters.conversion import to_request, to_view
 from dynident_service.adapters.designs import describe_design
 from dynident_service.adapters.diagnoses import describe_diagnosis, restore_diagnosis
@@ -129,7 +129,10 @@ class WrittenFile(ViewModel):
 def _inspect(folder: Folder, given: arguments.InspectArguments, _: Progress) -> Answer:
     robot = None if given.robot is None else arguments.load_robot(folder, given.robot)
     inspected = dy.inspect(folder.find_recording(given.file, "/file"), robot, rate=given.rate)
-    return Answer(describe_inspection(inspected.inspection, inspected.inspection.sha256), repr(inspected))
+    view = describe_inspection(inspected.inspection, inspected.inspection.sha256)
+    # It is there to be drawn, and thousands of digits for who reads.
+    view.preview.sketch.clear()
+    return Answer(view, repr(inspected))
 
 
 def _identify(folder: Folder, given: arguments.IdentifyArguments, progress: Progress) -> Answer:

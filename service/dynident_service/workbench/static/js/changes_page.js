@@ -2,6 +2,7 @@
 
 import { changesForm, changesTable } from "./changes.js";
 import { get, post } from "./api.js";
+import { choiceInWords } from "./catalogue.js";
 import { daysSection } from "./days.js";
 import { announce, field, h, put, section, select } from "./dom.js";
 import { moment } from "./format.js";
@@ -21,7 +22,8 @@ export async function page(target, wanted, signal) {
   }
   const chosen = models.find((one) => one.id === wanted.identification) ?? models[0];
   const model = await Model.of(await get(`/identifications/${chosen.id}`, {}, signal), wanted, signal);
-  const choice = select(models.map((one) => [one.id, `${one.name ?? "model"}, ${moment(one.created_at)}`]), chosen.id, (id) => go({ view: "changes", identification: id }));
+  const inWords = (one) => [one.name ?? "model", ...one.added.map((choice) => `+ ${choiceInWords(model.effects, choice, model.joints)}`)].join(" ");
+  const choice = select(models.map((one) => [one.id, `${inWords(one)}, ${moment(one.created_at)}`]), chosen.id, (id) => go({ view: "changes", identification: id }));
   const said = h("div");
   const result = h("div");
   const show = async (asked) => {

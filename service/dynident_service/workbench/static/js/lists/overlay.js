@@ -2,6 +2,7 @@
 
 import { Reader } from "../compare/reader.js";
 import { field, h, part, put, select } from "../dom.js";
+import { judged } from "../errors.js";
 import { number } from "../format.js";
 import { awaited } from "../jobs.js";
 import { requestedComparison } from "../model.js";
@@ -19,7 +20,7 @@ export function overlaySection(models, names, signal) {
   const seen = new Map(models.flatMap((one) => one.result.measurements ?? []).map((one) => [one.id, one.name]));
   const shared = of(models[0]).filter((id) => of(models[1]).includes(id));
   if (!joints.length || !shared.length) return part("Torques", h("p", { class: "note" }, "The two models have no recording in common."));
-  const state = { joint: joints[0], measurement: shared[0], lines: [] };
+  const state = { joint: mostDifferent(models, joints), measurement: shared[0], lines: [] };
   const view = new TimeView();
   const said = h("div");
   const places = { torque: h("div", { class: "chart", id: "overlay-torque" }), residual: h("div", { class: "chart", id: "overlay-residual" }) };
@@ -70,8 +71,15 @@ export function overlaySection(models, names, signal) {
   };
   read();
   return part("Torques",
-    h("div", { class: "bar-of-fields" }, field("Measurement", select(shared.map((id) => [id, seen.get(id) ?? id]), shared[0], choose("measurement"))), field("Joint", select(joints.map((one) => [one, one]), joints[0], choose("joint")))),
+    h("div", { class: "bar-of-fields" }, field("Measurement", select(shared.map((id) => [id, seen.get(id) ?? id]), shared[0], choose("measurement"))), field("Joint", select(joints.map((one) => [one, one]), state.joint, choose("joint")))),
     timeButtons(view), said, group);
+}
+
+/** The joint whose errors differ most between the models. */
+function mostDifferent(models, joints) {
+  const errorOf = ({ result }, joint) => judged(result.validation ?? result.residual).relative[result.joints.indexOf(joint)] ?? 0;
+  const difference = (joint) => Math.abs(errorOf(models[0], joint) - errorOf(models[1], joint));
+  return joints.reduce((best, joint) => (difference(joint) > difference(best) ? joint : best));
 }
 
 /** A signal of the second line at the times of the first: filters of two models may leave other samples. */
