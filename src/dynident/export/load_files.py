@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from dynident.array_types import FloatArray
+from dynident.effects import get_role
 from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.estimation.uncertainty import NORMAL_95
@@ -97,7 +98,7 @@ def identify_load(identification: Identification) -> IdentifiedLoad:
         Where the model has no load or more than one, or the data do not determine its mass and its centre.
     """
     model = identification.model
-    loads = {(column.link, column.runs) for column in model.columns if column.effect == "payload"}
+    loads = {(column.link, column.runs) for column in model.columns if get_role(column) == "load"}
     if len(loads) != 1:
         has = "no load" if not loads else f"{len(loads)} loads"
         raise DynidentError(
@@ -105,7 +106,7 @@ def identify_load(identification: Identification) -> IdentifiedLoad:
             pointer="/format",
             title="No load in the model",
         )
-    columns = [k for k, column in enumerate(model.columns) if column.effect == "payload"]
+    columns = [k for k, column in enumerate(model.columns) if get_role(column) == "load"]
     # A parameter is known where it is a base parameter of which no other one is a part.
     rows = {
         column: model.base.kept.index(column)
