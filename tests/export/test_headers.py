@@ -14,6 +14,7 @@ from dynident.identification.study.rigid_body_terms import (
     compute_gravity,
     compute_mass_matrix,
 )
+from dynident.regressors.observation import FurtherSignals
 from support.exported_programs import MODELS, NAMES, TREE, run_signals
 from support.models_with_chosen_parameters import (
     PLAIN,
@@ -33,7 +34,6 @@ from dynident.export import to_c_header, to_cpp_header
 from dynident.export.c_header import list_functions
 from dynident.identification import Identification
 from dynident.identification.study.equation_of_motion import build_equation_of_motion
-from dynident.regressors.observation import FurtherSignals
 
 STRICT = ("-O1", "-Wall", "-Wextra", "-Werror", "-pedantic")
 SANITIZERS = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")

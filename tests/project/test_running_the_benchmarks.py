@@ -16,6 +16,7 @@ import pytest
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 TESTS = BENCHMARKS.parent / "tests"
 SMALL = {
+    "messy_arms": "--cases 1 --duration 5",
     "acceptance": "--requests 30 --clients 2",
     "changes": "--pairs 1 --processes 1",
     "clean_residuals": "--cases 1 --processes 1",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dynident.schema.fields import Choice, OneOf, declare_field
+from dynident.schema.fields import Choice, OneOf, Request, declare_field
 
 ExportFormat = Literal[
     "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", "urscript", "franka_load", "kuka_load", "load_urdf"
@@ -39,7 +39,7 @@ ENDINGS: dict[str, ExportFormat] = {
 
 
 @dataclass(frozen=True)
-class ExportChoices:
+class ExportChoices(Request):
     """What a model is written as.
 
     Parameters

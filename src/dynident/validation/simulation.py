@@ -24,9 +24,10 @@ from dynident.identification.thresholds import LARGEST_DRIFT, LARGEST_ERROR, LAR
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, low_pass
 from dynident.recordings.phases import SLOW, STANDS
+from dynident.schema.fields import check_value
 from dynident.simulation.ground_truth import may_be_negative
 from dynident.validation.outcome import ValidationOutcome
-from dynident.validation.torque_errors import check_limit
+from dynident.validation.request import LONGEST_SIMULATED, Simulation
 
 AFTER = (0.1, 0.5, 2.0)
 """Seconds: a few samples of a controller, a quick move, and a whole motion from point to point."""
@@ -192,10 +193,6 @@ def _compute_rms(values: FloatArray) -> FloatArray:
     return np.where(counts > 0, np.sqrt(squares.sum(axis=0) / np.maximum(counts, 1)), np.nan)
 
 
-LONGEST = 20.0
-"""Seconds of a recording that are simulated at most."""
-
-
 @dataclass(frozen=True, eq=False)
 class SimulationValidation:
     """A simulated robot that followed the recorded motion under control, and one that was left alone.
@@ -237,7 +234,7 @@ def validate_simulation(
     identification: Identification,
     recording: Recording,
     limit: float = LARGEST_ERROR,
-    longest: float = LONGEST,
+    longest: float = LONGEST_SIMULATED,
     progress: Progress = ignore_progress,
 ) -> SimulationValidation:
     """Let a robot with the identified parameters make the recorded motion under joint control, and without any.
@@ -270,9 +267,8 @@ def validate_simulation(
     DynidentError
         For a limit or duration that is not above zero, or a recording without motion to follow.
     """
-    check_limit(limit)
-    if not (np.isfinite(longest) and longest > 0):
-        raise DynidentError(f"longest is {longest} s; give a duration above 0", pointer="/longest")
+    check_value(Simulation, "limit", limit)
+    check_value(Simulation, "longest", longest)
     motion = read_longest_piece(recording, identification.preprocessing, longest)
     duration = motion.reference.duration
     # Before the simulation: negative friction or inertia would make it diverge without saying why.

@@ -127,7 +127,10 @@ class EssentialView(TypedDict):
 class IdentificationResult(TypedDict):
     """An identified model."""
 
+    condition_meaning: str
+    """What the equilibrated condition number means"""
     condition_number: float | None
+    """Of W [12.12]; parameters of other units change it"""
     confirmed_by: list[Literal["moving", "reversing", "starting"]] | None
     """Held-out rows on which what was added surely lowers the error: where joints move; at reversals and at starts of
     its joints, where the effect claims to explain these; [] if none do; null if not judged"""
@@ -142,6 +145,8 @@ class IdentificationResult(TypedDict):
     effects: list[EffectChoice]
     effort_units: list[str]
     equations_per_parameter: float
+    equilibrated_condition_number: float | None
+    """The same with rows over their noise and columns of unit norm; null in models that an older version stored"""
     inertia_matrix_positive_definite: bool
     joints: list[str]
     measurements: list[SeenMeasurement]

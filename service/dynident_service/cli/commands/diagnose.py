@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dynident.diagnosis.request import DiagnosisChoices
-from dynident.encoding import encode_text
+from dynident.text_encoding import encode_text
 from dynident_service.cli.files import READABLE_FILE
 from dynident_service.cli.options import Json, Measurements, ModelArgument, OutputOptions, Reading, file_option
 from dynident_service.cli.request_options import RequestOptions, TypedValues
@@ -152,6 +152,7 @@ def diagnose(
             candidates=choices.candidates,
             most_effects=choices.max_effects,
             significance=choices.significance,
+            hardware=choices.hardware,
             progress=data.progress,
         )
         if next_experiment or (next_experiment is None and (result.out is not None or result.as_json)):
