@@ -148,7 +148,7 @@ class Cell:
         pending, end = list(contacts), 0.0
         for k, time in enumerate(motion.t):
             error, rate = motion.q[k] - data.qpos, motion.dq[k] - data.qvel
-            data.ctrl = feed[k] + inertia * (900.0 * error + 60.0 * rate)
+            data.ctrl = np.clip(feed[k] + inertia * (900.0 * error + 60.0 * rate), *self.model.actuator_ctrlrange.T)
             if pending and time >= pending[0].start:
                 # The posture hardly changes while a contact lasts.
                 contact = pending.pop(0)
