@@ -163,7 +163,23 @@ def _to_matrix(upper: FloatArray) -> FloatArray:
 
 
 def to_urscript(identification: Identification) -> ExportedFile:
-    """Return the load as URScript: `set_target_payload`, with the inertia about the centre of mass if it is known."""
+    """Return the load as URScript: `set_target_payload`, with the inertia about the centre of mass if it is known.
+
+    Parameters
+    ----------
+    identification : Identification
+        A model with the effect `payload`.
+
+    Returns
+    -------
+    ExportedFile
+        The file, with notes on what it does not hold.
+
+    Raises
+    ------
+    DynidentError
+        As `identify_load` does.
+    """
     load = identify_load(identification)
     centre = ", ".join(f"{value:.6g}" for value in load.centre)
     inertia = ""
@@ -177,7 +193,23 @@ def to_urscript(identification: Identification) -> ExportedFile:
 
 
 def to_franka_load(identification: Identification) -> ExportedFile:
-    """Return the load as a statement of libfranka: `robot.setLoad`, the inertia column by column."""
+    """Return the load as a statement of libfranka: `robot.setLoad`, the inertia column by column.
+
+    Parameters
+    ----------
+    identification : Identification
+        A model with the effect `payload`.
+
+    Returns
+    -------
+    ExportedFile
+        The file, with notes on what it does not hold.
+
+    Raises
+    ------
+    DynidentError
+        As `identify_load` does.
+    """
     load = identify_load(identification)
     inertia = np.zeros((3, 3)) if load.inertia is None else load.inertia
     centre, matrix = (", ".join(f"{value:.6g}" for value in array) for array in (load.centre, inertia.T.reshape(-1)))
@@ -187,7 +219,23 @@ def to_franka_load(identification: Identification) -> ExportedFile:
 
 
 def to_kuka_load(identification: Identification) -> ExportedFile:
-    """Return the load as KUKA's load data: mm, principal moments of inertia, and their axes as angles A, B, C."""
+    """Return the load as KUKA's load data: mm, principal moments of inertia, and their axes as angles A, B, C.
+
+    Parameters
+    ----------
+    identification : Identification
+        A model with the effect `payload`.
+
+    Returns
+    -------
+    ExportedFile
+        The file, with notes on what it does not hold.
+
+    Raises
+    ------
+    DynidentError
+        As `identify_load` does.
+    """
     load = identify_load(identification)
     moments, axes = np.zeros(3), np.eye(3)
     if load.inertia is not None:
@@ -205,7 +253,23 @@ def to_kuka_load(identification: Identification) -> ExportedFile:
 
 
 def to_load_urdf(identification: Identification) -> ExportedFile:
-    """Return the load as a URDF link, fixed to the link that carries it."""
+    """Return the load as a URDF link, fixed to the link that carries it.
+
+    Parameters
+    ----------
+    identification : Identification
+        A model with the effect `payload`.
+
+    Returns
+    -------
+    ExportedFile
+        The file, with notes on what it does not hold.
+
+    Raises
+    ------
+    DynidentError
+        As `identify_load` does.
+    """
     load, tree = identify_load(identification), identification.model.robot.tree
     inertia = np.zeros((3, 3)) if load.inertia is None else load.inertia
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
