@@ -184,7 +184,19 @@ class Identifications(LabelledCollection[Identification]):
     def export(
         self,
         identification: Record | str,
-        format: Literal["json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi"] = "json",
+        format: Literal[
+            "json",
+            "urdf",
+            "mjcf",
+            "c",
+            "c_header",
+            "cpp_header",
+            "casadi",
+            "urscript",
+            "franka_load",
+            "kuka_load",
+            "load_urdf",
+        ] = "json",
         *,
         nearest: bool | None = None,
         anyway: bool | None = None,
@@ -195,7 +207,9 @@ class Identifications(LabelledCollection[Identification]):
         ----------
         identification : Record or str
             The model or its identifier.
-        format : {"json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi"}
+        format : str
+            "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", or for the load alone "urscript",
+            "franka_load", "kuka_load", "load_urdf".
             Format of the file.
         nearest : bool, optional
             For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that

@@ -34,7 +34,7 @@ HERE = str(Path(__file__).relative_to(ROOT))
 RUN_BY = {
     "README.md": ("tests/project/test_readme.py", "sh python"),
     "tutorial.md": ("docs/figures.py", "sh python"),
-    "exports.md": ("tests/project/test_exports_page.py", "sh python c"),
+    "exports.md": ("tests/project/test_exports_page.py", "sh python c cpp"),
     "closed-loops.md": ("tests/identification/test_identifying_closed_loops.py", "json sh"),
     "notebook.md": ("tests/api/test_the_page_about_notebooks.py", "python"),
     "own-effects.md": ("tests/support/own_effects_page.py", "python toml sh"),

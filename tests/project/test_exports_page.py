@@ -11,13 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.page_blocks import blocks_of
 from support.page_commands import run_commands
 
-TEXT = (Path(__file__).resolve().parents[2] / "docs" / "exports.md").read_text(encoding="utf-8")
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "exports.md"
 
 
 def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
+    return [one.text for one in blocks_of(PAGE) if one.language == language and not one.marked]
 
 
 def run(command: list[str], folder: Path) -> str:

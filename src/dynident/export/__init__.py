@@ -14,6 +14,14 @@ if TYPE_CHECKING:
     from dynident.export.document import model_from_json, model_to_document, to_json
     from dynident.export.exported_file import ExportedFile
     from dynident.export.feasible_completion import Completion, complete_parameters
+    from dynident.export.load_files import (
+        IdentifiedLoad,
+        identify_load,
+        to_franka_load,
+        to_kuka_load,
+        to_load_urdf,
+        to_urscript,
+    )
     from dynident.export.mjcf import to_mjcf
     from dynident.export.predicting_model import PredictingModel, TorquePredictor
     from dynident.export.request import ExportChoices, ExportFormat
@@ -26,19 +34,25 @@ __all__ = [
     "ExportFormat",
     "ExportedFile",
     "FurtherSignals",
+    "IdentifiedLoad",
     "PredictingModel",
     "TorquePredictor",
     "complete_parameters",
     "export_model",
+    "identify_load",
     "model_from_json",
     "model_to_document",
     "to_c",
     "to_c_header",
     "to_casadi",
     "to_cpp_header",
+    "to_franka_load",
     "to_json",
+    "to_kuka_load",
+    "to_load_urdf",
     "to_mjcf",
     "to_urdf",
+    "to_urscript",
 ]
 
 if not TYPE_CHECKING:

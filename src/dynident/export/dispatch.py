@@ -12,6 +12,7 @@ from dynident.export.c_header import to_c_header, to_cpp_header
 from dynident.export.casadi_function import to_casadi_bytes
 from dynident.export.document import to_json
 from dynident.export.exported_file import ExportedFile
+from dynident.export.load_files import to_franka_load, to_kuka_load, to_load_urdf, to_urscript
 from dynident.export.mjcf import to_mjcf
 from dynident.export.request import ExportFormat
 from dynident.export.summary import make_slug
@@ -27,10 +28,12 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
     ----------
     identification : Identification
         The identified model, with the data of its fit.
-    format : {"json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi"}
+    format : str
+        "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", or for the load alone "urscript",
+        "franka_load", "kuka_load", "load_urdf".
         Format of the file. The formats json, c, c_header, cpp_header and casadi hold every effect; urdf and mjcf hold
         links, rotors, Coulomb and viscous friction (mjcf also springs), and what they leave out is in the file's
-        `notes`.
+        `notes`. The last four hold the load of the effect `payload` alone, as controllers take it.
     nearest : bool
         For urdf and mjcf: if no bodies that can exist have the identified parameters, write the nearest that can.
 
@@ -82,14 +85,6 @@ def _export_c(identification: Identification, _nearest: bool) -> ExportedFile:
     return ExportedFile(f"{make_c_name(identification)}.c", "text/x-c", encode_text(to_c(identification)))
 
 
-def _export_c_header(identification: Identification, _nearest: bool) -> ExportedFile:
-    return to_c_header(identification)
-
-
-def _export_cpp_header(identification: Identification, _nearest: bool) -> ExportedFile:
-    return to_cpp_header(identification)
-
-
 def _export_casadi(identification: Identification, _nearest: bool) -> ExportedFile:
     name = f"{make_slug(identification.model.robot.name)}.casadi"
     return ExportedFile(name, "application/octet-stream", to_casadi_bytes(identification))
@@ -101,8 +96,12 @@ FORMATS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingP
         "urdf": _export_urdf,
         "mjcf": _export_mjcf,
         "c": _export_c,
-        "c_header": _export_c_header,
-        "cpp_header": _export_cpp_header,
+        "c_header": lambda identification, _: to_c_header(identification),
+        "cpp_header": lambda identification, _: to_cpp_header(identification),
         "casadi": _export_casadi,
+        "urscript": lambda identification, _: to_urscript(identification),
+        "franka_load": lambda identification, _: to_franka_load(identification),
+        "kuka_load": lambda identification, _: to_kuka_load(identification),
+        "load_urdf": lambda identification, _: to_load_urdf(identification),
     }
 )

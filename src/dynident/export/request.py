@@ -7,7 +7,9 @@ from typing import Literal
 
 from dynident.schema.fields import Choice, OneOf, Request, declare_field
 
-ExportFormat = Literal["json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi"]
+ExportFormat = Literal[
+    "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", "urscript", "franka_load", "kuka_load", "load_urdf"
+]
 FORMATS = OneOf(
     Choice("json", "JSON"),
     Choice("urdf", "URDF"),
@@ -16,6 +18,10 @@ FORMATS = OneOf(
     Choice("c_header", "C header with every term"),
     Choice("cpp_header", "C++ header with every term"),
     Choice("casadi", "CasADi"),
+    Choice("urscript", "Identified load, URScript"),
+    Choice("franka_load", "Identified load, libfranka"),
+    Choice("kuka_load", "Identified load, KUKA load data"),
+    Choice("load_urdf", "Identified load, URDF link"),
 )
 ENDINGS: dict[str, ExportFormat] = {
     ".json": "json",
@@ -26,6 +32,8 @@ ENDINGS: dict[str, ExportFormat] = {
     ".h": "c_header",
     ".hpp": "cpp_header",
     ".casadi": "casadi",
+    ".script": "urscript",
+    ".dat": "kuka_load",
 }
 """Format of a file by the ending of its name."""
 
@@ -36,7 +44,9 @@ class ExportChoices(Request):
 
     Parameters
     ----------
-    format : {"json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi"}
+    format : str
+        "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", or for the load alone "urscript",
+        "franka_load", "kuka_load", "load_urdf".
         Format of the file.
     nearest : bool
         For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that can.

@@ -95,9 +95,9 @@ class MomentumObserver:
     """
 
     def __init__(self, model: Identification | Estimate, period: float, gain: float = GAIN) -> None:
-        for name, value in (("period", period), ("gain", gain)):
-            if not (np.isfinite(value) and value > 0):
-                raise DynidentError(f"{name} is {value}; give a number above 0", pointer=f"/{name}")
+        for name, number in (("period", period), ("gain", gain)):
+            if not (np.isfinite(number) and number > 0):
+                raise DynidentError(f"{name} is {number}; give a number above 0", pointer=f"/{name}")
         estimate = model.estimate if isinstance(model, Identification) else model
         equation = build_equation_of_motion(estimate)
         if equation.observer_obstacle:
@@ -132,7 +132,8 @@ class MomentumObserver:
 
     def step(self, q: FloatArray, tau: FloatArray) -> FloatArray:
         """Return the residual (n,) after the next sample: positions q (n,) and motor torques tau (n,)."""
-        return self.observe(np.asarray(q, dtype=np.float64)[None], np.asarray(tau, dtype=np.float64)[None]).residual[0]
+        rows = [np.asarray(values, dtype=np.float64)[None] for values in (q, tau)]
+        return np.asarray(self.observe(*rows).residual[0])
 
     def observe(self, q: FloatArray, tau: FloatArray) -> ObservedContacts:
         """Return the residual of the next m samples of a motion: q and tau (m, n), every `period`."""
@@ -284,8 +285,8 @@ def _observe_recording(
     first = int(np.ceil(2 * _SETTLED / gain * recording.sampling_rate))
     if len(observed.residual) <= first:
         return None
-    whole = (observed.residual, observed.q, observed.dq, observed.slow)
-    return ObservedContacts(*(values[first:] for values in whole)), observer.period
+    later = ObservedContacts(observed.residual[first:], observed.q[first:], observed.dq[first:], observed.slow[first:])
+    return later, observer.period
 
 
 def _split_speeds(runs: Sequence[ObservedContacts], joint: int) -> FloatArray:
@@ -293,7 +294,7 @@ def _split_speeds(runs: Sequence[ObservedContacts], joint: int) -> FloatArray:
     moving = np.concatenate([np.abs(run.dq[~run.slow[:, joint], joint]) for run in runs])
     if not len(moving):
         return np.full(_SPEED_CLASSES - 1, np.inf)
-    return np.quantile(moving, np.arange(1, _SPEED_CLASSES) / _SPEED_CLASSES)
+    return np.asarray(np.quantile(moving, np.arange(1, _SPEED_CLASSES) / _SPEED_CLASSES))
 
 
 def _find_classes(observed: ObservedContacts, speeds: FloatArray) -> NDArray[np.intp]:
@@ -351,7 +352,7 @@ def _compute_force(
             return None
         torque = np.einsum("mdi,mij->mdj", forces, jacobian)
         thresholds = detection.compute_thresholds(run)
-        response = _compute_step_response(period * np.arange(1, window + 1), detection.gain)
+        response = _compute_step_response(period * np.arange(1.0, window + 1.0), detection.gain)
         for start, unit in zip(starts, torque, strict=True):
             rows = slice(start + 1, start + 1 + window)
             # The residual is there already, and helps or hinders the force on its way to the threshold.
