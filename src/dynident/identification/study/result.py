@@ -23,10 +23,8 @@ from dynident.estimation import (
     Solution,
     Statistics,
     compute_condition_number,
-    compute_moving_errors,
     compute_row_noise,
     count_effective_rows,
-    select_judged_errors,
 )
 from dynident.estimation.least_squares import floor_noise
 from dynident.estimation.uncertainty import find_prior_dominated
@@ -37,6 +35,7 @@ from dynident.identification.standard_parameters import StandardParameters
 from dynident.identification.thresholds import ParameterJudgement, judge_parameter
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
+from dynident.regressors.phase_errors import compute_moving_errors, select_judged_errors
 from dynident.regressors.row_cache import CachedRows
 
 _EXACT = 1e-12
