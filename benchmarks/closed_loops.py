@@ -19,7 +19,7 @@ from support.closed_loop_robots import MACHINES, five_bar, machine, states
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.expressions import Program
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.robot import Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
 

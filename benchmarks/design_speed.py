@@ -38,7 +38,7 @@ from dynident.motion.limits.bounds import Bounds, build_bounds
 from dynident.motion.limits.margins import AmplitudeScaler
 from dynident.progress import ignore_progress
 from dynident.regressors.base_parameters import evaluate_at_random_states, select_base
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.robot import Robot, robot_from_library, to_pinocchio
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))

@@ -16,7 +16,7 @@ from common import FloatArray, median_time, show
 from compared import compared
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.robot import robot_from_library, to_pinocchio
 from dynident.robot.pinocchio_model import to_dynamic_parameters
 

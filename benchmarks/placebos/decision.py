@@ -30,7 +30,7 @@ from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
 from dynident.regressors.filtered_rows import FilteredSamples, stream_filtered_samples
 from dynident.regressors.model import Model
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.regressors.row_phases import RowPhases, find_joints_with_friction
 from placebos.shifting import IndexArray, SamplesOf, remembered
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynident.recordings import Recording
 from dynident.regressors.filtered_rows import FilteredSamples
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

@@ -27,6 +27,7 @@ from dynident.optional_dependencies import MissingPackageFinder, find_missing_pa
 from dynident.version import __version__
 
 if TYPE_CHECKING:
+    from dynident.api.changes_over_time import Changes, FollowedRobot, changes, series
     from dynident.api.comparison import ComparedRecording, Comparisons, compare
     from dynident.api.data_frames import Table
     from dynident.api.effect_arguments import register
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     from dynident.api.recording_files import InspectedFile, inspect, read_recordings, revise
     from dynident.api.recordings import CheckedRecording, Recordings
     from dynident.api.reporting import Report, report
-    from dynident.api.robot_changes import Changes, FollowedRobot, changes, series
     from dynident.api.robot_files import load_robot
     from dynident.effects import EffectChoice
     from dynident.errors import DynidentError

@@ -22,10 +22,10 @@ from support.oracles import fourier_motion, pinocchio_torque, record
 import dynident as dy
 from dynident.api.recordings import CheckedRecording
 from dynident.diagnosis.comparing.storage import StoredComparison, write_comparison
-from dynident.encoding import escape_surrogates
 from dynident.export import ExportFormat, export_model
 from dynident.recordings import Recording
 from dynident.robot.modified_dh import robot_from_modified_dh
+from dynident.text_encoding import escape_surrogates
 from dynident_service.adapters.designs import trajectory_as_csv, write_trajectory
 from dynident_service.adapters.exports import build_file_response
 from dynident_service.cli.table_files import build_comparison_table, build_courses_table, write_table

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from support.scored_candidates import judged
 
-from dynident.diagnosis.candidates.blocks import JointBlocks
+from dynident.diagnosis.candidates.joint_products import JointBlocks
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import RowStack, products_from_reduction, split_data_folds, split_folds
 from dynident.diagnosis.candidates.scoring import (

@@ -17,7 +17,7 @@ from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_c
 from dynident.effects.mechanics import to_constant
 from dynident.effects.newton_euler import build_inverse_dynamics, build_link_jacobian
 from dynident.errors import DynidentError
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.robot import Robot, robot_from_library, robot_from_urdf, to_pinocchio
 
 COUNT = 5

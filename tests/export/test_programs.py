@@ -23,7 +23,7 @@ from dynident.export.casadi_function import build_torque_formula, to_casadi, to_
 from dynident.export.document import model_from_json, to_json
 from dynident.export.predicting_model import PredictingModel
 from dynident.identification import Identification
-from dynident.regressors.observation import FurtherSignals
+from dynident.regressors.observation_matrix import FurtherSignals
 from dynident.robot import robot_from_urdf
 
 

@@ -13,7 +13,7 @@ from support.oracles import arm, random_states
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.expressions import Program, UnsupportedOperationError
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 
 X, Y = ca.SX.sym("x", 3), ca.SX.sym("y")
 a, b, c = X[0], X[1], X[2]

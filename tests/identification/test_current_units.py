@@ -9,7 +9,7 @@ from support.oracles import arm, crooked_urdf, fourier_motion, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.identification.loads.current_units import identify_currents
+from dynident.identification.loads.current_models import identify_currents
 from dynident.identification.loads.payload_data import PLAIN_EFFECTS
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model

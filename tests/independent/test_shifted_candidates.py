@@ -19,7 +19,7 @@ from dynident.effects import EffectChoice, Signals, build_columns
 from dynident.identification import identify
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.regressors.filtered_rows import FilteredSamples
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.robot import robot_from_library
 
 ROBOT = robot_from_library("scara")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import ast
 import re
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 MODULES = sorted(path for folder in ("src", "service") for path in (ROOT / folder).rglob("*.py"))
-TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
 
 IRREGULAR = frozenset(
     [
@@ -80,6 +80,11 @@ DOCUMENTED = {
 """Names that users or templates read as data, or that documents show; no new ones."""
 
 
+@cache
+def parse_modules() -> dict[Path, ast.Module]:
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
+
+
 def is_participle(name: str) -> bool:
     word = name.strip("_")
     if word in ENDS_LIKE_ONE or "_" in word:
@@ -90,7 +95,7 @@ def is_participle(name: str) -> bool:
 def test_functions_are_named_by_verbs_and_not_by_participles() -> None:
     found = {
         f"{path.relative_to(ROOT)}:{node.name}"
-        for path, tree in TREES.items()
+        for path, tree in parse_modules().items()
         for node in ast.walk(tree)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         if is_participle(node.name) and node.name not in DOCUMENTED
@@ -101,7 +106,7 @@ def test_functions_are_named_by_verbs_and_not_by_participles() -> None:
 def test_values_are_named_by_what_they_hold() -> None:
     count = Counter(
         node.id
-        for tree in TREES.values()
+        for tree in parse_modules().values()
         for node in ast.walk(tree)
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
     )
@@ -128,7 +133,9 @@ def test_no_word_of_the_old_dialect_names_a_class() -> None:
         "Shown",
         "Beside",
     }
-    classes = {node.name for tree in TREES.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+    classes = {
+        node.name for tree in parse_modules().values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
+    }
     assert classes & banned == set()
 
 
@@ -143,7 +150,7 @@ def test_estimation_knows_no_joints() -> None:
     banned = {"joint", "joints", "robot", "friction", "halt", "halts", "reversal", "reversals", "reversing", "standing"}
     named = {
         f"{path.name}: {name}"
-        for path, tree in TREES.items()
+        for path, tree in parse_modules().items()
         if path.parent == ROOT / "src/dynident/estimation"
         for node in ast.walk(tree)
         for name in (

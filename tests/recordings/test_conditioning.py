@@ -26,7 +26,7 @@ from dynident.recordings.file_source import RawRows
 from dynident.recordings.importing import condition_arrays, scan_time
 from dynident.recordings.stored_rows import load_stored_samples
 from dynident.simulation import Sensors, TrueEffect, VirtualRobot
-from dynident.testing.trial import build_trial_arm, build_trial_motion
+from dynident.testing.trial_arm import build_trial_arm, build_trial_motion
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 JOINTS = RecordedJoints([f"joint{k + 1}" for k in range(N)], [JointLimits()] * N)

@@ -13,7 +13,7 @@ from dynident.regressors.base_parameters import find_base_parameters
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model import build_model
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.regressors.row_phases import RowPhases
 from dynident.robot import Robot
 

@@ -25,7 +25,7 @@ from dynident.estimation import Reduction, ordinary
 from dynident.recordings import Preprocessing, Recording, Segment, filtered_blocks, low_pass, recording_from_arrays
 from dynident.recordings.recording import StoredRows
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
-from dynident.regressors.equations import (
+from dynident.regressors.equation_rows import (
     filter_with_pole,
     integrate_over_intervals,
     reduce_form,

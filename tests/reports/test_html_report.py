@@ -6,6 +6,7 @@ import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import cache
 from html.parser import HTMLParser
 
 import numpy as np
@@ -14,11 +15,11 @@ from markupsafe import escape
 from support.joints_at_rest import resting_motion, resting_torque
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
-from dynident.diagnosis import Change, ChangedValue, FrictionDifference, compare, diagnose
+from dynident.diagnosis import Change, ChangedValue, Diagnosis, FrictionDifference, compare, diagnose
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
-from dynident.identification import IdentificationChoices, LadderStep, extend, identify, remove
+from dynident.identification import Identification, IdentificationChoices, LadderStep, extend, identify, remove
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports import ReportedRecording, html_report
@@ -63,14 +64,41 @@ def run(seed: int):
 
 FIRST_RUN, SECOND_RUN, THIRD_RUN = run(1), run(2), run(3)
 CHOICES = IdentificationChoices(EFFECTS, preprocessing=Preprocessing(10.0, 8.0, 3, reasons=("Because of <this>.",)))
-FIRST = identify(ROBOT, [FIRST_RUN], [SECOND_RUN], CHOICES)
-DIAGNOSIS = diagnose(FIRST, [FIRST_RUN])
-MODEL = extend(FIRST, [EffectChoice("stribeck", (ROBOT.joint_names[0],))], [FIRST_RUN], [SECOND_RUN])
-RUNS = [
-    ReportedRecording(FIRST_RUN, compare(MODEL, FIRST_RUN), False, (WARNING, Check("gaps", "ok", "None."))),
-    ReportedRecording(SECOND_RUN, compare(MODEL, SECOND_RUN), True),
-]
-HTML = html_report(MODEL, RUNS, diagnosis=DIAGNOSIS, created=MADE)
+
+
+@cache
+def first_model() -> Identification:
+    return identify(ROBOT, [FIRST_RUN], [SECOND_RUN], CHOICES)
+
+
+@cache
+def findings() -> Diagnosis:
+    return diagnose(first_model(), [FIRST_RUN])
+
+
+@cache
+def second_model() -> Identification:
+    return extend(first_model(), [EffectChoice("stribeck", (ROBOT.joint_names[0],))], [FIRST_RUN], [SECOND_RUN])
+
+
+@cache
+def two_runs() -> tuple[ReportedRecording, ...]:
+    return (
+        ReportedRecording(
+            FIRST_RUN, compare(second_model(), FIRST_RUN), False, (WARNING, Check("gaps", "ok", "None."))
+        ),
+        ReportedRecording(SECOND_RUN, compare(second_model(), SECOND_RUN), True),
+    )
+
+
+@cache
+def html() -> str:
+    return html_report(second_model(), two_runs(), diagnosis=findings(), created=MADE)
+
+
+@cache
+def whole_page() -> Page:
+    return Page(html())
 
 
 class Page(HTMLParser):
@@ -109,157 +137,158 @@ class Page(HTMLParser):
         return [attributes for name, attributes in self.tags if name == tag]
 
 
-PAGE = Page(HTML)
-
-
 def test_it_has_every_section_with_a_heading_and_an_entry_in_the_contents() -> None:
-    assert [section["id"] for section in PAGE.all_of("section")] == list(SECTIONS)
-    assert {f"#{name}" for name in SECTIONS} <= {link.get("href") for link in PAGE.all_of("a")}
-    assert PAGE.all_of("html") == [{"lang": "en"}]
+    assert [section["id"] for section in whole_page().all_of("section")] == list(SECTIONS)
+    assert {f"#{name}" for name in SECTIONS} <= {link.get("href") for link in whole_page().all_of("a")}
+    assert whole_page().all_of("html") == [{"lang": "en"}]
 
 
 def test_values_deviations_and_relative_deviations_are_those_of_the_identification() -> None:
-    shown = np.array(PAGE.data_values["parameters"]).reshape(-1, 3)
-    by_value = {p.value: p for p in MODEL.parameters}
-    assert len(shown) == len(MODEL.parameters)
+    shown = np.array(whole_page().data_values["parameters"]).reshape(-1, 3)
+    by_value = {p.value: p for p in second_model().parameters}
+    assert len(shown) == len(second_model().parameters)
     for value, deviation, relative in shown:
         parameter = by_value[value]
         assert deviation == parameter.standard_deviation
         assert relative == parameter.relative_standard_deviation
-    for parameter in MODEL.parameters:
+    for parameter in second_model().parameters:
         text, spread = format_estimate(parameter.value, parameter.standard_deviation)
-        assert text in PAGE.text["parameters"]
-        assert spread in PAGE.text["parameters"]
-        assert parameter.grouping in PAGE.text["parameters"]
+        assert text in whole_page().text["parameters"]
+        assert spread in whole_page().text["parameters"]
+        assert parameter.grouping in whole_page().text["parameters"]
 
 
 def test_shape_constants_have_their_intervals_or_words() -> None:
-    by_name = {one.name: one for one in MODEL.shape_constants}
+    by_name = {one.name: one for one in second_model().shape_constants}
     velocity, kind = by_name["vs"], by_name["delta"]
     assert velocity.interval is not None
-    text = PAGE.text["parameters"]
+    text = whole_page().text["parameters"]
     assert " to ".join(format_estimate(end, velocity.standard_deviation)[0] for end in velocity.interval) in text
     assert velocity.description in text
     assert kind.note in text
 
 
 def test_errors_per_joint_are_those_of_fit_and_held_out_data_where_it_moves_and_on_all_rows() -> None:
-    shown = np.array(PAGE.data_values["torque"]).reshape(ROBOT.n, 4, 2)
-    for k, errors in enumerate((MODEL.fit_moving, MODEL.fit, MODEL.held_out_moving, MODEL.held_out)):
+    shown = np.array(whole_page().data_values["torque"]).reshape(ROBOT.n, 4, 2)
+    for k, errors in enumerate(
+        (second_model().fit_moving, second_model().fit, second_model().held_out_moving, second_model().held_out)
+    ):
         np.testing.assert_array_equal(shown[:, k, 0], errors.relative)
         np.testing.assert_array_equal(shown[:, k, 1], errors.rms)
-    for run in RUNS:
-        assert format_percent(run.comparison.moving_errors.relative_total) in PAGE.text["torque"]
+    for run in two_runs():
+        assert format_percent(run.comparison.moving_errors.relative_total) in whole_page().text["torque"]
 
 
 def test_errors_of_each_recording_are_told_where_they_are_others_than_those_of_fit_and_held_out_data() -> None:
     told = "Relative error per recording"
-    assert told not in HTML
-    third = ReportedRecording(THIRD_RUN, compare(MODEL, THIRD_RUN), True)
-    assert told in html_report(MODEL, [*RUNS, third])
-    assert told in html_report(MODEL, [RUNS[0], third])
+    assert told not in html()
+    third = ReportedRecording(THIRD_RUN, compare(second_model(), THIRD_RUN), True)
+    assert told in html_report(second_model(), [*two_runs(), third])
+    assert told in html_report(second_model(), [two_runs()[0], third])
 
 
 def test_the_ladder_shows_the_error_of_every_model_falling() -> None:
-    shown = np.array(PAGE.data_values["ladder"]).reshape(2, 2)
-    expected = [[m.fit_moving.relative_total, m.held_out_moving.relative_total] for m in (FIRST, MODEL)]
+    shown = np.array(whole_page().data_values["ladder"]).reshape(2, 2)
+    expected = [
+        [m.fit_moving.relative_total, m.held_out_moving.relative_total] for m in (first_model(), second_model())
+    ]
     np.testing.assert_array_equal(shown, expected)
     assert shown[1, 1] < shown[0, 1]
-    assert "Stribeck friction on" in PAGE.text["ladder"]
+    assert "Stribeck friction on" in whole_page().text["ladder"]
 
 
 def test_the_ladder_says_which_model_predicts_best_and_from_where_on_the_error_rises() -> None:
-    assert "Model 2 predicts held-out data best." in PAGE.text["ladder"]
-    assert PAGE.text["ladder"].count("✓ best") == 1
-    assert "↑ rises" not in PAGE.text["ladder"]
-    worse = replace(FIRST, step=LadderStep(MODEL, removed=MODEL.step.added))
+    assert "Model 2 predicts held-out data best." in whole_page().text["ladder"]
+    assert whole_page().text["ladder"].count("✓ best") == 1
+    assert "↑ rises" not in whole_page().text["ladder"]
+    worse = replace(first_model(), step=LadderStep(second_model(), removed=second_model().step.added))
     page = Page(html_report(worse, [ReportedRecording(SECOND_RUN, compare(worse, SECOND_RUN), True)]))
     assert "Model 2 predicts held-out data best; from model 3 on" in page.text["ladder"]
     assert page.text["ladder"].count("✓ best") == page.text["ladder"].count("↑ rises") == 1
 
 
 def test_warnings_and_doubtful_checks_stand_in_the_first_section() -> None:
-    assert MODEL.warnings
-    for warning in MODEL.warnings:
-        assert warning in PAGE.text["summary"]
-    assert WARNING.detail in PAGE.text["summary"]
-    assert "None." not in PAGE.text["summary"]
-    assert "column t<b>, row 17, t = 2.5 s" in PAGE.text["data"]
+    assert second_model().warnings
+    for warning in second_model().warnings:
+        assert warning in whole_page().text["summary"]
+    assert WARNING.detail in whole_page().text["summary"]
+    assert "None." not in whole_page().text["summary"]
+    assert "column t<b>, row 17, t = 2.5 s" in whole_page().text["data"]
 
 
 def test_the_diagnosis_shows_verdict_ranking_and_evidence() -> None:
-    assert DIAGNOSIS.candidates
-    assert DIAGNOSIS.summary in PAGE.text["diagnosis"]
-    for candidate in DIAGNOSIS.candidates:
-        assert candidate.evidence in PAGE.text["diagnosis"]
-    assert PAGE.data_values["diagnosis"] == [candidate.error_drop for candidate in DIAGNOSIS.candidates]
+    assert findings().candidates
+    assert findings().summary in whole_page().text["diagnosis"]
+    for candidate in findings().candidates:
+        assert candidate.evidence in whole_page().text["diagnosis"]
+    assert whole_page().data_values["diagnosis"] == [candidate.error_drop for candidate in findings().candidates]
 
 
 def test_what_a_second_look_is_for_is_folded_away_and_what_was_found_is_not() -> None:
-    open_text = re.sub(r"<details>.*?</details>", "", HTML, flags=re.DOTALL)
-    folded = "".join(re.findall(r"<details>.*?</details>", HTML, flags=re.DOTALL))
+    open_text = re.sub(r"<details>.*?</details>", "", html(), flags=re.DOTALL)
+    folded = "".join(re.findall(r"<details>.*?</details>", html(), flags=re.DOTALL))
     assert f"{escape(FIRST_RUN.name)} (identification)" in folded
     assert f"{escape(SECOND_RUN.name)} (held out)" in open_text
     assert WARNING.name.replace("_", " ") in open_text
-    for candidate in DIAGNOSIS.candidates:
-        shown = open_text if candidate.significant else HTML
+    for candidate in findings().candidates:
+        shown = open_text if candidate.significant else html()
         assert str(escape(candidate.evidence)) in shown
-    for parameter in MODEL.parameters:
+    for parameter in second_model().parameters:
         assert str(escape(parameter.grouping)) in folded
 
 
 def test_the_robot_the_filters_and_where_it_comes_from_are_told() -> None:
     for joint in ROBOT.joints:
-        assert joint.name in PAGE.text["robot"]
-    assert "Because of <this>." in PAGE.text["data"]
-    assert "10.0 Hz" in PAGE.text["data"]
-    assert "every 3rd row" in PAGE.text["data"]
-    assert "2026-03-04 05:06 UTC" in PAGE.text["provenance"]
-    assert "AUTO" in PAGE.text["model"]
+        assert joint.name in whole_page().text["robot"]
+    assert "Because of <this>." in whole_page().text["data"]
+    assert "10.0 Hz" in whole_page().text["data"]
+    assert "every 3rd row" in whole_page().text["data"]
+    assert "2026-03-04 05:06 UTC" in whole_page().text["provenance"]
+    assert "AUTO" in whole_page().text["model"]
 
 
 def test_the_effective_number_of_samples_is_shown_for_every_joint() -> None:
-    for effective in MODEL.effective_rows:
-        assert format_number(float(effective)) in PAGE.text["parameters"]
+    for effective in second_model().effective_rows:
+        assert format_number(float(effective)) in whole_page().text["parameters"]
 
 
 def test_what_users_call_things_never_becomes_markup() -> None:
-    assert not PAGE.all_of("script")
-    assert not [tag for tag in ("b", "u", "i", "this") if PAGE.all_of(tag)]
-    assert NASTY in PAGE.text["robot"]
+    assert not whole_page().all_of("script")
+    assert not [tag for tag in ("b", "u", "i", "this") if whole_page().all_of(tag)]
+    assert NASTY in whole_page().text["robot"]
 
 
 def test_nothing_is_loaded_from_anywhere() -> None:
     for tag in ("script", "link", "iframe", "img", "object", "embed"):
-        assert not PAGE.all_of(tag)
-    for tag, attributes in PAGE.tags:
+        assert not whole_page().all_of(tag)
+    for tag, attributes in whole_page().tags:
         for name, value in attributes.items():
             if name in ("href", "src", "xlink:href", "srcset", "data", "action"):
                 assert (value or "").startswith(("#", "data:image/png;base64,")), (tag, value)
-    addresses = {found for found in re.findall(r"https?://[^\s\"'<>)]+", HTML) if "www.w3.org" not in found}
+    addresses = {found for found in re.findall(r"https?://[^\s\"'<>)]+", html()) if "www.w3.org" not in found}
     assert not addresses
-    assert "@import" not in HTML
-    assert not re.search(r"url\((?!#)", HTML)
+    assert "@import" not in html()
+    assert not re.search(r"url\((?!#)", html())
 
 
 def test_every_figure_says_what_it_shows_and_every_table_has_headers() -> None:
-    drawn = PAGE.all_of("svg")
+    drawn = whole_page().all_of("svg")
     assert len(drawn) >= 5
     assert all(figure["role"] == "img" and figure["aria-label"] for figure in drawn)
-    assert all(header.get("scope") in ("col", "row", "rowgroup") for header in PAGE.all_of("th"))
+    assert all(header.get("scope") in ("col", "row", "rowgroup") for header in whole_page().all_of("th"))
     labels = " ".join(figure["aria-label"] or "" for figure in drawn)
-    assert format_percent(float(RUNS[1].comparison.errors.relative[0])) in labels
+    assert format_percent(float(two_runs()[1].comparison.errors.relative[0])) in labels
 
 
 def test_references_inside_the_figures_resolve() -> None:
-    known = {attributes["id"] for _, attributes in PAGE.tags if "id" in attributes}
-    used = {a["xlink:href"][1:] for a in PAGE.all_of("use") if (a.get("xlink:href") or "").startswith("#")}
-    used |= set(re.findall(r"url\(#([^)]+)\)", HTML))
+    known = {attributes["id"] for _, attributes in whole_page().tags if "id" in attributes}
+    used = {a["xlink:href"][1:] for a in whole_page().all_of("use") if (a.get("xlink:href") or "").startswith("#")}
+    used |= set(re.findall(r"url\(#([^)]+)\)", html()))
     assert used <= known
 
 
 def test_a_long_recording_stays_a_small_file() -> None:
-    comparison = RUNS[1].comparison
+    comparison = two_runs()[1].comparison
     many = 300
     t = np.concatenate([comparison.t + k * 40.0 for k in range(many)])
     long = replace(
@@ -271,7 +300,7 @@ def test_a_long_recording_stays_a_small_file() -> None:
     )  # fmt: skip
     spike = len(t) // 2
     long.measured[spike, 0] += 1234.5
-    content = html_report(MODEL, [ReportedRecording(SECOND_RUN, long, True)])
+    content = html_report(second_model(), [ReportedRecording(SECOND_RUN, long, True)])
     assert len(content.encode()) < 2_000_000
 
 
@@ -301,7 +330,7 @@ def test_where_a_joint_stands_the_report_draws_what_friction_may_hold_and_says_h
 def test_a_set_of_test_motions_is_shown_run_by_run() -> None:
     trajectory = TrajectoryRequest(sets="link_by_link", duration=3.0, harmonics=3, sampling_rate=50.0)
     design = design_experiment(ROBOT, DesignRequest(kind="sequential", trajectory=trajectory))
-    text = Page(html_report(MODEL, RUNS, design=design)).text["design"]
+    text = Page(html_report(second_model(), two_runs(), design=design)).text["design"]
     for run in design.runs:
         assert run.label in text
     assert "between the runs" in text
@@ -310,7 +339,7 @@ def test_a_set_of_test_motions_is_shown_run_by_run() -> None:
 
 def test_the_experiment_is_shown_with_its_limits_where_it_was_designed() -> None:
     design = design_experiment(ROBOT, DesignRequest(kind="random", random_trajectories=5))
-    page = Page(html_report(MODEL, RUNS, design=design))
+    page = Page(html_report(second_model(), two_runs(), design=design))
     assert [section["id"] for section in page.all_of("section")].count("design") == 1
     assert format_number(design.criterion_values.condition_number) in page.text["design"]
     tightest = max(design.margins, key=lambda margin: margin.share)
@@ -323,10 +352,10 @@ def test_the_experiment_is_shown_with_its_limits_where_it_was_designed() -> None
 def test_what_the_experiment_promised_stands_beside_what_was_achieved() -> None:
     noise = dict.fromkeys(ROBOT.joint_names, 0.1)
     design = design_experiment(ROBOT, DesignRequest(kind="random", random_trajectories=5, noise=noise))
-    page = Page(html_report(MODEL, RUNS, design=design))
+    page = Page(html_report(second_model(), two_runs(), design=design))
     promised = {one.name: one.standard_deviation for one in design.expected}
     shown = 0
-    for parameter in MODEL.parameters:
+    for parameter in second_model().parameters:
         deviation = promised.get(parameter.name)
         if deviation is None or not np.isfinite(deviation):
             continue
@@ -334,7 +363,9 @@ def test_what_the_experiment_promised_stands_beside_what_was_achieved() -> None:
         assert format_number(deviation) in page.text["promises"]
         assert format_number(parameter.standard_deviation / deviation, 2) in page.text["promises"]
     assert shown > 10
-    without = Page(html_report(MODEL, RUNS, design=design_experiment(ROBOT, replace(design.request, noise={}))))
+    without = Page(
+        html_report(second_model(), two_runs(), design=design_experiment(ROBOT, replace(design.request, noise={})))
+    )
     assert "promises" not in [section["id"] for section in without.all_of("section")]
 
 
@@ -349,8 +380,8 @@ def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None
 
 
 def test_what_to_do_next_is_told_of_a_model_that_has_all_that_was_recommended() -> None:
-    recommended = replace(DIAGNOSIS, recommended=MODEL.choices.effects[-1:])
-    unseen = replace(MODEL, held_out=None, data=replace(MODEL.data, held_out=None))
+    recommended = replace(findings(), recommended=second_model().choices.effects[-1:])
+    unseen = replace(second_model(), held_out=None, data=replace(second_model().data, held_out=None))
     page = Page(
         html_report(unseen, [ReportedRecording(FIRST_RUN, compare(unseen, FIRST_RUN), False)], diagnosis=recommended)
     )
@@ -360,12 +391,12 @@ def test_what_to_do_next_is_told_of_a_model_that_has_all_that_was_recommended() 
 
 def test_a_report_of_no_recording_is_refused() -> None:
     with pytest.raises(DynidentError, match="at least one recording"):
-        html_report(MODEL, [])
+        html_report(second_model(), [])
 
 
 def test_an_equivalent_effect_that_the_catalogue_does_not_hold_is_named_all_the_same() -> None:
-    first = replace(DIAGNOSIS.candidates[0], equivalent=("unnamed_law", "presliding"))
-    page = Page(html_report(MODEL, RUNS, diagnosis=replace(DIAGNOSIS, candidates=(first,))))
+    first = replace(findings().candidates[0], equivalent=("unnamed_law", "presliding"))
+    page = Page(html_report(second_model(), two_runs(), diagnosis=replace(findings(), candidates=(first,))))
     assert "unnamed law, Presliding hysteresis" in page.text["diagnosis"]
 
 
@@ -378,42 +409,46 @@ def test_what_has_changed_and_what_friction_did_is_drawn_with_intervals() -> Non
         FrictionDifference(ROBOT.joint_names[1], 0.5, 0.01, (-0.02, 0.04), "N m", 2.5),
         FrictionDifference(ROBOT.joint_names[2], 0.5, 0.01, (-0.02, 0.04), "N m", 0.0),
     )
-    found = replace(DIAGNOSIS, changes=(change,), friction=friction)
-    page = Page(html_report(MODEL, RUNS, diagnosis=found))
+    found = replace(findings(), changes=(change,), friction=friction)
+    page = Page(html_report(second_model(), two_runs(), diagnosis=found))
     described = [svg["aria-label"] or "" for svg in page.all_of("svg")]
     assert any(one.startswith("Differences since the baseline") and "Fc1 0.8" in one for one in described)
     (drawn,) = (one for one in described if one.startswith("Friction since the baseline"))
     # What it was is no more than nothing: there is no share of it to draw.
     assert f"{joint} 32" in drawn
     assert ROBOT.joint_names[2] not in drawn
-    assert "Friction since the baseline" not in html_report(MODEL, RUNS, diagnosis=replace(found, friction=()))
+    assert "Friction since the baseline" not in html_report(
+        second_model(), two_runs(), diagnosis=replace(found, friction=())
+    )
 
 
 def test_every_finding_stands_beside_the_residual_that_it_explains() -> None:
-    described = [svg["aria-label"] or "" for svg in PAGE.all_of("svg")]
+    described = [svg["aria-label"] or "" for svg in whole_page().all_of("svg")]
     drawn = next(text for text in described if text.startswith("Mean residual"))
-    for item in DIAGNOSIS.candidates:
+    for item in findings().candidates:
         assert (f"{get_effect(item.effect).title} on {ROBOT.joint_names[0]}" in drawn) == item.significant
     # Nothing to draw it from: the report goes without.
-    held_out = [one for one in RUNS if one.held_out]
-    assert "Mean residual" not in html_report(MODEL, held_out, diagnosis=DIAGNOSIS)
+    held_out = [one for one in two_runs() if one.held_out]
+    assert "Mean residual" not in html_report(second_model(), held_out, diagnosis=findings())
 
 
 @pytest.mark.slow
 def test_reports_written_at_the_same_time_are_the_same() -> None:
     with ThreadPoolExecutor(3) as pool:
-        jobs = [pool.submit(html_report, MODEL, RUNS, diagnosis=DIAGNOSIS, created=MADE) for _ in range(3)]
-    assert all(job.result() == HTML for job in jobs)
+        jobs = [
+            pool.submit(html_report, second_model(), two_runs(), diagnosis=findings(), created=MADE) for _ in range(3)
+        ]
+    assert all(job.result() == html() for job in jobs)
 
 
 def test_a_sliding_joint_has_its_own_units() -> None:
     sliding: list[Joint] = [joint for joint in ROBOT.joints if joint.kind == "prismatic"]
     assert sliding
-    assert re.search(r"\d N\b(?! m)", PAGE.text["torque"])
+    assert re.search(r"\d N\b(?! m)", whole_page().text["torque"])
 
 
 def test_what_was_removed_is_on_the_ladder():
-    back = remove(MODEL, [EffectChoice("stribeck")])
+    back = remove(second_model(), [EffectChoice("stribeck")])
     page = html_report(back, [ReportedRecording(SECOND_RUN, compare(back, SECOND_RUN), True)])
     assert "without Stribeck" in page
     assert page.count("the first model") == 1

@@ -9,7 +9,7 @@ from support.closed_loop_robots import MACHINES, machine, mjcf, states, torque_o
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.errors import DynidentError
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.robot import Robot, robot_from_mjcf
 from dynident.robot.document import robot_from_document, robot_to_document
 

@@ -11,7 +11,7 @@ from support.virtual_arms import effort, fourier, plain_friction
 
 from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.effects.hysteresis_states import MemoryStates
-from dynident.regressors.observation import FurtherSignals, Observation
+from dynident.regressors.observation_matrix import FurtherSignals, Observation
 from dynident.robot import Robot, robot_from_library, to_pinocchio
 from dynident.simulation import (
     Sensors,

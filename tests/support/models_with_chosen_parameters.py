@@ -16,7 +16,7 @@ from dynident.estimation import EquationFactors, Reduction, Solution, Statistics
 from dynident.identification import Estimate, Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
-from dynident.regressors.observation import FurtherSignals
+from dynident.regressors.observation_matrix import FurtherSignals
 from dynident.robot import Robot
 from dynident.robot.pseudo_inertia import inertial_parameters
 

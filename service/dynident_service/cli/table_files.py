@@ -11,12 +11,12 @@ import pyarrow.parquet as pq
 
 from dynident.diagnosis import Comparison
 from dynident.diagnosis.monitoring import Series
-from dynident.encoding import encode_text, escape_surrogates
 from dynident.errors import DynidentError
 from dynident.excitation import Design, design_table
 from dynident.excitation.design_files import format_joint_trajectory
 from dynident.recordings.arrow import table_from_arrays, to_csv
 from dynident.recordings.phases import Phase
+from dynident.text_encoding import encode_text, escape_surrogates
 from dynident_service.cli.files import write_atomically
 
 ENDINGS = (".csv", ".parquet")

@@ -12,7 +12,7 @@ from dynident.effects import Effect, ReferenceParameters, Signals, build_columns
 from dynident.effects.usual_sizes import get_largest_torque, get_velocity_scale
 from dynident.errors import DynidentError
 from dynident.excitation import TrajectoryRequest
-from dynident.regressors.observation import FurtherSignals, Observation
+from dynident.regressors.observation_matrix import FurtherSignals, Observation
 from dynident.robot import Limits, Robot
 from dynident.simulation import Sensors, TrueEffect, build_typical_effect, list_drive_effects
 

@@ -23,7 +23,7 @@ from dynident_service.problems import (
 )
 from dynident_service.routes.identifications import list_named_ids, new_identification
 from dynident_service.routes.paging_and_retries import RetryKeyDep, replay_response, resource_path
-from dynident_service.routes.references import PrefetchedResources
+from dynident_service.routes.required_resources import PrefetchedResources
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Resource
 from dynident_service.wire_types.identifications import BatchItem, BatchRequest, BatchView

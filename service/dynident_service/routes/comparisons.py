@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query
 from dynident_service.preload import hold_import_lock
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.paging_and_retries import require_succeeded
-from dynident_service.routes.references import depend_on, require_measurements, require_model
+from dynident_service.routes.required_resources import depend_on, require_measurements, require_model
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob
 from dynident_service.wire_types.common import ViewModel

@@ -9,7 +9,7 @@ from fastapi import APIRouter
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
-from dynident_service.routes.references import depend_on, refuse_coupled, require_measurements, require_robot
+from dynident_service.routes.required_resources import depend_on, refuse_coupled, require_measurements, require_robot
 from dynident_service.services import Services
 from dynident_service.storage.records import Dependency, NewJob, Resource
 from dynident_service.wire_types.drive_gains import CurrentModelsRequest, CurrentModelsView
@@ -34,7 +34,7 @@ router = APIRouter(prefix="/v1/current_models", tags=["current models"])
 def create_current_models(services: Services, body: CurrentModelsRequest) -> Sequence[Dependency]:
     """Identify every joint's parameters in units of its current; no drive gain is needed."""
     with hold_import_lock():
-        from dynident.identification.loads.current_units import check_current_effects
+        from dynident.identification.loads.current_models import check_current_effects
         from dynident.identification.shape_search import check_choices
         from dynident_service.adapters.conversion import from_wire_choices
         from dynident_service.adapters.robots import restore_robot

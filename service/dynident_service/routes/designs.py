@@ -13,7 +13,7 @@ from dynident.excitation.request import TRAJECTORY_FORMATS, TrajectoryFormat
 from dynident_service.preload import hold_import_lock
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.paging_and_retries import require_succeeded
-from dynident_service.routes.references import depend_on, require_measurements, require_model_of, require_robot
+from dynident_service.routes.required_resources import depend_on, require_measurements, require_model_of, require_robot
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob, find_mesh_files
 from dynident_service.wire_types.designs import (

@@ -12,6 +12,7 @@ from fastapi import APIRouter, Query, Request, Response
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
+from dynident_service.routes.model_judgements import AWAITED, find_model_file, refuse_stopped
 from dynident_service.routes.paging_and_retries import (
     LabelledQueryDep,
     RetryKeyDep,
@@ -20,14 +21,13 @@ from dynident_service.routes.paging_and_retries import (
     show_computed,
     show_page,
 )
-from dynident_service.routes.references import (
+from dynident_service.routes.required_resources import (
     HasResources,
     PrefetchedResources,
     require_measurements,
     require_resource,
     require_robot,
 )
-from dynident_service.routes.uncertainty import AWAITED, find_model_file, refuse_stopped
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob, NewResource, Resource, Retry
 from dynident_service.wire_types.common import Page, Tables, to_plain_json

@@ -13,7 +13,7 @@ from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.paging_and_retries import RetryKeyDep, create_or_replay, parse_json_body, replay_response
-from dynident_service.routes.references import require_resource
+from dynident_service.routes.required_resources import require_resource
 from dynident_service.routes.uploads import FURTHER, MOST_FILES, FormRoute, detect_media_type, hash_file, receive_files
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.deletion import IMPORT_LIFETIME

@@ -13,7 +13,7 @@ from dynident_service.routes.paging_and_retries import ListQueryDep, resource_pa
 from dynident_service.services import ServicesDep
 from dynident_service.storage.records import KINDS, Job, JobKind, State
 from dynident_service.wire_types.common import Page, Progress
-from dynident_service.wire_types.jobs import JobResource, JobView
+from dynident_service.wire_types.jobs_and_usage import JobResource, JobView
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 

@@ -37,7 +37,7 @@ from dynident_service.routes.paging_and_retries import (
     parse_json_body,
     replay_response,
 )
-from dynident_service.routes.references import require_resource
+from dynident_service.routes.required_resources import require_resource
 from dynident_service.routes.uploads import (
     FURTHER,
     MEDIA_TYPES,

@@ -13,7 +13,7 @@ from fastapi import APIRouter, File, Request, Response, UploadFile
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
-from dynident_service.routes.references import require_resource
+from dynident_service.routes.required_resources import require_resource
 from dynident_service.routes.uploads import FormRoute, receive_files
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import GEOMETRY, OwnedObject, find_mesh_files, get_mesh_role, list_meshes

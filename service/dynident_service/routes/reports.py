@@ -11,7 +11,7 @@ from dynident.reports.request import MEDIA_TYPES
 from dynident_service.problems import make_unusable
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.paging_and_retries import require_succeeded
-from dynident_service.routes.references import (
+from dynident_service.routes.required_resources import (
     depend_on,
     require_design,
     require_measurements,

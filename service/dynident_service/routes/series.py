@@ -9,7 +9,7 @@ from fastapi import APIRouter, Response
 from dynident_service.problems import make_unusable
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.paging_and_retries import require_succeeded
-from dynident_service.routes.references import depend_on, require_measurements, require_model
+from dynident_service.routes.required_resources import depend_on, require_measurements, require_model
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob
 from dynident_service.wire_types.diagnoses import SeriesRequest, SeriesView

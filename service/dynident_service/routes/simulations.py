@@ -8,7 +8,7 @@ from fastapi import APIRouter
 
 from dynident_service.preload import hold_import_lock
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
-from dynident_service.routes.references import depend_on, require_design, require_robot
+from dynident_service.routes.required_resources import depend_on, require_design, require_robot
 from dynident_service.services import Services
 from dynident_service.storage.records import Dependency, NewJob, Resource
 from dynident_service.wire_types.designs import Samples, SimulationRequest, SimulationView, Trajectory

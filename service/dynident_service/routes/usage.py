@@ -11,7 +11,7 @@ from dynident_service.middleware import HOLDER
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.quotas import QuotaLimits, Usage, compute_all_usage, compute_usage, get_account
 from dynident_service.upload_quotas import get_quota_limits
-from dynident_service.wire_types.jobs import KeyUsage, Quota, UsageView
+from dynident_service.wire_types.jobs_and_usage import KeyUsage, Quota, UsageView
 
 router = APIRouter(prefix="/v1/usage", tags=["service"])
 

@@ -9,7 +9,7 @@ from fastapi import APIRouter
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
-from dynident_service.routes.references import depend_on, require_measurements, require_model
+from dynident_service.routes.required_resources import depend_on, require_measurements, require_model
 from dynident_service.services import Services
 from dynident_service.storage.records import Dependency, NewJob, Resource
 from dynident_service.wire_types.common import Table

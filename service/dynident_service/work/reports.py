@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from dynident.diagnosis import compare
-from dynident.encoding import encode_text
 from dynident.excitation import Design
 from dynident.identification import Identification
 from dynident.progress import scale_progress
 from dynident.reports import ReportedRecording, ReportedValidation, html_report, render_pdf
 from dynident.reports.request import MEDIA_TYPES, ReportChoices
+from dynident.text_encoding import encode_text
 from dynident_service.adapters.conversion import show_errors, show_figures, to_request
 from dynident_service.adapters.designs import restore_design
 from dynident_service.adapters.diagnoses import restore_diagnosis

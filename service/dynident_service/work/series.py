@@ -15,10 +15,10 @@ from dynident.diagnosis.monitoring import (
     reduce_day,
 )
 from dynident.diagnosis.monitoring import monitor_days as series_of
-from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.progress import scale_progress
 from dynident.reports.figures.changes import draw_parameter_tracks
+from dynident.text_encoding import encode_text
 from dynident_service.adapters.diagnoses import describe_series
 from dynident_service.jobs.task import Outcome, Task
 from dynident_service.wire_types.common import to_plain_json

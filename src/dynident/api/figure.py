@@ -9,9 +9,9 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dynident.encoding import encode_text, replace_control_characters
 from dynident.errors import DynidentError
 from dynident.optional_dependencies import format_install_hint
+from dynident.text_encoding import encode_text, replace_control_characters
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

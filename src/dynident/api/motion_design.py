@@ -14,7 +14,6 @@ from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.recordings import SomeRecordings, as_recordings
 from dynident.effects import EffectChoice
-from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
 from dynident.excitation.design_files import design_table, format_joint_trajectory
@@ -25,6 +24,7 @@ from dynident.recordings.stored_rows import list_signal_units
 from dynident.reports.number_format import format_number, format_percent
 from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph, render_table
+from dynident.text_encoding import encode_text
 
 _FILE_ENDINGS = (".csv", ".parquet", ".yaml")
 _SHOWN_MARGINS = 5

@@ -14,9 +14,9 @@ from dynident.api.model_identification import as_model
 from dynident.api.model_validation import Validations
 from dynident.api.motion_design import DesignedMotion
 from dynident.diagnosis import compare
-from dynident.encoding import encode_text
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.reports import ReportedRecording, ReportedValidation
+from dynident.text_encoding import encode_text
 
 _MADE_BY = {"diagnosis": "diagnose", "validations": "validate", "design": "design"}
 _ENDINGS = (".html", ".htm", ".pdf")

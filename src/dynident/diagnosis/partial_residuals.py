@@ -23,7 +23,7 @@ from dynident.regressors.filtered_rows import (
     reduce_recordings,
     stream_filtered_samples,
 )
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.regressors.row_phases import RowPhases
 from dynident.robot import Robot
 

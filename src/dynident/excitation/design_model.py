@@ -22,7 +22,7 @@ from dynident.excitation.expected_torque import JUMP_TIME, ExpectedTorque
 from dynident.expressions import Program
 from dynident.motion.joint_trajectories import Motion
 from dynident.regressors.base_parameters import BaseParameters, find_base_parameters, select_base
-from dynident.regressors.observation import FurtherSignals, Observation
+from dynident.regressors.observation_matrix import FurtherSignals, Observation
 from dynident.robot.json_fields import join_names
 from dynident.robot.model import INERTIAL_NAMES, Robot
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.excitation.row_model_names import ROW_MODELS, RowModelName
-from dynident.regressors.equations import SHARE_OF_PERIOD
+from dynident.regressors.equation_rows import SHARE_OF_PERIOD
 
 __all__ = ["ROW_MODELS", "RowModel", "RowModelName", "build_row_model"]
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dynident.export.predicting_model import PredictingModel, TorquePredictor
     from dynident.export.request import ExportChoices, ExportFormat
     from dynident.export.urdf import to_urdf
-    from dynident.regressors.observation import FurtherSignals
+    from dynident.regressors.observation_matrix import FurtherSignals
 
 __all__ = [
     "Completion",

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.export.c_code import make_c_name, to_c
 from dynident.export.casadi_function import to_casadi_bytes
@@ -17,6 +16,7 @@ from dynident.export.request import ExportFormat
 from dynident.export.summary import make_slug
 from dynident.export.urdf import to_urdf
 from dynident.identification import Identification
+from dynident.text_encoding import encode_text
 
 
 def export_model(identification: Identification, format: ExportFormat | str, *, nearest: bool = False) -> ExportedFile:

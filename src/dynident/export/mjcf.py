@@ -13,7 +13,6 @@ import pinocchio as pin
 
 from dynident.array_types import FloatArray
 from dynident.effects import Role, get_role
-from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.export.exported_file import SMALL, ExportedFile, FeasibleLinks
 from dynident.export.summary import (
@@ -30,6 +29,7 @@ from dynident.robot.model import Linkage, Robot
 from dynident.robot.pinocchio_model import to_dynamic_parameters
 from dynident.robot.urdf_writer import name_links
 from dynident.robot.xml_text import Element, format_numbers, write_xml
+from dynident.text_encoding import encode_text
 
 # The hardest constraint that MuJoCo solves has a time constant of two steps.
 _HARD = {"solref": "0.002 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}

@@ -12,7 +12,7 @@ from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.identification import Identification
 from dynident.regressors.model import Model
-from dynident.regressors.observation import NOTHING_FURTHER, FurtherSignals, Observation
+from dynident.regressors.observation_matrix import NOTHING_FURTHER, FurtherSignals, Observation
 from dynident.robot.model import Robot
 
 

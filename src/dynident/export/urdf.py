@@ -16,13 +16,13 @@ import pinocchio as pin
 
 from dynident.array_types import FloatArray
 from dynident.effects import Role
-from dynident.encoding import encode_text
 from dynident.export.exported_file import ExportedFile, FeasibleLinks
 from dynident.export.summary import SIGNS, describe_identification, describe_origin, escape_xml_comment, make_slug
 from dynident.identification import Identification
 from dynident.robot import urdf_from_robot
 from dynident.robot.urdf_writer import build_inertial
 from dynident.robot.xml_text import Element, format_numbers, write_xml
+from dynident.text_encoding import encode_text
 
 HELD_ROLES: tuple[Role, ...] = ("link", "rotor", "dry", "damping")
 """Roles of the parameters that the format has words for."""

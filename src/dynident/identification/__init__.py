@@ -9,7 +9,7 @@ from dynident.lazy_loader import make_lazy_getattr
 if TYPE_CHECKING:
     from dynident.identification.choices import IdentificationChoices
     from dynident.identification.equations.reduce_data import ReducedData
-    from dynident.identification.loads.current_units import CurrentModel, identify_currents
+    from dynident.identification.loads.current_models import CurrentModel, identify_currents
     from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, identify_gains, payload_mass
     from dynident.identification.loads.payload_weighing import PayloadVerdict, payload_from_pair
     from dynident.identification.shape_constants import ShapeConstant

@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
-from dynident.encoding import escape_surrogates
+from dynident.text_encoding import escape_surrogates
 
 READ_BYTES = 1 << 16
 _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"

@@ -16,7 +16,7 @@ from scipy.linalg import qr
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import Column, ReferenceParameters, Signals, count_reference_parameters
-from dynident.regressors.observation import FurtherSignals, Observation
+from dynident.regressors.observation_matrix import FurtherSignals, Observation
 from dynident.robot.model import Robot
 
 DEFAULT_TOLERANCE = 2e-5

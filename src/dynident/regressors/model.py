@@ -29,7 +29,7 @@ from dynident.regressors.base_parameters import (
     find_base_parameters,
     select_base,
 )
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.regressors.row_phases import build_rest_observation
 from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.robot.pseudo_inertia import estimate_inertia_errors, estimate_rotor_inertias

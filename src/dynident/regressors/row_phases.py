@@ -26,7 +26,7 @@ from dynident.recordings.phases import (
     find_passive_phases,
     find_phases,
 )
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.robot.model import Linkage, Robot
 
 # A velocity of nothing but its direction.

@@ -18,7 +18,7 @@ from typing import Literal
 import matplotlib
 import typst
 
-from dynident.encoding import encode_text
+from dynident.text_encoding import encode_text
 
 _DRAWING = re.compile(r"<svg\b.*?</svg>", re.DOTALL)
 _PLACE = "drawing"

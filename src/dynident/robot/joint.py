@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from dynident.array_types import FloatArray
-from dynident.encoding import escape_surrogates
 from dynident.robot.limits import Limits
+from dynident.text_encoding import escape_surrogates
 
 JointKind = Literal["revolute", "prismatic"]
 

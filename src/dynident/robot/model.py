@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.encoding import escape_surrogates
 from dynident.robot.format_names import DescriptionFormat
 from dynident.robot.joint import Joint
 from dynident.robot.limits import Drive
 from dynident.text_and_html_tables import join_html, render_paragraph, render_table
+from dynident.text_encoding import escape_surrogates
 
 if TYPE_CHECKING:
     from dynident.robot.loops import Closure

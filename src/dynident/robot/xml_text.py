@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
-from dynident.encoding import NOT_XML
 from dynident.errors import DynidentError
 from dynident.robot.json_fields import check_unicode
+from dynident.text_encoding import NOT_XML
 
 MOST_ELEMENTS = 100_000
 """Most elements of a text, visual ones included: a robot of 2000 links has about 50 000."""

@@ -28,7 +28,7 @@ from dynident.identification import IdentificationChoices, identify
 from dynident.robot import Robot, to_pinocchio
 from dynident.simulation import TrueEffect, build_typical_effect
 from dynident.simulation.ground_truth import list_drive_effects
-from dynident.testing.trial import ConformanceError, TrialRecordings, build_trial_arm, record_trial, require
+from dynident.testing.trial_arm import ConformanceError, TrialRecordings, build_trial_arm, record_trial, require
 
 _COUNT = 30
 _STEP = 1e-4

@@ -13,7 +13,7 @@ from dynident.identification.methods.bases import Estimator
 from dynident.identification.problem import Fit, Problem
 from dynident.regressors.model import Model
 from dynident.simulation.ground_truth import list_drive_effects
-from dynident.testing.trial import TrialRecordings, build_trial_arm, record_trial, require
+from dynident.testing.trial_arm import TrialRecordings, build_trial_arm, record_trial, require
 
 _NOISE = 0.2
 """Noise of the torque in N m."""

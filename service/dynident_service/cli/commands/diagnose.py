@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dynident.diagnosis.request import DiagnosisChoices
-from dynident.encoding import encode_text
+from dynident.text_encoding import encode_text
 from dynident_service.cli.files import READABLE_FILE
 from dynident_service.cli.options import Json, Measurements, ModelArgument, OutputOptions, Reading, file_option
 from dynident_service.cli.request_options import RequestOptions, TypedValues

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dynident.encoding import encode_text
+from dynident.text_encoding import encode_text
 from dynident_service.cli.files import KNOWN_ROBOT, READABLE_FILE
 from dynident_service.cli.options import Json, Out, Rate, RobotAdditions
 

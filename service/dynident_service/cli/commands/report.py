@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from dynident.encoding import encode_text
 from dynident.reports.request import MEDIA_TYPES, ReportChoices
+from dynident.text_encoding import encode_text
 from dynident_service.cli.options import (
     Json,
     Measurements,

@@ -20,7 +20,7 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.phases import Phase, compute_smear_width
 from dynident.regressors.filtered_rows import FilteredSamples, stream_filtered_samples
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.regressors.qr_accumulation import choose_block_length, compute_used_duration
 from dynident.regressors.row_phases import RowPhases, find_joints_with_friction, remembers_path, shows_at_starts
 

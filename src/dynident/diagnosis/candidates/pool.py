@@ -14,7 +14,7 @@ from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, build_columns, get_effect, get_role
 from dynident.effects.effect_columns import is_lasting_change
 from dynident.regressors.model import Model
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.robot.model import Robot
 
 # s: within less, nothing warms up, and what drifts is something else.

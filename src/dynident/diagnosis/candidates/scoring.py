@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.diagnosis.candidates.blocks import JointBlock, JointBlocks, ProductBlock, RowBlock
 from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
+from dynident.diagnosis.candidates.joint_products import JointBlock, JointBlocks, ProductBlock, RowBlock
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import Products, split_data_folds, sum_by_stretch
 

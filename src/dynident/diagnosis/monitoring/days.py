@@ -22,7 +22,6 @@ from dynident.diagnosis.comparing.noise import estimate_sensor_noise
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, ReferenceParameters, get_effect
 from dynident.effects.effect_columns import build_columns_for_all_runs
-from dynident.encoding import escape_surrogates
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction
 from dynident.identification import Identification
@@ -32,7 +31,8 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model import Model
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
+from dynident.text_encoding import escape_surrogates
 
 _FORMAT = "dynident days 1"
 

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.diagnosis.candidates.blocks import JointBlocks
 from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
+from dynident.diagnosis.candidates.joint_products import JointBlocks
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products, split_data_folds
 from dynident.diagnosis.candidates.scoring import compute_block_products

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
-from dynident.diagnosis.candidates.blocks import JointBlocks
+from dynident.diagnosis.candidates.joint_products import JointBlocks
 from dynident.diagnosis.candidates.pool import Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import compute_deviations

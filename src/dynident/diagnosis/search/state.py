@@ -9,8 +9,8 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
-from dynident.diagnosis.candidates.blocks import JointBlocks
 from dynident.diagnosis.candidates.fold_fit import ProductSums
+from dynident.diagnosis.candidates.joint_products import JointBlocks
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import compute_block_contributions, compute_held_out_errors, score_blocks

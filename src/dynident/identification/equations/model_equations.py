@@ -23,7 +23,7 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, find_motion_band
 from dynident.recordings.recording import WRENCH_NAMES
 from dynident.regressors.equation_forms import EquationForm, build_filtered_form, build_power_form, build_wrench_model
-from dynident.regressors.equations import (
+from dynident.regressors.equation_rows import (
     SHARE_OF_PERIOD,
     Treatment,
     filter_with_pole,

@@ -12,7 +12,7 @@ from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice, Signals, build_columns
 from dynident.identification.recording_faults.column_faults import FaultKind, Motion
 from dynident.identification.recording_faults.tree_fit import BLOCKS, TreeFit, TreeSolution, list_trees
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.robot.model import Robot
 
 _STILL = 1e-3

@@ -12,7 +12,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.effects import ReferenceParameters, get_effect, get_role
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation_matrix import Observation
 from dynident.robot.model import Robot
 
 _PARALLEL = 0.999

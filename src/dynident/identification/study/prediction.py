@@ -17,7 +17,7 @@ from dynident.effects import get_effect
 from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.identification.study.result import Estimate
-from dynident.regressors.observation import NOTHING_FURTHER, FurtherSignals, Observation
+from dynident.regressors.observation_matrix import NOTHING_FURTHER, FurtherSignals, Observation
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from math import pi
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-from dynident.recordings.conditioning.signals import ChangedRows, Signals, Window
+from dynident.recordings.conditioning.windows_and_changed_rows import ChangedRows, Signals, Window
 from dynident.recordings.metadata import Check
 
 TURN = 2.0 * pi

@@ -20,7 +20,7 @@ from dynident.recordings.conditioning.outliers import (
     measure_signal_steps,
     measure_usual_steps,
 )
-from dynident.recordings.conditioning.signals import ChangedRows, Signals, Window
+from dynident.recordings.conditioning.windows_and_changed_rows import ChangedRows, Signals, Window
 from dynident.recordings.metadata import Check
 
 LEAST_SHARE = {"smooth": 2e-4, "rough": 0.015}

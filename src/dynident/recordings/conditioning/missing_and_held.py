@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.array_types import FloatArray, IntArray
-from dynident.recordings.conditioning.signals import MARGIN_ROWS, ChangedRows, Signals, Window, find_run_edges
+from dynident.recordings.conditioning.windows_and_changed_rows import (
+    MARGIN_ROWS,
+    ChangedRows,
+    Signals,
+    Window,
+    find_run_edges,
+)
 from dynident.recordings.metadata import Check
 from dynident.recordings.recording import are_readings
 

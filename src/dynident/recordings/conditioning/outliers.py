@@ -13,7 +13,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.conditioning.angle_wrapping import fold_angles
 from dynident.recordings.conditioning.missing_and_held import interpolate_between
-from dynident.recordings.conditioning.signals import CHUNK_ROWS, find_run_edges
+from dynident.recordings.conditioning.windows_and_changed_rows import CHUNK_ROWS, find_run_edges
 
 NEAR_CHUNKS = 4
 """Chunks on either side of a chunk in which the usual step of a signal is looked for."""

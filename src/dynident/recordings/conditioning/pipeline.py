@@ -10,7 +10,7 @@ from dynident.recordings.conditioning.angle_wrapping import WrappedAngles
 from dynident.recordings.conditioning.corrupted_samples import CorruptedSamples
 from dynident.recordings.conditioning.missing_and_held import BridgedGaps, HeldSamples, IdleDrives, MissingValues
 from dynident.recordings.conditioning.registers import SignedRegisters
-from dynident.recordings.conditioning.signals import Signals, Window, cut_into_windows
+from dynident.recordings.conditioning.windows_and_changed_rows import Signals, Window, cut_into_windows
 from dynident.recordings.file_source import RawRows
 from dynident.recordings.metadata import Check
 from dynident.recordings.recording import JointLimits

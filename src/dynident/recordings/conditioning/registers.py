@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.recordings.conditioning.signals import ChangedRows, Signals, Window
+from dynident.recordings.conditioning.windows_and_changed_rows import ChangedRows, Signals, Window
 from dynident.recordings.metadata import Check
 
 _FEWEST_JUMPS = 3

@@ -16,7 +16,6 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.array_types import FloatArray
-from dynident.encoding import escape_surrogates
 from dynident.recordings.arrow import from_numbers
 from dynident.recordings.file_limits import (
     DEEPEST,
@@ -32,6 +31,7 @@ from dynident.recordings.formats.arrays import FEWEST_ROWS, ArrayFileSource, Sto
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.recordings.metadata import RecordingError
 from dynident.recordings.text_cells import make_counted_names
+from dynident.text_encoding import escape_surrogates
 
 START = re.compile(rb"^(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 """An object with a name in it, or an array of objects or arrays."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import get_args
 
-from dynident.encoding import escape_surrogates
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats import json_records
 from dynident.recordings.formats.kuka_rsi import START, open_telegrams
@@ -17,6 +16,7 @@ from dynident.recordings.recording_files import split_path
 from dynident.recordings.series_join import join_sparse_rows
 from dynident.recordings.text_cells import read_word_cells
 from dynident.recordings.time_columns import add_stated_time, join_split_stamps
+from dynident.text_encoding import escape_surrogates
 
 FORMATS: tuple[str, ...] = get_args(Format)
 

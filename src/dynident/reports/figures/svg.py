@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
 
-from dynident.encoding import replace_control_characters
+from dynident.text_encoding import replace_control_characters
 
 AxesGrid = list[list[Axes]]
 """Rows of axes."""

@@ -15,7 +15,6 @@ from typing import Any
 
 from dynident.effects import EffectChoice
 from dynident.effects.text_format import format_effect
-from dynident.encoding import encode_text
 from dynident.identification import Identification, IdentificationChoices
 from dynident.recordings import Preprocessing, Recording, RecordingMetadata
 from dynident.recordings.metadata import Windows
@@ -24,6 +23,7 @@ from dynident.robot import Robot
 from dynident.robot.settings import GRAVITY
 from dynident.schema.fields import get_default, get_description
 from dynident.schema.registry import RegistryEntry
+from dynident.text_encoding import encode_text
 from dynident.version import __version__
 
 ROBOT = "ROBOT"
