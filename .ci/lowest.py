@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[1] / "pyproject.toml"
-TRIED = ("science", "formats", "service", "postgresql", "otel", "test")
+TRIED = ("science", "formats", "service", "postgresql", "otel", "mcp", "test")
 
 
 def main() -> None:

@@ -28,7 +28,8 @@ from hiding.recorded import recorded
 
 from dynident.diagnosis import compare
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise
-from dynident.diagnosis.summary import ABOVE_NOISE, compute_residual_over_noise
+from dynident.diagnosis.decision_rules import RULES
+from dynident.diagnosis.summary import compute_residual_over_noise
 from dynident.identification import identify
 
 QUANTILES = (0.5, 0.75, 0.9, 0.95, 1.0)
@@ -41,7 +42,7 @@ def main() -> None:
     worst = np.array(list(each(partial(largest, folder=given.cache), cases, given.processes)))
     rows = [("of the cases", "residual where the worst joint moves, over the noise")]
     rows += [(f"{share:.0%}", f"{np.quantile(worst, share):.1f}") for share in QUANTILES]
-    rows.append((f"above {ABOVE_NOISE:g}", str(int((worst > ABOVE_NOISE).sum()))))
+    rows.append((f"above {RULES.adequate_over_noise:g}", str(int((worst > RULES.adequate_over_noise).sum()))))
     seconds = time.perf_counter() - start
     show(f"Clean arms, seed {given.seed}, {len(cases)} cases, {seconds:.0f} s", rows)
 

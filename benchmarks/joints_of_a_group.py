@@ -48,8 +48,8 @@ from dynident.diagnosis import diagnose
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.search import pruning, refine
-from dynident.diagnosis.search.acceptance import JOINT_DROP
 from dynident.diagnosis.search.state import State
 from dynident.identification import extend, identify
 
@@ -253,7 +253,7 @@ def _mean(parts: list[int]) -> str:
 
 
 def stays_table(weighed: list[Weighed]) -> list[list[str]]:
-    doubtful = [one for one in weighed if one.outnumbered and not one.firm and one.drop >= JOINT_DROP]
+    doubtful = [one for one in weighed if one.outnumbered and not one.firm and one.drop >= RULES.joint_drop]
     rows = [["t from", "have it and stay", "do not have it and stay"]]
     for least in STEPS:
         kept = [one.has_it for one in doubtful if one.t >= least]

@@ -12,7 +12,10 @@ refuses that did not on the untouched file. `true first`: the first thing that i
 what the checks propose (their `apply`), applied one after the other, gives the untouched signals back, or ones that the
 robot's dynamics explain as well; of delays, what is said is what was planted and what the untouched file has, to 6 ms.
 `wrongly ordered`: what `--cure` makes of the file is read, and neither. `harmful` are those that let the unexplained
-share of the torque grow by a tenth, and those of unit, gain, delay and kind.
+share of the torque grow by a tenth, and those of unit, gain, delay and kind. `not told by the data`: of those that are
+not noticed, those of which neither a fit nor the masses of the description leave more of the torque than they do by
+chance, with the best of all wrong changes of the untouched file: another gain of a motor that is off, a delay of an
+arm that gives by more. `share` is noticed of the others.
 """
 
 from __future__ import annotations
@@ -37,8 +40,12 @@ from imports import DATA, SETS, robot_of
 from planted_arms import drawn_arms
 
 from dynident.api.robot_files import load_robot
-from dynident.identification.recording_faults.fault_search import find_delay, measure_unexplained_share
-from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion
+from dynident.identification.recording_faults.column_faults import Motion, list_possible_faults
+from dynident.identification.recording_faults.description_fit import measure_left_by_description
+from dynident.identification.recording_faults.fault_search import ALIKE, find_delay, measure_unexplained_share
+from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion, thin_out
+from dynident.identification.recording_faults.held_out_fit import HeldOutFit
+from dynident.identification.recording_faults.torque_scale import find_torque_scales
 from dynident.identification.recording_faults.tree_fit import find_parallel_axes
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
@@ -112,6 +119,8 @@ class Outcome:
     first: bool
     wrongly: bool
     said: str
+    untold: bool = False
+    """Whether the data do not tell it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,9 +155,12 @@ def main() -> None:
         wanted = [one for one in planted_ones if options.kind in (None, one.kind)]
         for planted in draw_mistakes(wanted, rng, options.draws):
             one = try_mistake(robot, right, planted)
+            if one.harmful and not one.noticed:
+                one = replace(one, untold=not is_told_by_data(robot, right.recording, planted))
             outcomes.append(one)
             if one.harmful and (one.wrongly or not (one.noticed and one.first)):
-                print(f"  {planted.told}: first {one.first}, wrongly {one.wrongly}: {one.said}", flush=True)
+                words = f"wrongly {one.wrongly}, not told by the data {one.untold}: {one.said}"
+                print(f"  {planted.told}: first {one.first}, {words}", flush=True)
     show("Untouched files", untouched)
     show("Planted mistakes", _table(outcomes))
 
@@ -179,14 +191,17 @@ def draw_mistakes(planted: list[Planted], rng: np.random.Generator, draws: int) 
 
 
 def _table(outcomes: list[Outcome]) -> list[tuple[str, ...]]:
-    rows = [("mistake", "planted", "harmful", "noticed", "true first", "cured", "refused", "wrongly ordered")]
+    names = "mistake", "planted", "harmful", "noticed", "true first", "cured", "refused", "wrongly ordered"
+    rows: list[tuple[str, ...]] = [(*names, "not told by the data", "share")]
     kinds = {kind: [one for one in outcomes if one.planted.kind == kind] for kind in _kinds(outcomes)}
     for kind, own in (*kinds.items(), ("all", outcomes)):
         harmful = [one for one in own if one.harmful]
         counts = (
             sum(getattr(one, word) for one in harmful) for word in ("noticed", "first", "cured", "refused", "wrongly")
         )
-        rows.append((kind, str(len(own)), str(len(harmful)), *map(str, counts)))
+        noticed, untold = (sum(getattr(one, word) for one in harmful) for word in ("noticed", "untold"))
+        share = f"{noticed / max(len(harmful) - untold, 1):.1%}"
+        rows.append((kind, str(len(own)), str(len(harmful)), *map(str, counts), str(untold), share))
     return rows
 
 
@@ -367,9 +382,7 @@ def try_mistake(robot: Robot, right: Read, planted: Planted) -> Outcome:
 def _harm(robot: Robot, right: Read, planted: Planted) -> bool:
     if not planted.kind.endswith(("swapped", "turned", "coupled", "gravity")) or planted.kind.startswith("all"):
         return True
-    accept = ("torque_order", "joint_order", "torque_sign", "joint_sign", "position_unit", "velocity_unit",
-              "gravity_direction", "joint_coupling", "torque_scale")  # fmt: skip
-    read = read_file(robot, planted.columns, RecordingMetadata(accept=accept))
+    read = read_file(robot, planted.columns, RecordingMetadata(accept=ACCEPT))
     if read.recording is None or right.recording is None:
         return True
     usual, bad = (filter_motion(one.recording) for one in (right, read) if one.recording is not None)
@@ -379,6 +392,64 @@ def _harm(robot: Robot, right: Read, planted: Planted) -> bool:
     return (
         float(np.log(measure_unexplained_share(robot, bad) / measure_unexplained_share(as_it_was, usual))) >= HARMLESS
     )
+
+
+ACCEPT = (
+    "torque_order", "joint_order", "torque_sign", "joint_sign", "position_unit", "velocity_unit", "gravity_direction",
+    "joint_coupling", "torque_scale",
+)  # fmt: skip
+SURELY = 2.5
+"""Standard errors, among blocks of time, by which more has to be left with a mistake than without."""
+FAR = 6.0
+"""Times the load of a joint that carries the arm from which on its torque is too large: masses of descriptions are
+wrong by up to 3.5."""
+
+
+def is_told_by_data(robot: Robot, untouched: Recording, planted: Planted) -> bool:
+    """Tell whether a fit, or the description, surely leaves more with a mistake than without.
+
+    More than by chance: than the best wrong change of the untouched file takes away.
+    """
+    read = read_file(planted.robot or robot, planted.columns, RecordingMetadata(accept=ACCEPT))
+    if read.recording is None:
+        return True
+    for narrow in (False, True):
+        whole = [filter_whole_motion(one, narrow=narrow) for one in (untouched, read.recording)]
+        usual, bad = (None if one is None else thin_out(one[0]) for one in whole)
+        if usual is None or bad is None or whole[0] is None:
+            continue
+        stated = planted.robot or robot
+        fits = [HeldOutFit(one).measure_unexplained(motion) for one, motion in ((robot, usual), (stated, bad))]
+        left = [measure_left_by_description(one, motion) for one, motion in ((robot, usual), (stated, bad))]
+        by_chance = list(_wrong_changes(robot, *whole[0], planted.kind))
+        fall = fits[1].blocks - fits[0].blocks
+        sure = fall.mean() >= SURELY * fall.std(ddof=1) / np.sqrt(len(fall)) or fits[1].against > fits[0].against
+        chance = max((fits[0].score - HeldOutFit(one).measure_unexplained(m).score for one, m in by_chance), default=0)
+        if sure and fits[1].score - fits[0].score > max(chance, 0.0):
+            return True
+        described = [measure_left_by_description(one, motion) for one, motion in by_chance]
+        if left[0] is not None and left[1] is not None:
+            chance = max((left[0] - one for one in described if one is not None), default=0.0)
+            if left[1] - left[0] > max(chance, 0.0) + ALIKE:
+                return True
+        if "gain" in planted.kind and any(one.times > FAR for one in find_torque_scales(stated, bad, {}) or ()):
+            return True
+    return False
+
+
+def _wrong_changes(robot: Robot, whole: Motion, period: float, kind: str) -> Iterator[tuple[Robot, Motion]]:
+    """The untouched motion with changes of the kind of a mistake, none of which is right."""
+    motion = thin_out(whole)
+    if kind == "gravity":
+        yield from ((replace(robot, gravity=turn(robot.gravity)), motion) for turn in DIRECTIONS)
+    elif kind in ("20 ms late", "20 ms early"):
+        rows = np.arange(len(whole.q)) * period
+        for seconds in (-0.04, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.04):
+            late = [np.interp(rows + seconds, rows, torque) for torque in whole.tau.T]
+            yield robot, thin_out(replace(whole, tau=np.stack(late, axis=1)))
+    else:
+        moving = HeldOutFit(robot).measure_unexplained(motion).moving
+        yield from ((robot, one.mend(motion)) for one in list_possible_faults(moving, find_parallel_axes(robot)))
 
 
 def _is_cured(robot: Robot, right: Read, read: Read, planted: Planted, said: RecordingMetadata) -> bool:

@@ -2,11 +2,10 @@
 
     python benchmarks/smallest_gain.py [--seed 1 | --seed new] [--cases 84] [--processes 2]
 
-Calibrates `SMALLEST_GAIN_OVER_NOISE` of `diagnosis/candidates/gate.py`, and `_LEAST_REACH` of
-`diagnosis/search/acceptance.py`. The arms of `hidden_effects.py` are diagnosed, and what is recommended is added one
-after the other, in its order. A line a name: `gain`, the squared error where joints move that it takes away, over the
-square of the sensors' noise in the band, on the joint where that is most; `reach`, the share of its column that is left
-beside the model, times the t of what it gains; the error of the runs that no parameter saw, with it over without it. A
+Calibrates `least_gain_over_noise` and `least_reach` of `diagnosis/decision_rules.py`. The arms of `hidden_effects.py`
+are diagnosed, and what is recommended is added one after the other, in its order. A line a name: `gain`, the squared
+error where joints move that it takes away, over the square of the sensors' noise in the band, on the joint where that is
+most; `reach`, the share of its column that is left beside the model, times the t of what it gains; the error of the runs that no parameter saw, with it over without it. A
 name is `right` where it is hidden, or an equivalent of what is; the others are `extra`.
 """
 

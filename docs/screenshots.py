@@ -83,8 +83,9 @@ def views(has: Shown) -> dict[str, View]:
         "design": View(
             f"/?view=design&robot={has.robot}&design={has.design}", "#design-again", ("#nearest-now button",)
         ),
+        "changes": View(f"/?view=changes&identification={has.better}", "#days select"),
         "models": View("/?view=models", "#models-table"),
-        "two-models": View(f"/?view=models&pair={has.better},{has.rival}", "#pair-parameters"),
+        "two-models": View(f"/?view=models&pair={has.better},{has.rival}", "#overlay-torque canvas"),
         "robots": View("/?view=robots", "#robots-table"),
         "recordings": View("/?view=recordings", "#recordings-table"),
         "jobs": View("/?view=jobs", "#jobs-table"),

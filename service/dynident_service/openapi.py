@@ -11,6 +11,7 @@ from keyword import iskeyword
 from pathlib import Path
 from typing import Any, TypedDict
 
+from dynident.schema.fields import LARGEST
 from dynident_service.app import create_app
 from dynident_service.settings import Settings
 
@@ -45,6 +46,7 @@ _ANSWERS = {
     "resources": (
         *(
             "Catalogue",
+            "KnownRobots",
             "CheckView",
             "GeometryView",
             "Health",
@@ -219,8 +221,19 @@ def _write_choices(name: str, schema: Mapping[str, Any]) -> Iterator[str]:
 def _write_field(name: str, about: Mapping[str, Any]) -> Iterator[str]:
     yield from _wrap_type(f"    {name}:", _write_hint(about))
     if words := about.get("description"):
+        words += _write_range(about)
         first, *rest = textwrap.wrap(f'"""{words}"""', _WIDTH - 4, break_long_words=False)
         yield from (f"    {line}" for line in (first, *rest))
+
+
+def _write_range(about: Mapping[str, Any]) -> str:
+    """Return the range of a number, or of the numbers in a list, in brackets; "" where there is none of its own."""
+    if "maximum" in about:
+        low = f"above {about['exclusiveMinimum']:g}" if "exclusiveMinimum" in about else f"{about['minimum']:g}"
+        return "" if (low, about["maximum"]) == (f"{-LARGEST:g}", LARGEST) else f" ({low} to {about['maximum']:g})"
+    parts = [*about.get("anyOf", ()), *about.get("prefixItems", ())]
+    parts += [about[name] for name in ("items", "additionalProperties") if isinstance(about.get(name), Mapping)]
+    return next((text for part in parts if (text := _write_range(part))), "")
 
 
 def _wrap_type(head: str, hint: str) -> Iterator[str]:

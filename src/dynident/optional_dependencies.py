@@ -31,6 +31,7 @@ SCIENCE_PACKAGES = (
 EXTRA_OF_PACKAGE = {
     "h5py": "formats",
     "mcap": "formats",
+    "mcp": "mcp",
     "mujoco": "formats",
     "opentelemetry": "otel",
     "pandas": "frames",

@@ -121,6 +121,10 @@ class Client:
         """Read the catalogue of effects."""
         return self._transport.get("/v1/effects", answers.Catalogue)["items"]
 
+    def known_robots(self) -> list[answers.KnownRobot]:
+        """Read the well-known arms, whose descriptions `robots.create` takes."""
+        return self._transport.get("/v1/known-robots", answers.KnownRobots)["items"]
+
     def health(self) -> answers.Health:
         """Read whether the service answers."""
         return self._transport.get("/healthz", answers.Health)

@@ -184,7 +184,7 @@ class Identifications(LabelledCollection[Identification]):
     def export(
         self,
         identification: Record | str,
-        format: Literal["json", "urdf", "mjcf", "c", "casadi"] = "json",
+        format: Literal["json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi"] = "json",
         *,
         nearest: bool | None = None,
         anyway: bool | None = None,
@@ -195,7 +195,7 @@ class Identifications(LabelledCollection[Identification]):
         ----------
         identification : Record or str
             The model or its identifier.
-        format : {"json", "urdf", "mjcf", "c", "casadi"}
+        format : {"json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi"}
             Format of the file.
         nearest : bool, optional
             For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that

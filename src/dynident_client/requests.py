@@ -22,12 +22,12 @@ class Box(TypedDict, total=False):
     """A box in the base frame."""
 
     center: tuple[float, float, float]
-    """Its centre, in m"""
+    """Its centre, in m (-10000 to 10000)"""
     name: str
     rpy: tuple[float, float, float]
     """Roll, pitch, yaw as in a URDF, in rad"""
     size: tuple[float, float, float]
-    """Its edges, in m"""
+    """Its edges, in m (above 0 to 10000)"""
 
 
 class Criterion(TypedDict, total=False):
@@ -52,7 +52,7 @@ class Criterion(TypedDict, total=False):
     parameters: Sequence[str]
     """For parameters: the parameters whose variances count"""
     weight: float
-    """k1 of [12.13], k2 of [12.14] (in the unit of the smallest singular value)"""
+    """k1 of [12.13], k2 of [12.14] (in the unit of the smallest singular value) (1e-12 to 1e+12)"""
 
 
 class DesignOptions(TypedDict, total=False):
@@ -74,19 +74,19 @@ class DesignOptions(TypedDict, total=False):
     """Rows that the criterion is computed from"""
     name: str | None
     noise: Mapping[str, float]
-    """By joint: standard deviation of one torque sample, in N m or N"""
+    """By joint: standard deviation of one torque sample, in N m or N (1e-09 to 1e+09)"""
     random_trajectories: int
-    """Number of random motions to compare the result with"""
+    """Number of random motions to compare the result with (1 to 1e+06)"""
     seed: int
-    """The same seed gives the same result"""
+    """The same seed gives the same result (0 to 9.0072e+15)"""
     starts: int | None
-    """Number of starts of the optimisation; as many as the time allows, or 4"""
+    """Number of starts of the optimisation; as many as the time allows, or 4 (1 to 1e+06)"""
     surroundings: Surroundings
     """What the robot must not touch"""
     time_budget: float | None
-    """Time limit of the optimisation; the best result until then is used, in s"""
+    """Time limit of the optimisation; the best result until then is used, in s (above 0 to 604800)"""
     torque_margin: float
-    """Share by which the torque may exceed the prediction; torque limits are reduced accordingly"""
+    """Share by which the torque may exceed the prediction; torque limits are reduced accordingly (0 to 100)"""
     trajectory: Trajectory
 
 
@@ -95,20 +95,24 @@ class DiagnosisOptions(TypedDict, total=False):
 
     candidates: Sequence[str] | None
     """Ids of the effects to try; the whole catalogue if not given"""
+    has: Sequence[str]
+    """Parts that the robot has, beside those stated with it: gravity_compensator, spring, cable, coupled_wrist"""
+    has_not: Sequence[str]
+    """Parts that the robot does not have, beside those stated with it"""
     max_effects: int | None
-    """Largest number of recommended effects; contacts do not count"""
+    """Largest number of recommended effects; contacts do not count (1 to 100)"""
     name: str | None
     significance: float
-    """Largest p-value of a finding: the probability that anything is named where nothing is missing"""
+    """Largest p-value of a finding: the probability that anything is named where nothing is missing (0.001 to 0.2)"""
 
 
 class DriveGainsOptions(TypedDict, total=False):
     """Runs of the same motion without and with a load of known mass, of a robot whose drive gains are uncertain."""
 
     centre: tuple[float, float, float] | None
-    """Centre of the known load in the last joint's frame, if known, in m"""
+    """Centre of the known load in the last joint's frame, if known, in m (-100 to 100)"""
     mass: float | None
-    """Mass of the known load, if the measurements do not state it, in kg"""
+    """Mass of the known load, if the measurements do not state it, in kg (1e-06 to 1e+06)"""
     name: str | None
 
 
@@ -136,18 +140,18 @@ class IdentificationOptions(TypedDict, total=False):
     free_links: Sequence[str]
     """Joints whose links the prior does not apply to, such as a link with a load"""
     interval: float | None
-    """Interval of one equation of the energy model; from the data if left out, in s"""
+    """Interval of one equation of the energy model; from the data if left out, in s (1e-06 to 86400)"""
     model: Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
     """Rows of W"""
     name: str | None
     pole: float | None
-    """a of the filtered model's F(s) = a²/(s + a)²; from the data if left out, in rad/s"""
+    """a of the filtered model's F(s) = a²/(s + a)²; from the data if left out, in rad/s (0.001 to 1e+06)"""
     preprocessing: Preprocessing | Literal["auto"]
     """Filters; from the data if left out"""
     prior: Literal["description", "description_entropic"] | None
     """Use of the inertias in the robot's description, weighted by their uncertainty"""
     prior_error: float
-    """Usual relative error of the description's inertias"""
+    """Usual relative error of the description's inertias (1e-06 to 10)"""
     steps: Literal["link_by_link", "wrist_then_shoulder"]
     """Steps of the sequential strategy"""
     strategy: Literal["global", "sequential", "separate_friction"]
@@ -160,17 +164,17 @@ class Limits(TypedDict, total=False):
     """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W."""
 
     acceleration: float | None
-    """rad/s² or m/s²"""
+    """Largest acceleration, in rad/s² or m/s² (1e-06 to 1e+09)"""
     effort: float | None
-    """N m or N"""
+    """Largest torque or force, in N m or N (1e-06 to 1e+09)"""
     jerk: float | None
-    """rad/s³ or m/s³"""
+    """Largest change of the acceleration, in rad/s³ or m/s³ (1e-06 to 1e+09)"""
     position: tuple[float, float] | None
-    """Lowest and highest position, rad or m"""
+    """Lowest and highest position, in rad or m"""
     power: float | None
-    """Limit of torque times velocity, in W"""
+    """Largest product of torque and velocity, in W (1e-06 to 1e+09)"""
     velocity: float | None
-    """rad/s or m/s"""
+    """Largest speed, in rad/s or m/s (1e-06 to 1e+09)"""
 
 
 class MethodRequest(TypedDict, total=False):
@@ -190,26 +194,26 @@ class Noise(TypedDict, total=False):
     current: bool
     """Record currents instead of torques; needs drive gains"""
     encoder_counts: int | None
-    """Encoder counts per turn or metre; 0 or null: exact"""
+    """Encoder counts per turn or metre; 0 or null: exact (0 to 1.09951e+12)"""
     jitter: float
-    """Standard deviation of the sampling instants, in s"""
+    """Standard deviation of the sampling instants, in s (0 to 1)"""
     torque_noise: float
-    """Standard deviation of the torque noise, as a share of the effort limit"""
+    """Standard deviation of the torque noise, as a share of the effort limit (0 to 1000)"""
     torque_noise_absolute: Sequence[float] | None
-    """Standard deviation of each joint, N m or N; replaces torque_noise"""
+    """Standard deviation of each joint, N m or N; replaces torque_noise (0 to 1e+09)"""
 
 
 class Preprocessing(TypedDict, total=False):
     """Cut-off frequencies in Hz (null: no filter) and decimation; missing values are chosen from the data."""
 
     decimation: int | Literal["auto"]
-    """Every n-th row is kept"""
+    """Every n-th row is kept (1 to 1e+06)"""
     filter_order: int | Literal["auto"]
-    """Order of one pass of the position filter"""
+    """Order of one pass of the position filter (1 to 12)"""
     position_cutoff: float | Literal["auto"] | None
-    """Cut-off of the position filter, in Hz"""
+    """Cut-off of the position filter, in Hz (0.0001 to 1e+06)"""
     torque_cutoff: float | Literal["auto"] | None
-    """Cut-off of the filter of torque and columns, in Hz"""
+    """Cut-off of the filter of torque and columns, in Hz (0.0001 to 1e+06)"""
 
 
 class ReportOptions(TypedDict, total=False):
@@ -231,14 +235,14 @@ class SimulationOptions(TypedDict, total=False):
     parameters: Mapping[str, float]
     """Standard parameters by name, such as ZZ2 or Fc1; the others are those of the description"""
     pause: float
-    """Time between two runs, in which the session's time continues, in s"""
+    """Time between two runs, in which the session's time continues, in s (0 to 1e+07)"""
     role: Literal["identification", "validation", "friction", "payload"] | None
     runs: int
-    """Number of repetitions of the motion, one segment each"""
+    """Number of repetitions of the motion, one segment each (1 to 100)"""
     sampling_rate: float | None
-    """Sampling rate of the sensors; that of the trajectory if not given, in Hz"""
+    """Sampling rate of the sensors; that of the trajectory if not given, in Hz (0.1 to 20000)"""
     seed: int
-    """Seed of the noise and of a random motion"""
+    """Seed of the noise and of a random motion (0 to 9.0072e+15)"""
     warming: Warming | None
     """Records the joints' temperature; by default a typical warming if an effect needs it"""
 
@@ -250,11 +254,12 @@ class Surroundings(TypedDict, total=False):
     """Assume a floor through the base of an upright robot if no surroundings are stated"""
     boxes: Sequence[Box]
     clearance: float
-    """Smallest distance to all bodies, in m"""
+    """Smallest distance to all bodies, in m (0.001 to 10)"""
     floor: float | None
-    """Height of a floor that only the base may reach, in the base frame, in m"""
+    """Height of a floor that only the base may reach, in the base frame, in m (-10000 to 10000)"""
     link_radius: float | None
-    """Links without collision geometry count as capsules of this radius between the joints' origins, in m"""
+    """Links without collision geometry count as capsules of this radius between the joints' origins, in m (0.0001 to
+    100)"""
     may_touch: Sequence[tuple[str, str]]
     """Pairs of links (or joints) that are not checked against each other"""
     self_collision: bool
@@ -267,65 +272,65 @@ class ToolRange(TypedDict, total=False):
     """Where the tool may go, m in the base frame."""
 
     high: tuple[float | None, float | None, float | None]
-    """x, y, z; null: no bound"""
+    """x, y, z; null: no bound (-10000 to 10000)"""
     joint: str | None
     """The joint that carries the tool; the last one by default"""
     low: tuple[float | None, float | None, float | None]
-    """x, y, z; null: no bound"""
+    """x, y, z; null: no bound (-10000 to 10000)"""
     point: tuple[float, float, float]
-    """Position of the tool in the frame of the joint, in m"""
+    """Position of the tool in the frame of the joint, in m (-10000 to 10000)"""
 
 
 class Trajectory(TypedDict, total=False):
     """The family of trajectories."""
 
     amplitudes: Sequence[float] | None
-    """For reversals: lengths of the strokes, in rad or m"""
+    """For reversals: lengths of the strokes, in rad or m (1e-06 to 1000)"""
     duration: float
     """Duration of one period; for a set, of about one run; for constant velocity, of the longest stroke; for a slow
-    sweep, of one direction; for point to point, it is a result, in s"""
+    sweep, of one direction; for point to point, it is a result, in s (0.01 to 86400)"""
     dwell: tuple[float, float]
-    """For point_to_point: shortest and longest rest in a point; rests are random between them, in s"""
+    """For point_to_point: shortest and longest rest in a point; rests are random between them, in s (0 to 60)"""
     family: Literal["fourier", "b_spline", "point_to_point"]
     """Family of functions that describes the motion"""
     harmonics: int
-    """For fourier: number of harmonics of the frequency 1 / duration"""
+    """For fourier: number of harmonics of the frequency 1 / duration (2 to 100)"""
     intervals: int
-    """For b_spline: number of intervals between knots; equals the free coefficients per joint"""
+    """For b_spline: number of intervals between knots; equals the free coefficients per joint (2 to 200)"""
     joints: Sequence[str]
     """Joints that move, with the others locked at home; all if empty"""
     paces: Sequence[float]
-    """For fourier and b_spline: repeat the path at each of these shares of its speed"""
+    """For fourier and b_spline: repeat the path at each of these shares of its speed (0.0001 to 1)"""
     periods: int
-    """Number of repetitions of the period or of the set of strokes"""
+    """Number of repetitions of the period or of the set of strokes (1 to 1e+06)"""
     points: int
-    """For point_to_point: number of points per round where the arm comes to rest"""
+    """For point_to_point: number of points per round where the arm comes to rest (2 to 200)"""
     sampling_rate: float
-    """Sampling rate, in Hz"""
+    """Sampling rate, in Hz (0.1 to 100000)"""
     sets: Literal["link_by_link", "wrist_then_shoulder", "vandanjon"]
     """For sequential designs: the test motions (§12.3.4.2)"""
     speeds: Sequence[float] | None
-    """For constant velocity and reversals: speeds, as shares of each joint's velocity limit"""
+    """For constant velocity and reversals: speeds, as shares of each joint's velocity limit (0.0001 to 1)"""
 
 
 class ValidationOptions(TypedDict, total=False):
     """The model to validate, and how."""
 
     cutoffs: Sequence[float] | None
-    """filters: Position cut-offs to try, in Hz"""
+    """filters: Position cut-offs to try, in Hz (0.0001 to 1e+06)"""
     draws: int | None
-    """bootstrap: Number of resamplings; 999 by default"""
+    """bootstrap: Number of resamplings; 999 by default (99 to 9999)"""
     limit: float | None
-    """direct, cross, simulation: Largest relative error that passes; 0.15 by default"""
+    """direct, cross, simulation: Largest relative error that passes; 0.15 by default (1e-06 to 10)"""
     longest: float | None
-    """simulation, filters: Longest time to simulate, in s"""
+    """simulation, filters: Longest time to simulate, in s (0.1 to 300)"""
     mass: float | None
-    """payload: The known mass, if the measurements do not state it, in kg"""
+    """payload: The known mass, if the measurements do not state it, in kg (1e-06 to 1e+06)"""
     methods: Sequence[MethodRequest] | None
     """methods: Methods to compare; all that are available if left out"""
     name: str | None
     seed: int
-    """inertia_matrix, filters, bootstrap: Seed of the random postures"""
+    """inertia_matrix, filters, bootstrap: Seed of the random postures (0 to 9.0072e+15)"""
 
 
 class Wall(TypedDict, total=False):
@@ -335,15 +340,15 @@ class Wall(TypedDict, total=False):
     normal: tuple[float, float, float]
     """Points to the free side"""
     point: tuple[float, float, float]
-    """Any point on it, in the base frame, in m"""
+    """Any point on it, in the base frame, in m (-10000 to 10000)"""
 
 
 class Warming(TypedDict, total=False):
     """Joints that warm up with the time t of the session: T = end + (start - end) exp(-t / time_constant)."""
 
     end: float
-    """degC at the end"""
+    """degC at the end (-273 to 1000)"""
     start: float
-    """degC at t = 0"""
+    """degC at t = 0 (-273 to 1000)"""
     time_constant: float
-    """Time constant of the warming, in s"""
+    """Time constant of the warming, in s (0.001 to 1e+09)"""

@@ -58,6 +58,24 @@ def test_other_choices_are_among_the_commands(desk: Path, runs: dy.Recordings, r
 
 
 @pytest.mark.slow
+def test_gains_locked_joints_and_gravity_are_among_the_commands(desk: Path, tmp_path: Path) -> None:
+    gains = {"shoulder": 14.9, "elbow": 13.3, "quill": 101.0}
+    options = ["--gravity", "0,0,9.81", "--lock", "tool_roll=0.3"]
+    drive_gains = ",".join(f"{joint}={gain}" for joint, gain in gains.items())
+    program = Path(sys.executable).with_name("dynident")
+    simulate = [program, "simulate", desk / "arm.urdf", *options, "--drive-gains", drive_gains, "--current"]
+    subprocess.run([*simulate, "--rate", "100", "-o", tmp_path / "hung.csv"], check=True, timeout=120)
+    robot = dy.load_robot(
+        desk / "arm.urdf", gravity=(0.0, 0.0, 9.81), locked_joints={"tool_roll": 0.3}, drive_gains=gains
+    )
+    model = dy.identify(robot, dy.read_recordings(tmp_path / "hung.csv", robot=robot))
+    (line,) = build_commands(model.identification, [model.recordings[0].recording])
+    assert {"--gravity", "--lock", "--drive-gains"} <= set(shlex.split(line))
+    (again,) = run_again([line.replace("hung", str(tmp_path / "hung.csv"), 1)], desk, tmp_path)
+    np.testing.assert_allclose(again.identification.values, model.identification.values, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.slow
 def test_the_windows_that_were_used_are_among_the_commands(
     desk: Path, runs: dy.Recordings, robot: dy.Robot, tmp_path: Path
 ) -> None:

@@ -38,6 +38,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.readiness(),
         lambda c: c.metrics(),
         lambda c: c.effects(),
+        lambda c: c.known_robots(),
         lambda c: c.usage(),
         lambda c: c.robots.create("a", urdf="<robot/>"),
         lambda c: list(c.robots.bundle("x1")),

@@ -13,7 +13,7 @@ from dynident.robot import robot_from_urdf
 
 
 def test_the_ending_of_the_file_says_the_format(desk: Path) -> None:
-    for name in ("arm.urdf", "arm.xml", "model.c", "model.casadi", "exported.json"):
+    for name in ("arm.urdf", "arm.xml", "model.c", "model.h", "model.hpp", "model.casadi", "exported.json"):
         answer = dynident("export", desk / "model.npz", "-o", desk / name, "--nearest")
         assert answer.code == 0, answer.err
         assert f"written to {desk / name}" in answer.out.replace("\n", "")

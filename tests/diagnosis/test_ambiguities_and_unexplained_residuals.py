@@ -8,9 +8,10 @@ import pytest
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.scoring import Score
 from dynident.diagnosis.candidates.significance import ScoredCandidate, combine_scores
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.result import UnknownPattern
 from dynident.diagnosis.search.state import Finding
-from dynident.diagnosis.summary import ABOVE_NOISE, rank_findings, select_verdict
+from dynident.diagnosis.summary import rank_findings, select_verdict
 from dynident.effects import EffectChoice
 
 PEAK = (("delta", 2.0), ("vs", 0.1))
@@ -48,5 +49,5 @@ def test_a_friction_peak_that_is_on_one_joint_alone_is_told_of_that_joint():
     ],
 )
 def test_no_model_is_adequate_that_leaves_many_times_the_noise(recommended, unknown, worst, verdict):
-    assert 1.9 < ABOVE_NOISE < 13.0
+    assert 1.9 < RULES.adequate_over_noise < 13.0
     assert select_verdict(recommended, unknown, np.array([1.0, worst])) == verdict

@@ -189,3 +189,16 @@ def test_a_group_that_is_no_candidate_counts_with_the_columns_of_each_of_its_joi
     assert list_columns_with_findings(pool, (0, 1), [whole]) == (0, 1, 11, 21, 31)
     assert list_columns_with_findings(pool, (0, 1), [replace(whole, joints=("a", "c"))]) == (0, 1, 11, 31)
     assert list_columns_with_findings(pool, (0,), [replace(whole, joints=("b",), shape=(("d0", 0.002),))]) == (0, 20)
+
+
+def test_patterns_of_many_joints_are_told_by_the_variable():
+    from dynident.diagnosis.result import UnknownPattern
+    from dynident.diagnosis.summary import group_patterns
+
+    names = [f"{side}_{part}" for part in ("hip", "knee", "ankle", "elbow") for side in ("left", "right")]
+    unknown = [UnknownPattern(name, "velocity", 0.1 + 0.01 * k) for k, name in enumerate(names[:-1])]
+    unknown.append(UnknownPattern("left_knee", "other_joints", 0.3))
+    assert group_patterns(unknown, names) == [
+        ("velocity", "all but right_elbow", "10% to 16%"),
+        ("other joints", "left_knee", "30%"),
+    ]

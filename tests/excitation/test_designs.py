@@ -265,24 +265,24 @@ def test_a_sliding_joint_without_a_range_is_asked_for_one(scara):
 @pytest.mark.parametrize(
     ("request_", "pointer"),
     [
-        (replace(QUICK, kind="ballet"), "/kind"),
-        (replace(QUICK, criterion=CriterionChoice("best")), "/criterion/name"),
-        (replace(QUICK, trajectory=replace(SHORT, family="spiral")), "/trajectory/family"),
-        (replace(QUICK, trajectory=replace(SHORT, family="b_spline", intervals=1)), "/trajectory/intervals"),
-        (replace(QUICK, trajectory=replace(SHORT, duration=float("nan"))), "/trajectory/duration"),
-        (replace(QUICK, trajectory=replace(SHORT, sampling_rate=3.0)), "/trajectory/sampling_rate"),
-        (replace(QUICK, trajectory=replace(SHORT, periods=0)), "/trajectory/periods"),
-        (replace(QUICK, trajectory=replace(SHORT, periods=10**9)), "/trajectory/periods"),
-        (replace(QUICK, effects=(EffectChoice("ghosts"),)), "/effects/0"),
-        (replace(QUICK, limits={"elbow2": Limits(velocity=1.0)}), "/limits/elbow2"),
-        (replace(QUICK, limits={"elbow": Limits(velocity=-1.0)}), "/limits/elbow/velocity"),
-        (replace(QUICK, time_budget=0.0), "/time_budget"),
-        (replace(QUICK, criterion=CriterionChoice("weighted", a_priori={"ZZ9": 1.0})), "/criterion/a_priori"),
+        (lambda: replace(QUICK, kind="ballet"), "/kind"),
+        (lambda: replace(QUICK, criterion=CriterionChoice("best")), "/name"),
+        (lambda: replace(QUICK, trajectory=replace(SHORT, family="spiral")), "/family"),
+        (lambda: replace(QUICK, trajectory=replace(SHORT, family="b_spline", intervals=1)), "/intervals"),
+        (lambda: replace(QUICK, trajectory=replace(SHORT, duration=float("nan"))), "/duration"),
+        (lambda: replace(QUICK, trajectory=replace(SHORT, sampling_rate=3.0)), "/trajectory/sampling_rate"),
+        (lambda: replace(QUICK, trajectory=replace(SHORT, periods=0)), "/periods"),
+        (lambda: replace(QUICK, trajectory=replace(SHORT, periods=10**9)), "/periods"),
+        (lambda: replace(QUICK, effects=(EffectChoice("ghosts"),)), "/effects/0"),
+        (lambda: replace(QUICK, limits={"elbow2": Limits(velocity=1.0)}), "/limits/elbow2"),
+        (lambda: replace(QUICK, limits={"elbow": Limits(velocity=-1.0)}), "/velocity"),
+        (lambda: replace(QUICK, time_budget=0.0), "/time_budget"),
+        (lambda: replace(QUICK, criterion=CriterionChoice("weighted", a_priori={"ZZ9": 1.0})), "/criterion/a_priori"),
     ],
 )
 def test_what_cannot_be_designed_is_refused_with_its_place(scara, request_, pointer):
     with pytest.raises(DynidentError) as caught:
-        design_experiment(scara, request_)
+        design_experiment(scara, request_())
     assert caught.value.pointer == pointer
 
 

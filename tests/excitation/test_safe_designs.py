@@ -267,19 +267,22 @@ def test_a_robot_without_geometry_says_so_and_a_radius_of_its_links_mends_it(sca
 @pytest.mark.parametrize(
     ("surroundings", "pointer"),
     [
-        (Surroundings(clearance=0.0), "/surroundings/clearance"),
-        (Surroundings(floor=float("nan")), "/surroundings/floor"),
-        (Surroundings(link_radius=-1.0), "/surroundings/link_radius"),
-        (Surroundings(boxes=(Box("a", (0, 0, 0), (0, 1, 1)),)), "/surroundings/boxes/0/size/0"),
-        (Surroundings(walls=(Wall("a", (0, 0, 0), (0, 0, 0)),)), "/surroundings/walls/0/normal"),
-        (Surroundings(tool_range=ToolRange(low=(1, None, None), high=(0, None, None))), "/surroundings/tool_range"),
-        (Surroundings(tool_range=ToolRange(joint="wrist")), "/surroundings/tool_range/joint"),
-        (Surroundings(may_touch=(("tool", "ghost"),)), "/surroundings/may_touch/0"),
+        (lambda: Surroundings(clearance=0.0), "/clearance"),
+        (lambda: Surroundings(floor=float("nan")), "/floor"),
+        (lambda: Surroundings(link_radius=-1.0), "/link_radius"),
+        (lambda: Surroundings(boxes=(Box("a", (0, 0, 0), (0, 1, 1)),)), "/size/0"),
+        (lambda: Surroundings(walls=(Wall("a", (0, 0, 0), (0, 0, 0)),)), "/surroundings/walls/0/normal"),
+        (
+            lambda: Surroundings(tool_range=ToolRange(low=(1, None, None), high=(0, None, None))),
+            "/surroundings/tool_range",
+        ),
+        (lambda: Surroundings(tool_range=ToolRange(joint="wrist")), "/surroundings/tool_range/joint"),
+        (lambda: Surroundings(may_touch=(("tool", "ghost"),)), "/surroundings/may_touch/0"),
     ],
 )
 def test_what_is_no_obstacle_is_refused_with_its_place(surroundings, pointer):
     with pytest.raises(DynidentError) as caught:
-        design_experiment(safe_robot("gantry"), replace(QUICK, surroundings=surroundings))
+        design_experiment(safe_robot("gantry"), replace(QUICK, surroundings=surroundings()))
     assert caught.value.pointer == pointer
 
 

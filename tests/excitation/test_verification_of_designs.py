@@ -71,17 +71,17 @@ def test_a_slower_pace_is_valued_as_it_is_run(scara):
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"trajectory": replace(SHORT, periods=10**400)},
-        {"trajectory": replace(SHORT, sampling_rate=1e9), "kind": "constant_velocity"},
-        {"trajectory": replace(SHORT, duration=1e9), "kind": "slow_sweep"},
-        {"trajectory": replace(SHORT, sampling_rate=1e5, duration=86_400.0), "kind": "slow_sweep"},
-        {"starts": 10**400},
-        {"random_trajectories": 10**30},
+        lambda: {"trajectory": replace(SHORT, periods=10**400)},
+        lambda: {"trajectory": replace(SHORT, sampling_rate=1e9), "kind": "constant_velocity"},
+        lambda: {"trajectory": replace(SHORT, duration=1e9), "kind": "slow_sweep"},
+        lambda: {"trajectory": replace(SHORT, sampling_rate=1e5, duration=86_400.0), "kind": "slow_sweep"},
+        lambda: {"starts": 10**400},
+        lambda: {"random_trajectories": 10**30},
     ],
 )
 def test_what_is_too_much_is_refused(scara, wrong):
     with pytest.raises(DynidentError, match=r"at most|it must be .* to"):
-        design_experiment(scara, replace(QUICK, **wrong))
+        design_experiment(scara, replace(QUICK, **wrong()))
 
 
 def test_a_flat_mesh_is_a_thin_body(tmp_path: Path):

@@ -355,8 +355,8 @@ def test_what_helps_only_where_nothing_was_fitted_is_no_mistake(inside: float, i
     noise, moving = 0.01 * np.random.default_rng(4).normal(size=10), np.ones(6, dtype=bool)
     shares = np.full(6, 0.1)
     now, other = (
-        judging.UnexplainedTorque(noise, 0.0, 0, moving, shares),
-        judging.UnexplainedTorque(noise[::-1] - 0.5, inside, 0, moving, shares),
+        judging.UnexplainedTorque(noise, 0.0, 0, moving, shares, noise.mean(), 0.0),
+        judging.UnexplainedTorque(noise[::-1] - 0.5, inside, 0, moving, shares, noise.mean() - 0.5, inside),
     )
     assert now.is_surely_above(other, "joints swapped") is is_above
 

@@ -1,4 +1,4 @@
-"""The page about exports holds: its commands write five files, and its programs read the same torque from each."""
+"""The page about exports holds: its commands write the files, and its programs read the same torque from each."""
 
 from __future__ import annotations
 
@@ -51,3 +51,7 @@ def test_the_files_of_the_page_tell_the_same_torque(tmp_path: Path) -> None:
     (tmp_path / "main.c").write_text(blocks("c")[0], encoding="utf-8")
     run(["bash", "-c", compile_it], tmp_path)
     np.testing.assert_allclose(numbers(run(["./main"], tmp_path)), torque["json"], rtol=1e-9)
+    (tmp_path / "main.cpp").write_text(blocks("cpp")[0], encoding="utf-8")
+    run(["g++", "-std=c++17", "-O2", "main.cpp", "-o", "main_cpp"], tmp_path)
+    lines = run(["./main_cpp"], tmp_path).splitlines()
+    np.testing.assert_allclose(numbers(lines[0]), torque["json"], rtol=1e-9)

@@ -128,7 +128,7 @@ def test_hints_name_the_extra_that_pyproject_puts_a_package_in() -> None:
     assert set(SCIENCE_PACKAGES) == imported
     few = {
         re.split(r"[<>=\[]", one)[0]: extra
-        for extra in ("formats", "frames", "otel", "postgresql")
+        for extra in ("formats", "frames", "mcp", "otel", "postgresql")
         for one in EXTRAS[extra]
     }
     assert {FEW_IMPORTED_AS.get(name, name): extra for name, extra in few.items()} == EXTRA_OF_PACKAGE

@@ -16,10 +16,12 @@ import pytest
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 TESTS = BENCHMARKS.parent / "tests"
 SMALL = {
+    "messy_arms": "--cases 1 --duration 5",
     "acceptance": "--requests 30 --clients 2",
     "changes": "--pairs 1 --processes 1",
     "clean_residuals": "--cases 1 --processes 1",
     "closed_loops": "",
+    "controller_code": "",
     "corrupted_samples": "--arms 1",
     "decision_level": "--draws 5",
     "design_speed": "--patience 2",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -103,17 +104,19 @@ def test_scales_and_signs_are_of_one_joint_or_of_all(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("said", "pointer"),
     [
-        (RecordingMetadata(permutation={"tau": (1, 2)}), "/permutation/tau"),
-        (RecordingMetadata(permutation={"tau": (0, 1, 2, 3, 4, 5)}), "/permutation/tau"),
-        (RecordingMetadata(permutation={"dq": (1, 2, 3, 4, 5, 6)}), "/permutation/dq"),
-        (RecordingMetadata(signs={"tau9": -1}), "/signs/tau9"),
-        (RecordingMetadata(signs={"tau1": 0.5}), "/signs/tau1"),
-        (RecordingMetadata(scale={"q1": -2.0}), "/scale/q1"),
+        (lambda: RecordingMetadata(permutation={"tau": (1, 2)}), "/permutation/tau"),
+        (lambda: RecordingMetadata(permutation={"tau": (0, 1, 2, 3, 4, 5)}), "/permutation/tau/0"),
+        (lambda: RecordingMetadata(permutation={"dq": (1, 2, 3, 4, 5, 6)}), "/permutation/dq"),
+        (lambda: RecordingMetadata(signs={"tau9": -1}), "/signs/tau9"),
+        (lambda: RecordingMetadata(signs={"tau1": 0.5}), "/signs/tau1"),
+        (lambda: RecordingMetadata(scale={"q1": -2.0}), "/scale/q1"),
     ],
 )
-def test_an_order_or_sign_that_cannot_be_is_named(tmp_path: Path, said: RecordingMetadata, pointer: str) -> None:
+def test_an_order_or_sign_that_cannot_be_is_named(
+    tmp_path: Path, said: Callable[[], RecordingMetadata], pointer: str
+) -> None:
     with pytest.raises(RecordingError) as refused:
-        brought_in(written(tmp_path / "run.csv"), said)
+        brought_in(written(tmp_path / "run.csv"), said())
     assert refused.value.pointer == pointer
 
 

@@ -197,6 +197,35 @@ def test_the_ladder_shows_the_error_of_every_model_falling() -> None:
     assert "Stribeck friction on" in whole_page().text["ladder"]
 
 
+def single_spaced(text: str) -> str:
+    """Without line breaks, and with plain spaces between a number and its unit."""
+    return " ".join(text.split())
+
+
+def test_the_first_page_says_what_when_from_which_data_and_the_error_before_and_after() -> None:
+    text = single_spaced(whole_page().text["summary"])
+    before, after = (model.held_out_judged.relative_total for model in (first_model(), second_model()))
+    head = text.partition("Relative error where joints move")[0]
+    assert f"robot {NASTY}" in head
+    assert "report made 2026-03-04 05:06 UTC" in head
+    assert "identified from run 1 <u> held-out recordings run 2 <u>" in head
+    assert (
+        single_spaced(f"is {format_percent(after)} on held-out data, with Stribeck friction on {ROBOT.joint_names[0]}")
+        in head
+    )
+    assert single_spaced(f"it was {format_percent(before)} before.") in head
+    # Warnings come after all this.
+    assert text.index(" about this result") > len(head)
+    assert format_number(second_model().equilibrated_condition_number) in text
+
+
+def test_findings_that_recordings_share_are_one_line() -> None:
+    shared = replace(two_runs()[1], checks=(WARNING,))
+    page = Page(html_report(second_model(), [two_runs()[0], shared], created=MADE))
+    assert page.text["summary"].count(WARNING.detail) == 1
+    assert f"{FIRST_RUN.name}, {SECOND_RUN.name}: sampling jitter." in page.text["summary"]
+
+
 def test_the_ladder_says_which_model_predicts_best_and_from_where_on_the_error_rises() -> None:
     assert "Model 2 predicts held-out data best." in whole_page().text["ladder"]
     assert whole_page().text["ladder"].count("✓ best") == 1

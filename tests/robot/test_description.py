@@ -61,27 +61,9 @@ BAD = {
         "Every joint is locked",
     ),
     "a name with a slash": (
-        {"description": TABLE, "limits": {"a/b": Limits(velocity=-1)}},
-        "/limits/a~1b/velocity",
-        "velocity limit of joint 'a/b' is -1; expected a positive number",
-    ),
-    "limits exchanged": (
-        {"limits": {"lift": Limits((1, -1))}},
-        "/limits/lift/position",
-        r"\[1, -1\].*the lower one first",
-    ),
-    "infinite range": ({"limits": {"lift": Limits((0, math.inf))}}, "/limits/lift/position", "expected two numbers"),
-    "infinite jerk": (
-        {"limits": {"lift": Limits(jerk=math.inf)}},
-        "/limits/lift/jerk",
-        "jerk limit of joint 'lift' is inf",
-    ),
-    "no gain": ({"drives": {"lift": Drive(0.0)}}, "/drives/lift/drive_gain", "is 0.0; expected a number other than 0"),
-    "no gear": ({"drives": {"lift": Drive(gear_ratio=math.nan)}}, "/drives/lift/gear_ratio", "is nan; expected"),
-    "two gains": (
-        {"drives": {"lift": Drive(10.0, 100.0, 0.2)}},
-        "/drives/lift/drive_gain",
-        r"drive_gain is 10.0, but .* give 20 \[12.17\]; give only one",
+        {"description": TABLE, "limits": {"a/c": Limits()}},
+        "/limits/a~1c",
+        "no joint 'a/c'",
     ),
     "flat gravity": ({"gravity": [0, -9.81]}, "/gravity", "expected three numbers in m/s²"),
     "gravity unknown": ({"gravity": [0, 0, math.nan]}, "/gravity", "expected three numbers in m/s²"),
@@ -93,6 +75,33 @@ def test_a_setting_that_does_not_fit_is_named_with_its_place(arguments, pointer,
     with pytest.raises(DynidentError, match=message) as caught:
         robot_from_description("r", **{"description": ARM, **arguments})
     assert caught.value.pointer == pointer
+
+
+@pytest.mark.parametrize(
+    ("make", "pointer", "message"),
+    [
+        (lambda: Limits(velocity=-1), "/velocity", "velocity is -1; it must be 1e-06 to 1e"),
+        (lambda: Limits((1, -1)), "/position", r"\[1, -1\]; give two numbers, the lower one first"),
+        (lambda: Limits((0, math.inf)), "/position/1", "position is inf; it must be"),
+        (lambda: Drive(0.0), "/drive_gain", "drive_gain is 0.0; it must be .* but 0"),
+        (lambda: Drive(gear_ratio=math.nan), "/gear_ratio", "gear_ratio is nan; it must be"),
+        (
+            lambda: Drive(10.0, 100.0, 0.2),
+            "/drive_gain",
+            r"drive_gain is 10.0, but .* give 20 \[12.17\]; give only one",
+        ),
+    ],
+)
+def test_limits_and_drives_that_cannot_be_are_refused_where_they_are_made(make, pointer, message):
+    with pytest.raises(DynidentError, match=message) as caught:
+        make()
+    assert caught.value.pointer == pointer
+
+
+def test_numbers_of_a_description_that_limit_nothing_count_as_not_known():
+    wide = Limits.from_description((-1e300, 1e300), velocity=1e30, effort=0.0)
+    assert wide == Limits()
+    assert Limits.from_description((-1.0, 1.0), 2.0, 3.0) == Limits((-1.0, 1.0), velocity=2.0, effort=3.0)
 
 
 def test_equal_statements_of_a_drive_gain_do_not_contradict():

@@ -55,6 +55,8 @@ def test_every_format_has_its_name_and_type(live: Client, model: Record) -> None
         ("urdf", "my_scara_1.urdf", "application/xml"),
         ("mjcf", "my_scara_1.xml", "application/xml"),
         ("c", "dynident_my_scara_1.c", "text/x-c"),
+        ("c_header", "dynident_my_scara_1.h", "text/x-c"),
+        ("cpp_header", "dynident_my_scara_1.hpp", "text/x-c++"),
         ("casadi", "my_scara_1.casadi", "application/octet-stream"),
     ):
         answer = answer_of(live, model, format=format, nearest="true")

@@ -95,3 +95,27 @@ def test_labels_are_stored_on_either_database(url: str, tmp_path: Any) -> None:
         assert made.id in {one.id for one in stored.list_page("robot", 500).items}
     finally:
         database.close()
+
+
+def test_parts_of_a_robot_are_stated_with_it_and_later(client: TestClient, robot: dict[str, Any]) -> None:
+    path = f"/v1/robots/{robot['id']}"
+    assert (robot["has"], robot["has_not"]) == ([], [])
+    answered = client.patch(path, json={"has_not": ["gravity_compensator", "cable"]}).json()
+    assert answered["has_not"] == ["gravity_compensator", "cable"]
+    # The later answer counts.
+    changed = client.patch(path, json={"has": ["cable"]}).json()
+    assert (changed["has"], changed["has_not"]) == (["cable"], ["gravity_compensator"])
+    assert client.get(path).json() == changed
+    refused = client.patch(path, json={"has": ["balancer"]})
+    assert (refused.status_code, refused.json()["errors"][0]["pointer"]) == (422, "/has/0")
+    body = {**robot["request"], "has": ["spring"]}
+    assert client.post("/v1/robots", json=body).json()["has"] == ["spring"]
+
+
+def test_a_recommended_effect_is_posted_with_its_question(client: TestClient) -> None:
+    from dynident_service.wire_types.common import EffectChoice
+    from dynident_service.wire_types.diagnoses import RecommendedEffect
+
+    recommended = RecommendedEffect(effect="joint_spring", joints=["elbow"], question="Does the robot have one?")
+    posted = EffectChoice.model_validate(recommended.model_dump())
+    assert posted == EffectChoice(effect="joint_spring", joints=["elbow"])

@@ -54,6 +54,7 @@ def test_without_points_there_is_every_row(client: TestClient, measurement: str,
     assert np.allclose(found["signals"]["q1"], np.radians(columns["q1"]), rtol=1e-12)
     assert np.array_equal(found["signals"]["tau_shoulder"], -columns["tau1"])
     assert np.array_equal(found["signals"]["lamp"], columns["lamp"])
+    assert found["available"] == ["q_shoulder", "q_elbow", "tau_shoulder", "tau_elbow"]
 
 
 def test_thinned_signals_keep_their_extremes(client: TestClient, measurement: str, columns: Any) -> None:
@@ -61,6 +62,7 @@ def test_thinned_signals_keep_their_extremes(client: TestClient, measurement: st
     assert list(found["signals"]) == ["q1", "q2", "tau1", "tau2"]
     assert 300 < len(found["t"]) <= 1100
     assert found["n_samples"] == 40_000
+    assert found["available"] == ["q_shoulder", "q_elbow", "tau_shoulder", "tau_elbow"]
     assert max(found["signals"]["tau2"]) == 300.0
     assert min(found["signals"]["q2"]) == columns["q2"].min()
     assert found["t"] == sorted(found["t"])

@@ -8,6 +8,8 @@ from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS
 from support.closed_loop_robots import machine, mjcf
 
+from dynident.robot import library_names, robot_from_library
+
 BODY: dict[str, Any] = {
     "name": "arm",
     "description": {"format": "modified_dh", "content": TWO_JOINTS},
@@ -133,3 +135,14 @@ def test_the_catalogue_says_what_every_effect_is(client: TestClient) -> None:
     kinds = {one["id"]: {c["name"]: c["words"] for c in one["shape_parameters"]} for one in items}
     assert {"value": -1.0, "word": "dahl"} in kinds["presliding"]["law"]
     assert kinds["presliding"]["d0"] == []
+
+
+def test_well_known_arms_are_listed_with_what_makes_a_robot_of_them(client: TestClient) -> None:
+    items = client.get("/v1/known-robots").json()["items"]
+    assert [one["name"] for one in items] == list(library_names())
+    for one in items:
+        assert one["source"]
+        made = client.post("/v1/robots", json={"name": one["name"], "description": one["description"]})
+        assert made.status_code == 201
+        names = robot_from_library(one["name"]).joint_names
+        assert [joint["name"] for joint in made.json()["joints"]] == list(names)

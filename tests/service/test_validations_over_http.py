@@ -99,6 +99,10 @@ def test_the_simulator_answers_like_the_robot(tried: Tried) -> None:
     assert one["measurement_id"] == tried.held_out.id
     assert one["duration"] <= 6.0
     assert one["torque"]["relative_total"] < 0.15
+    drift = one["drift"]
+    assert drift["after"] == [0.1, 0.5, 2.0]
+    assert drift["starts"] > 1
+    assert max(drift["share"][0]) < 0.5
 
 
 def test_filters_are_tried_in_simulation(tried: Tried) -> None:

@@ -11,7 +11,7 @@ from dynident.effects import EffectChoice
 from dynident.identification import IdentificationChoices, identify
 from dynident.robot import to_pinocchio
 from dynident.simulation import Reference, VirtualRobot
-from dynident.validation.simulation import compute_open_loop_drift
+from dynident.validation.simulation import compute_open_loop_drift, validate_simulation
 
 ROBOT = arm("ur10")
 LINKS = IdentificationChoices((EffectChoice("rigid_body"),), estimator="feasible")
@@ -53,3 +53,20 @@ def test_a_right_model_stays_near_and_one_of_other_links_runs_away() -> None:
     off = compute_open_loop_drift(identify(ROBOT, [wrong], choices=LINKS), recordings[1:])
     assert off.share[1].max() > 0.3
     assert off.way == pytest.approx(right.way)
+
+
+def test_what_a_tracking_controller_makes_up_for_does_not_pass() -> None:
+    motion = fourier_motion(ROBOT, 10.0, 200.0, 3)
+    tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq)
+    unseen = fourier_motion(ROBOT, 6.0, 200.0, 4)
+    held_out = record(ROBOT, unseen, pinocchio_torque(ROBOT, unseen.q, unseen.dq, unseen.ddq), "unseen")
+    right = validate_simulation(identify(ROBOT, [record(ROBOT, motion, tau)], choices=LINKS), held_out, 0.9)
+    assert right.judged.verdict == "pass"
+    assert right.drift is not None
+    assert "after 0.5 s" in right.judged.reason
+    # Torque that is too large by a quarter: the controller follows all the same, and the limit on torque is wide.
+    wrong = validate_simulation(identify(ROBOT, [record(ROBOT, motion, 1.25 * tau)], choices=LINKS), held_out, 0.9)
+    assert wrong.position_share is not None
+    assert wrong.position_share.max() < 0.02
+    assert wrong.judged.verdict == "fail"
+    assert "half a second" in wrong.judged.reason

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from support.oracles import arm
 
 from dynident.robot import tool_path
-from dynident.verdict.detectable_loads import _compute_lift, _compute_threshold, compute_tool_jacobian
+from dynident.verdict.detectable_loads import _compute_lift, compute_threshold, compute_tool_jacobian
 
 _RATE = 25
 _HOURS = 2
@@ -22,7 +22,7 @@ def test_correlated_residuals_cross_their_threshold_once_an_hour_at_most(memory:
         white = np.random.default_rng([trial, int(100 * memory)]).normal(size=(30 + 3600 * _HOURS) * _RATE)
         residual = np.abs(lfilter([1.0], [1.0, -coefficient], white))
         known, later = residual[: 30 * _RATE], residual[30 * _RATE :]
-        threshold = _compute_threshold([known.reshape(30, _RATE).max(axis=1)], 1.0 / 3600.0)
+        threshold = compute_threshold([known.reshape(30, _RATE).max(axis=1)], 1.0 / 3600.0)
         alarms.append(np.count_nonzero((later[1:] > threshold) & (later[:-1] <= threshold)) / _HOURS)
         heights.append(threshold / np.sqrt((residual**2).mean()))
     assert np.mean(alarms) < 1.0

@@ -54,4 +54,9 @@ def test_a_load_that_was_mounted_since_is_told_with_its_interval_and_is_no_part_
     page.screenshot(path=tmp_path / "changes.png", full_page=True)
     page.reload()
     page.locator("#changes table").wait_for()
+    # The menu leads to the same, whatever model was looked at.
+    page.get_by_role("link", name="Changes", exact=True).click()
+    page.locator("section[aria-labelledby=since-title] #changes table").wait_for()
+    expect(page.get_by_label("Model", exact=True)).to_have_value(model)
+    expect(page.locator("#since-title + * #days select").first).to_be_visible()
     assert heard.complaints == []

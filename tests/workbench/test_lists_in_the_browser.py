@@ -76,6 +76,41 @@ def test_two_models_that_are_ticked_are_compared(page: Any, two_models: dict[str
     assert heard.complaints == []
 
 
+def test_models_are_told_apart_by_what_differs_in_columns_that_are_chosen(
+    page: Any, two_models: dict[str, str], heard: Any
+) -> None:
+    page.goto("/?view=models")
+    cells = {name: page.locator(f"#models-table tr[data-id={two_models[name]}]") for name in ("plain", "sprung")}
+    expect(cells["sprung"]).to_contain_text("Joint spring on elbow")
+    expect(cells["plain"]).to_contain_text("none")
+    expect(cells["plain"]).to_contain_text("identification")
+    head = page.locator("#models-table thead [data-column=filters]")
+    expect(head).to_have_count(0)
+    page.locator("#models-table .columns-choice > summary").click()
+    page.locator("#models-table [data-shows=filters]").check()
+    expect(cells["plain"]).to_contain_text("decimation")
+    page.locator("#models-table [data-shows=fit]").uncheck()
+    page.reload()
+    # This browser remembers it.
+    expect(head).to_be_visible()
+    expect(page.locator("#models-table thead [data-column=fit]")).to_have_count(0)
+    assert heard.complaints == []
+
+
+def test_the_torques_of_two_models_are_drawn_over_one_another(
+    page: Any, two_models: dict[str, str], heard: Any
+) -> None:
+    page.goto(f"/?view=models&pair={two_models['plain']},{two_models['sprung']}")
+    torque = page.locator("#overlay-torque")
+    torque.locator("canvas").wait_for()
+    expect(torque.locator(".u-series .u-label")).to_have_text(["time", "measured", "plain", "sprung"])
+    page.locator("section[aria-label=Torques]").get_by_label("Joint").select_option("elbow")
+    expect(page.locator("#overlay-residual .u-series .u-label")).to_have_text(
+        ["time", "residual of plain", "residual of sprung"]
+    )
+    assert heard.complaints == []
+
+
 def test_a_model_is_renamed_tagged_archived_and_brought_back(page: Any, two_models: dict[str, str]) -> None:
     page.goto("/?view=models")
     row = page.locator(f"#models-table tr[data-id={two_models['plain']}]")

@@ -15,6 +15,8 @@ from support.workbench_page import CONTRASTS, ask
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
 pytestmark = pytest.mark.slow
 
+ARM = ("shoulder", "elbow")
+
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -43,6 +45,7 @@ def test_a_renamed_file_in_degrees_is_dropped_and_its_guesses_confirmed(
     expect(card.get_by_label("Unit of q", exact=True)).to_have_value("deg")
     expect(card).to_contain_text("looks like deg")
     expect(card.locator("table.columns tbody tr")).to_have_count(len(FOREIGN))
+    card.locator("summary", has_text="columns of the file").click()
 
     # What is wrong is said beside it, and nothing that was typed or chosen is lost.
     card.locator("input[name=name]").fill("by night")
@@ -79,6 +82,30 @@ def test_a_file_that_was_looked_at_and_left_is_gone_on_with(page: Any, short: Pa
     page.get_by_role("button", name="Continue").click()
     page.get_by_role("button", name="Confirm and store").click()
     expect(page.locator(".stored").get_by_role("link", name="short")).to_be_visible()
+
+
+def test_velocity_and_temperature_are_shown_as_recorded_where_the_file_has_them(
+    page: Any, short: Path, heard: Any, tmp_path: Path
+) -> None:
+    with short.open() as opened:
+        lines = list(csv.DictReader(opened))
+    more = {f"{kind}_{joint}": value for kind, value in (("dq", 0.5), ("temperature", 31.0)) for joint in ARM}
+    with (tmp_path / "warm.csv").open("w", newline="") as target:
+        writer = csv.DictWriter(target, [*lines[0], *more])
+        writer.writeheader()
+        writer.writerows({**line, **more} for line in lines)
+    measurement = stored(page, robot_of(page), tmp_path / "warm.csv")
+    page.goto(f"/?view=recording&measurement={measurement}")
+    also = page.locator("#also-show")
+    expect(also.locator("option")).to_have_text(["nothing more", "velocity", "temperature"])
+    with page.expect_response(lambda answer: "temperature_elbow" in answer.url) as read:
+        also.select_option("temperature")
+    assert set(read.value.json()["signals"]["temperature_elbow"]) == {31.0}
+    expect(page.locator("[data-signal=temperature_elbow] canvas")).to_be_visible()
+    also.select_option("")
+    expect(page.locator("[data-signal]")).to_have_count(0)
+    expect(page.locator(".joint-row canvas")).to_have_count(2)
+    assert heard.complaints == []
 
 
 def test_a_window_that_is_dragged_makes_a_revision(page: Any, short: Path, heard: Any, tmp_path: Path) -> None:

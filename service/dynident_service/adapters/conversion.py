@@ -18,7 +18,8 @@ from pydantic.fields import FieldInfo
 from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
 from dynident.estimation import Errors
-from dynident.schema.fields import resolve_hint
+from dynident.robot.json_fields import make_pointer
+from dynident.schema.fields import point_within, resolve_hint
 from dynident.schema.registry import RegistryEntry
 from dynident_service.wire_types import common
 from dynident_service.wire_types.identifications import ErrorFigures, ErrorsView
@@ -108,18 +109,19 @@ def to_request(request_body: BaseModel, science: type[RequestT], **more: object)
     DynidentError
         Where the request refuses a value.
     """
-    request_fields = [
-        request_field
-        for request_field in fields(science)  # type: ignore[arg-type]
-        if request_field.name not in more and hasattr(request_body, request_field.name)
-    ]
-    # A field that may be null in the contract only, and not in the library, stands for its default when it is null.
+    body_fields = type(request_body).model_fields
     names = [
         request_field.name
-        for request_field in request_fields
-        if getattr(request_body, request_field.name) is not None or "None" in str(request_field.type)
+        for request_field in fields(science)  # type: ignore[arg-type]
+        if request_field.name not in more and request_field.name in body_fields
     ]
-    return science(**{name: _from_body_value(getattr(request_body, name)) for name in names}, **more)
+    # Null by default stands for the default of the library, which may be another.
+    values = {
+        name: from_body_value(value, f"/{name}")
+        for name in names
+        if (value := getattr(request_body, name)) is not None or body_fields[name].default is not None
+    }
+    return science(**values, **more)
 
 
 def to_body(kind: type[BodyT], value: DataclassInstance, **own: object) -> BodyT:
@@ -164,15 +166,32 @@ def _body_fields(value: DataclassInstance) -> dict[str, object]:
     }
 
 
-def _from_body_value(value: Any) -> Any:
+def from_body_value(value: Any, pointer: str) -> Any:
+    """Convert a value of a body to the types of requests; `DynidentError` where a part is refused.
+
+    Parameters
+    ----------
+    value : object
+        A field of a body.
+    pointer : str
+        JSON pointer to it, for errors.
+
+    Returns
+    -------
+    object
+        Requests for models, tuples for lists.
+    """
     if isinstance(value, common.EffectChoice):
         return from_wire_choice(value)
     if isinstance(value, BaseModel):
-        return to_request(value, REQUESTS[type(value)])
+        with point_within(pointer):
+            return to_request(value, REQUESTS[type(value)])
     if isinstance(value, dict):
-        return {name: _from_body_value(element) for name, element in value.items()}
+        return {name: from_body_value(element, make_pointer(name, within=pointer)) for name, element in value.items()}
+    if not isinstance(value, list):
+        return value
     # Requests are frozen and hashable: lists become tuples.
-    return tuple(_from_body_value(element) for element in value) if isinstance(value, list) else value
+    return tuple(from_body_value(element, f"{pointer}/{index}") for index, element in enumerate(value))
 
 
 T = TypeVar("T")

@@ -10,7 +10,7 @@ from dynident.diagnosis import Diagnosis, Evidence
 from dynident.diagnosis.monitoring import Series, SeriesChange
 from dynident.diagnosis.result import Change, ChangedValue
 from dynident.robot import Robot
-from dynident_service.adapters.conversion import from_view, to_view
+from dynident_service.adapters.conversion import from_view, show_choice, to_view
 from dynident_service.problems import ProblemError, make_unusable
 from dynident_service.wire_types import diagnoses as wire
 from dynident_service.wire_types.common import to_plain_json
@@ -46,6 +46,10 @@ def describe_diagnosis(
         if advice is None
         else show_next_experiment(advice, robot_id, measurement_ids, identification_id),
         changes=None if diagnosis.changes is None else [show_change(change) for change in diagnosis.changes],
+        recommended=[
+            wire.RecommendedEffect(**show_choice(choice).model_dump(), question=diagnosis.find_question(choice))
+            for choice in diagnosis.recommended
+        ],
     )
 
 

@@ -17,6 +17,7 @@ from dynident.identification.study.correlated_and_essential_parameters import Es
 from dynident.identification.study.held_out_gain import find_best_of_errors, list_confirming_rows
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
 from dynident.recordings.revisions import adapt_revision
+from dynident.reports.labels import CONDITION_MEANING
 from dynident.reports.report_tables import ReportedTable
 from dynident.reports.result_rows import build_essential_tables, build_parameter_table, build_shape_table
 from dynident.robot import Robot
@@ -288,6 +289,7 @@ def describe_identification(
         residual=show_fit(identification),
         confirmed_by=list_confirming_rows(identification),
         dependence=parameter_dependence(identification).sentences,
+        condition_meaning=CONDITION_MEANING,
         parent_id=parent_id,
         rungs=[] if parent is None else [_show_step(step) for step in _list_steps_between(parent, identification)],
         effort_units=[joint.effort_unit for joint in identification.model.robot.joints],

@@ -118,6 +118,7 @@ def thin_raw_signals(signals: RecordedSignals, points: int, start: float | None,
         t=to_json_numbers(rows.t),
         signals={name: to_json_numbers(rows.values[:, k]) for k, name in enumerate(signals.names)},
         n_samples=total,
+        available=list(signals.available),
     )
 
 
@@ -136,7 +137,7 @@ def stream_raw_signals(signals: RecordedSignals, start: float | None, end: float
         for number, block in enumerate(signals.rows((name,), start, end)):
             yield _encode_numbers(block.values[:, 0], first=not number)
         yield b"]"
-    yield f'}}, "n_samples": {total}}}'.encode()
+    yield f'}}, "n_samples": {total}, "available": {json.dumps(signals.available)}}}'.encode()
 
 
 def describe_standstills(recording: Recording) -> Standstills:

@@ -13,13 +13,13 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot import Description, Drive, Joint, Limits, Robot, robot_from_description
+from dynident.robot import Description, Joint, Robot, robot_from_description
 from dynident.robot.collision import BASE, collision_geometry, list_collision_meshes
 from dynident.robot.cut_joint import Loop
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.meshes import Surface, find_mesh_file, link_mesh_files, match_mesh_files, read_surface, thin_surface
 from dynident.robot.shapes import Capsule, enclose_shape
-from dynident_service.adapters.conversion import to_body, to_request
+from dynident_service.adapters.conversion import from_body_value, to_body
 from dynident_service.wire_types import robots as wire
 from dynident_service.wire_types.robots import GeometryView
 
@@ -243,10 +243,12 @@ def build_robot(request: wire.RobotRequest) -> Robot:
     return robot_from_description(
         request.name,
         Description(request.description.format, text),
-        limits={name: to_request(value, Limits) for name, value in request.limits.items()},
-        drives={name: to_request(value, Drive) for name, value in request.drives.items()},
+        limits=from_body_value(request.limits, "/limits"),
+        drives=from_body_value(request.drives, "/drives"),
         locked_joints=request.locked_joints,
         gravity=request.gravity,
+        has=request.has,
+        has_not=request.has_not,
     )
 
 

@@ -45,6 +45,7 @@ from dynident_service.wire_types.validations import (
     FiltersView,
     MethodView,
     PayloadView,
+    SimulationOnMeasurement,
     ValidationResult,
 )
 
@@ -112,6 +113,10 @@ def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> 
         if position_rows:
             title = "Distance of the simulated from the measured positions, relative to each joint's range"
             yield ReportedTable(title, ("measurement", *joints), position_rows)
+        drift_rows = [row for simulation in result.simulations for row in _build_drift_rows(simulation)]
+        if drift_rows:
+            title = "Drift without a controller under the measured torque, rad or m, and relative to the travel"
+            yield ReportedTable(title, ("measurement", "after", *joints), tuple(drift_rows))
     if result.filters is not None:
         yield _build_filter_table(result.filters)
     if result.bootstrap is not None and result.bootstrap.parameters:
@@ -119,6 +124,24 @@ def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> 
     if result.payloads:
         yield _build_payload_table(result.payloads)
         yield from (_build_gain_table(payload) for payload in result.payloads if payload.gains)
+
+
+def _build_drift_rows(simulation: SimulationOnMeasurement) -> Iterator[tuple[Cell, ...]]:
+    drift = simulation.drift
+    if drift is None:
+        return
+    for after, distances, shares in zip(drift.after, drift.distance, drift.share, strict=True):
+        # Where no segment is that long there is no row; a diverged simulation has one.
+        if any(distance is not None for distance in distances) or after == drift.after[0]:
+            pairs = zip(distances, shares, strict=True)
+            cells = [_make_drift_cell(distance, share) for distance, share in pairs]
+            yield (Cell(simulation.name), make_number_cell(after, unit="s"), *cells)
+
+
+def _make_drift_cell(distance: float | None, share: float | None) -> Cell:
+    if distance is None or share is None:
+        return Cell("diverged", mark="warning")
+    return Cell(f"{format_number(distance, 2)} ({share:.0%})", distance)
 
 
 def _build_method_tables(methods: Sequence[MethodView], joint_columns: Sequence[str]) -> Iterator[ReportedTable]:

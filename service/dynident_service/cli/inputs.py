@@ -73,7 +73,7 @@ def load_robot_argument(text: str, additions: RobotAdditions = _NOTHING_BESIDE) 
     text : str
         A file, or the name of a well-known arm.
     additions : RobotAdditions
-        Drive gains, locked joints and gravity from options.
+        Drive gains, locked joints, gravity and hardware from options.
 
     Returns
     -------
@@ -86,8 +86,20 @@ def load_robot_argument(text: str, additions: RobotAdditions = _NOTHING_BESIDE) 
         Where there is no such robot, or an option does not fit it.
     """
     upright = parsing.parse_vector(additions.gravity, "--gravity") if additions.gravity else None
-    robot = load_robot(text, locked_joints=parsing.parse_locks(additions.lock), gravity=upright)
+    robot = load_robot(
+        text,
+        locked_joints=parsing.parse_locks(additions.lock),
+        gravity=upright,
+        hardware={
+            **dict.fromkeys(_split_names(additions.has), True),
+            **dict.fromkeys(_split_names(additions.has_not), False),
+        },
+    )
     return with_gains(robot, additions.drive_gains)
+
+
+def _split_names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def with_gains(robot: Robot, gains: str) -> Robot:

@@ -13,6 +13,7 @@ import typer
 
 from dynident.known_robots import list_library_arms
 from dynident.recordings.metadata import ConditioningStep
+from dynident.robot.settings import HARDWARE
 from dynident_service.cli.files import KNOWN_ROBOT, READABLE_FILE
 
 
@@ -70,7 +71,7 @@ Validation = Annotated[
 
 @dataclass(frozen=True)
 class RobotAdditions:
-    """What the description of a robot does not state: drive gains, locked joints, gravity."""
+    """What the description of a robot does not state: drive gains, locked joints, gravity, hardware."""
 
     drive_gains: Annotated[
         str,
@@ -97,11 +98,22 @@ class RobotAdditions:
             help="Gravity in the base frame in m/s², if the base is not upright: 0,0,9.81 for a ceiling.",
         ),
     ] = ""
+    has: Annotated[str, typer.Option("--has", metavar="PART,…", help=f"Parts of the robot: {', '.join(HARDWARE)}.")] = (
+        ""
+    )
+    has_not: Annotated[
+        str,
+        typer.Option(
+            "--has-not",
+            metavar="PART,…",
+            help="Parts that it does not have: no diagnosis proposes their effects.",
+        ),
+    ] = ""
 
 
 Rate = Annotated[
     float | None,
-    typer.Option("--rate", metavar="HZ", help="Sampling rate in Hz, for files without time.", min=1e-3, max=1e6),
+    typer.Option("--rate", metavar="HZ", help="Sampling rate in Hz, for files without time."),
 ]
 
 

@@ -70,8 +70,8 @@ class TypedValues:
             return science(**{**dict(self._read_fields(science, more)), **more})
         except DynidentError as error:
             options = {f"/{request_field.name}": _option_name(request_field) for request_field in fields(science)}  # type: ignore[arg-type]
-            # The request points at its field; the user knows the option.
-            error.pointer = options.get(error.pointer, error.pointer)
+            # The request points at its field, or at an item of it; the user knows the option.
+            error.pointer = options.get("/".join(error.pointer.split("/")[:2]), error.pointer)
             raise
 
     def _read_fields(self, science: type, more: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -84,8 +84,8 @@ class TypedValues:
                 yield request_field.name, self.build_request(hint)  # type: ignore[arg-type]
             elif _parameter_name(request_field) in self.values:
                 typed = self.values[_parameter_name(request_field)]
-                # None and [] mean that the option was not given: then the default of the dataclass holds.
-                if typed is not None and typed != []:
+                # None and an empty list mean that the option was not given: then the default of the dataclass holds.
+                if typed not in (None, [], ()):
                     yield (
                         request_field.name,
                         _parse_value(typed, get_description(request_field), hint, _option_name(request_field)),
@@ -206,8 +206,9 @@ def _make_request_parameters(science: type, but: Sequence[str] = ()) -> Iterator
                 if hint is bool
                 else _option_name(request_field)
             )
+            has_numbers = bool({int, float} & {hint, *get_args(hint)})
             option = typer.Option(
-                declared, metavar=metavar, help=_help_text(about), show_default=default not in (None, "")
+                declared, metavar=metavar, help=_help_text(about, has_numbers), show_default=default not in (None, "")
             )
             if typed is list[str]:
                 # Repeatable options start from an empty list, which the help would show as a default.
@@ -272,8 +273,10 @@ def _parse_kind(typed: str, kinds: Any, option: str) -> Any:
         raise DynidentError(error.detail, pointer=option, title=_UNUSABLE) from error
 
 
-def _help_text(about: FieldDescription) -> str:
+def _help_text(about: FieldDescription, has_numbers: bool) -> str:
     sentence = about.sentence
+    if has_numbers and about.has_range:
+        sentence = f"{sentence} ({about.range_text})"
     if about.kinds is not None:
         sentence = f"{sentence}: {about.kinds.format_help()}" if sentence else about.kinds.format_help()
     return f"{sentence}."

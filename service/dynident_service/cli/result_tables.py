@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
+from dynident.diagnosis.summary import group_patterns
 from dynident.effects import EffectChoice, get_effect
 from dynident.estimation import Errors
 from dynident.identification import Identification
@@ -18,6 +19,7 @@ from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports.labels import (
     describe_best_step,
+    describe_condition_number,
     format_hidden_effects,
     format_joints,
     format_standstill_shares,
@@ -101,7 +103,7 @@ def show_identification(console: Console, identification: Identification, *, par
         for sentence in parameter_dependence(identification).sentences:
             console.print(f"  {sentence}")
         console.print(
-            f"Condition number of W: {format_number(identification.condition_number)}; "
+            f"Condition number of W: {describe_condition_number(identification)}; "
             f"{identification.equations_per_parameter:.0f} equations per parameter"
         )
     if identification.shape_constants:
@@ -213,11 +215,8 @@ def show_diagnosis(
         console.print(f"  This data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
     if diagnosis.recommended:
         console.print(f"To add what is missing: {extend_command}", soft_wrap=True, markup=False, highlight=False)
-    for pattern in diagnosis.unknown:
-        console.print(
-            f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} "
-            f"({format_percent(pattern.share, 2)})"
-        )
+    for variable, joints, shares in group_patterns(diagnosis.unknown, robot.joint_names):
+        console.print(f"  Depends still on {variable}: {joints} ({shares})")
     if diagnosis.conclusion is not None:
         console.print(f"  {diagnosis.conclusion.headline} {diagnosis.conclusion.next_step}")
     if n_open:

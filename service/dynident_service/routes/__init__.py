@@ -34,6 +34,7 @@ ROUTERS = (
     identifications.router,
     jobs.router,
     robots.router,
+    robots.known_router,
     meshes.router,
     effects.router,
     designs.router,

@@ -52,6 +52,10 @@ class ResourceRoutes:
         Descriptions of the operations.
     tables : callable, optional
         Returns the figures of a computed resource as tables.
+    changes : type of LabelsRequest
+        The body that changes a stored resource.
+    revise : callable, optional
+        Returns the fields of the stored request that such a body changes, or refuses it.
     """
 
     kind: Kind
@@ -66,6 +70,8 @@ class ResourceRoutes:
     delete_description: str = ""
     label_description: str = ""
     tables: Callable[[Services, Resource], list[Table]] | None = None
+    changes: type[LabelsRequest] = LabelsRequest
+    revise: Callable[[Resource, LabelsRequest], Mapping[str, object]] | None = None
 
 
 SHOW_FUNCTIONS: dict[Kind, Show] = {}
@@ -88,13 +94,17 @@ def add_resource_routes(router: APIRouter, routes: ResourceRoutes, *, with_list:
         services.resources.delete(kind, identifier)
 
     def label_one(identifier: str, body: LabelsRequest, services: ServicesDep) -> object:
+        revised = {} if routes.revise is None else routes.revise(services.resources.get(kind, identifier), body)
         return show(
-            services.resources.update_labels(kind, identifier, name=body.name, tags=body.tags, archived=body.archived)
+            services.resources.update_labels(
+                kind, identifier, name=body.name, tags=body.tags, archived=body.archived, request=revised
+            )
         )
 
     # FastAPI reads annotations: they name the parameter after the kind, and the model that is returned.
     for route in (show_one, delete_one, label_one):
         route.__annotations__["identifier"] = Annotated[str, Path(alias=f"{kind}_id")]
+    label_one.__annotations__["body"] = routes.changes
     show_one.__annotations__["return"] = label_one.__annotations__["return"] = routes.view
     path, singular = f"/{{{kind}_id}}", routes.singular or kind
     if with_list:

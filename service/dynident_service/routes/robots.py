@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
 
+from dynident.robot.settings import check_hardware
+from dynident_service.preload import hold_import_lock
 from dynident_service.request_limits import mark_long
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.meshes import inherit_meshes
@@ -15,8 +18,8 @@ from dynident_service.routes.paging_and_retries import RetryKeyDep, create_or_re
 from dynident_service.services import ServicesDep
 from dynident_service.storage.bundle import RobotBundle
 from dynident_service.storage.records import NewResource, Resource, list_meshes
-from dynident_service.wire_types.common import to_plain_json
-from dynident_service.wire_types.robots import RobotRequest, RobotView
+from dynident_service.wire_types.common import LabelsRequest, to_plain_json
+from dynident_service.wire_types.robots import KnownRobot, KnownRobots, RobotChanges, RobotRequest, RobotView
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"])
 ZIP = "application/zip"
@@ -43,7 +46,22 @@ async def create_robot(
 
 def show_robot(resource: Resource) -> RobotView:
     """Show a stored robot."""
-    return RobotView.model_validate({**vars(resource), **(resource.result or {}), "meshes": list_meshes(resource)})
+    hardware = {part: resource.request.get(part, []) for part in ("has", "has_not")}
+    return RobotView.model_validate(
+        {**vars(resource), **(resource.result or {}), **hardware, "meshes": list_meshes(resource)}
+    )
+
+
+def revise_hardware(robot: Resource, body: LabelsRequest) -> Mapping[str, object]:
+    """Return what is known of a robot's hardware after a change; the later answer replaces an earlier one."""
+    assert isinstance(body, RobotChanges)
+    if body.has is None and body.has_not is None:
+        return {}
+    check_hardware(body.has or (), body.has_not or ())
+    stored = {part: robot.request.get(part, []) for part in ("has", "has_not")}
+    has = body.has if body.has is not None else [name for name in stored["has"] if name not in (body.has_not or ())]
+    has_not = body.has_not if body.has_not is not None else [name for name in stored["has_not"] if name not in has]
+    return {"has": list(dict.fromkeys(has)), "has_not": list(dict.fromkeys(has_not))}
 
 
 add_resource_routes(
@@ -54,7 +72,9 @@ add_resource_routes(
         show=show_robot,
         show_description="Show a robot.",
         delete_description="Delete a robot; 409 while other resources need it.",
-        label_description="Rename, tag or archive a robot.",
+        label_description="Rename, tag or archive a robot, or state which parts it has.",
+        changes=RobotChanges,
+        revise=revise_hardware,
     ),
 )
 
@@ -68,3 +88,24 @@ def get_robot_bundle(robot_id: str, request: Request, services: ServicesDep) -> 
     bundle = RobotBundle(services.database, services.objects, robot_id)
     headers = {"Content-Disposition": f'attachment; filename="{robot_id}.zip"'}
     return StreamingResponse(bundle.stream(), media_type=ZIP, headers=headers)
+
+
+known_router = APIRouter(prefix="/v1/known-robots", tags=["robots"])
+
+
+@known_router.get("")
+def list_known_robots() -> KnownRobots:
+    """List the well-known arms, with the descriptions that robots are made from."""
+    with hold_import_lock():
+        from dynident.robot import library_names, library_source, library_table
+
+    return KnownRobots(
+        items=[
+            KnownRobot(
+                name=name,
+                source=library_source(name),
+                description={"format": "modified_dh", "content": library_table(name)},
+            )
+            for name in library_names()
+        ]
+    )

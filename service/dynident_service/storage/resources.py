@@ -150,8 +150,9 @@ class Resources:
         name: str | None = None,
         tags: Sequence[str] | None = None,
         archived: bool | None = None,
+        request: Mapping[str, object] | None = None,
     ) -> Resource:
-        """Change name, tags or archive flag of a resource; None leaves a value as it is.
+        """Change name, tags or archive flag of a resource, or fields of its request; None leaves a value as it is.
 
         Raises
         ------
@@ -169,6 +170,9 @@ class Resources:
                 row.tags = list(tags)
             if archived is not None:
                 row.archived = archived
+            if request:
+                # Another mapping: changes within the stored one would not be noticed.
+                row.request = {**row.request, **request}
         return self.get(kind, identifier)
 
     def attach(

@@ -8,9 +8,19 @@ from datetime import datetime
 from math import nan
 from typing import Annotated, Any, Generic, Literal, TypeVar, cast
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchemaHandler
-from pydantic_core import CoreSchema
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
 
+from dynident.schema.fields import LARGEST, FieldDescription, describe_refusal
 from dynident_service.problems import Problem
 from dynident_service.storage.records import State
 
@@ -26,6 +36,7 @@ LARGEST_BATCH = 10_000
 who write wait."""
 MOST_EFFECTS = 200
 """In a model: of each comes a column for each joint, and what is computed grows with their square."""
+_HAS_RANGE = "dynident_range"
 _SIZED = frozenset({"list", "set", "frozenset", "dict"})
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -44,13 +55,39 @@ class SourcePath:
     null: float | tuple[float, float] = nan
 
 
-def _limit_sizes(schema: Any) -> Any:
+@dataclass(frozen=True)
+class NumberRange:
+    """Beside a number of a body: the range that the library gives it, and its sentence about a number out of it."""
+
+    name: str
+    description: FieldDescription
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Check the number after its type."""
+        schema = handler(source)
+        return core_schema.no_info_after_validator_function(self._check, schema, metadata={_HAS_RANGE: True})
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Write the range into the contract."""
+        return {**handler(schema), **self.description.range_schema}
+
+    def _check(self, value: float) -> float:
+        if not self.description.accepts(value):
+            raise ValueError(describe_refusal(self.name, value, self.description))
+        return value
+
+
+def _limit_schema(schema: Any) -> Any:
     if isinstance(schema, list):
-        return [_limit_sizes(part) for part in schema]
-    if not isinstance(schema, dict):
+        return [_limit_schema(part) for part in schema]
+    # A number with a range of its own needs no further one.
+    if not isinstance(schema, dict) or (schema.get("metadata") or {}).get(_HAS_RANGE):
         return schema
-    limits = {"max_length": MOST_ITEMS} if schema.get("type") in _SIZED else {}
-    return limits | {name: _limit_sizes(part) for name, part in schema.items()}
+    limits: dict[str, object] = {"max_length": MOST_ITEMS} if schema.get("type") in _SIZED else {}
+    if schema.get("type") == "float":
+        ends = {"ge": -LARGEST, "le": LARGEST}
+        limits = {end: value for end, value in ends.items() if end.replace("e", "t") not in schema}
+    return limits | {name: _limit_schema(part) for name, part in schema.items()}
 
 
 class RequestModel(BaseModel):
@@ -60,8 +97,8 @@ class RequestModel(BaseModel):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Limit every list and object for which no limit is stated."""
-        return cast(CoreSchema, _limit_sizes(handler(source)))
+        """Limit every list, object and number for which no limit is stated."""
+        return cast(CoreSchema, _limit_schema(handler(source)))
 
 
 class NamedRequest(RequestModel):
@@ -121,6 +158,13 @@ class EffectChoice(RequestModel):
     runs: list[str] = Field(
         default=[], description="Names of the measurements, or labels of their runs, in which the effect acts"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _drop_question(cls, values: Any) -> Any:
+        # What a diagnosis recommends is posted as it is, with the question that came with it.
+        known = "question" in cls.model_fields or not isinstance(values, dict)
+        return values if known else {name: value for name, value in values.items() if name != "question"}
 
 
 Effects = Annotated[list[EffectChoice], Field(max_length=MOST_EFFECTS)]

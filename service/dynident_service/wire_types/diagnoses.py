@@ -91,6 +91,8 @@ class Candidate(ViewModel):
         default=[], description="Labels of the runs in which it acts; empty: in all of them"
     )
     reason: Reason | None = Field(default=None, description="Why it is a finding or not")
+    title: str = Field(default="", description="The effect in words: while there is a question, what the data show")
+    question: str = Field(default="", description="Whether the robot has the part that the effect is of")
 
 
 class ChangedValue(ViewModel):
@@ -217,6 +219,16 @@ class NextExperiment(ViewModel):
     instructions: list[str] = Field(default=[], description="What people must do besides running the experiment")
 
 
+class RecommendedEffect(EffectChoice):
+    """An effect to add to the model."""
+
+    question: str = Field(
+        default="",
+        description="Whether the robot has the part that the effect is of; answer with has or has_not of the robot. "
+        "Empty if that is known, or there is no such part",
+    )
+
+
 class DiagnosisResult(ViewModel):
     """What is missing in a model."""
 
@@ -225,7 +237,8 @@ class DiagnosisResult(ViewModel):
     noise_floor: list[float | None]
     residual_rms: list[float | None]
     candidates: list[Candidate]
-    recommended: list[EffectChoice]
+    recommended: list[RecommendedEffect]
+    questions: list[str] = Field(default=[], description="Questions that recommended effects depend on, each once")
     unknown: list[UnknownPattern]
     not_visible: list[NotVisible]
     failure_map: list[FailureSpot]

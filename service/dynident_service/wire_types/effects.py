@@ -47,6 +47,8 @@ class EffectView(ViewModel):
     sources: list[str]
     confused_with: list[str]
     scope: Literal["joint", "robot"]
+    hardware: str = Field(default="", description="The part that the effect is of, if only some robots have it")
+    appearance: str = Field(default="", description="What the data show of such an effect, whatever its cause")
 
 
 class Catalogue(ViewModel):

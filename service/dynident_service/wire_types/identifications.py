@@ -187,7 +187,13 @@ class IdentificationResult(ViewModel):
         default=[], description="Held-out measurements, by name, that contain samples of the fit"
     )
     converged: bool = Field(default=True, description="Whether the iterations of the estimator have converged")
-    condition_number: float | None
+    condition_number: float | None = Field(description="Of W [12.12]; parameters of other units change it")
+    equilibrated_condition_number: float | None = Field(
+        default=None,
+        description="The same with rows over their noise and columns of unit norm; null in models that an older "
+        "version stored",
+    )
+    condition_meaning: str = Field(default="", description="What the equilibrated condition number means")
     n_equations: int
     equations_per_parameter: float
     effective_rows: list[float] = Field(description="Effective number of independent samples of each joint's rows")

@@ -132,6 +132,7 @@ class RawSignals(ViewModel):
     units: dict[str, str] = Field(description="By signal; empty for a column that is given as it is in the file")
     t: list[float | None] = Field(description="s")
     signals: dict[str, list[float | None]] = Field(description="As long as t; null if there is no number")
+    available: list[str] = Field(default=[], description="Signals of joints that the file has, by joint name")
     n_samples: int = Field(description="Number of samples from `from` to `to`, of which these are shown")
 
 
@@ -181,6 +182,9 @@ class PreviewView(ViewModel):
 
     columns: list[str]
     rows: list[list[float | None]]
+    sketch: list[list[float | None]] = Field(
+        default=[], description="Some of the rows that were read, at even distances, for small drawings"
+    )
 
 
 class InspectionView(ViewModel):

@@ -14,7 +14,7 @@ from pydantic.config import JsonDict, JsonValue
 
 from dynident.schema.fields import FieldDescription, NamedValues, get_default, get_description, resolve_hint
 from dynident.schema.registry import Registry, RegistryEntry
-from dynident_service.wire_types.common import QueryModel, RequestModel
+from dynident_service.wire_types.common import NumberRange, QueryModel, RequestModel
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
@@ -91,10 +91,10 @@ def _get_prose(science: type) -> str:
 def _derive_field(science: type, request_field: Field[Any], or_null: bool = False) -> tuple[Any, Any]:
     about = get_description(request_field)
     if about.kinds is None:
-        hint = _to_wire_type(resolve_hint(science, request_field), about)
+        hint = _to_wire_type(resolve_hint(science, request_field), request_field.name, about)
         hint = hint | None if or_null else hint
     else:
-        hint = _build_choice_type(about, optional=or_null or "None" in str(request_field.type))
+        hint = _build_choice_type(about, optional=or_null or get_default(request_field) is None)
     # Null stands for the default: the library is not asked what it would be.
     default = None if or_null else get_default(request_field)
     several = any(get_origin(part) is list for part in (hint, *get_args(hint)))
@@ -129,10 +129,6 @@ def _wire_default(value: Any) -> Any:
     return dict(value) if isinstance(value, Mapping) else value
 
 
-def _build_range(about: FieldDescription) -> dict[str, float | None]:
-    return {"gt": about.above, "ge": about.at_least, "le": about.at_most}
-
-
 def _build_choice_type(about: FieldDescription, optional: bool) -> Any:
     kinds = about.kinds
     assert kinds is not None
@@ -155,20 +151,17 @@ def _build_kind_model(kind: type[RegistryEntry]) -> type[BaseModel]:
     return model
 
 
-def _to_wire_type(hint: Any, about: FieldDescription) -> Any:
+def _to_wire_type(hint: Any, name: str, about: FieldDescription) -> Any:
     origin, parts = get_origin(hint), get_args(hint)
     if is_dataclass(hint) and isinstance(hint, type):
         return find_body(hint)
     if origin is tuple and parts[-1] is Ellipsis:
-        return list[_to_wire_type(parts[0], about)]  # type: ignore[misc]
+        return list[_to_wire_type(parts[0], name, about)]  # type: ignore[misc]
     if origin is tuple:
-        return tuple[tuple(_to_wire_type(part, about) for part in parts)]  # type: ignore[misc]
+        return tuple[tuple(_to_wire_type(part, name, about) for part in parts)]  # type: ignore[misc]
     if origin in (Union, UnionType):
-        return Union[tuple(part if part is NoneType else _to_wire_type(part, about) for part in parts)]  # noqa: UP007
+        return Union[tuple(part if part is NoneType else _to_wire_type(part, name, about) for part in parts)]  # noqa: UP007
     if isinstance(origin, type) and issubclass(origin, Mapping):
-        return dict[parts[0], _to_wire_type(parts[1], about)]  # type: ignore[misc,valid-type]
-    if hint in (int, float):
-        # The range is part of the contract, so that clients can check it before they send.
-        ends = {name: end for name, end in _build_range(about).items() if end is not None}
-        return Annotated[hint, pydantic.Field(**ends)] if ends else hint  # type: ignore[call-overload]
-    return hint
+        return dict[parts[0], _to_wire_type(parts[1], name, about)]  # type: ignore[misc,valid-type]
+    # The range is part of the contract, so that clients can check it before they send.
+    return Annotated[hint, NumberRange(name, about)] if hint in (int, float) else hint

@@ -9,7 +9,8 @@ from pydantic import Field
 
 from dynident.robot import limits as stated
 from dynident.robot.format_names import FORMATS, DescriptionFormat
-from dynident_service.wire_types.common import Labelled, Name, RequestModel, ViewModel
+from dynident.robot.settings import HARDWARE
+from dynident_service.wire_types.common import Labelled, LabelsRequest, Name, RequestModel, ViewModel
 from dynident_service.wire_types.request_bodies import derive_body, describe_choices
 
 Point = tuple[float, float, float]
@@ -75,6 +76,8 @@ class GeometryView(ViewModel):
     )
     notes: list[str] = Field(description="Parts of the geometry that could not be read")
 
+
+HardwareName = Annotated[str, Field(max_length=40, json_schema_extra={"examples": list(HARDWARE)})]
 
 Posture = Annotated[list[float], Field(min_length=1, max_length=200)]
 
@@ -145,6 +148,10 @@ class RobotRequest(RequestModel):
         default=None,
         description="A robot whose uploaded meshes are also used for this one, if their names are the same.",
     )
+    has: list[HardwareName] = Field(default=[], max_length=20, description="Parts that the robot has")
+    has_not: list[HardwareName] = Field(
+        default=[], max_length=20, description="Parts that it does not have: diagnoses do not propose their effects"
+    )
     base_parameters_tolerance: float | None = Field(
         default=None, gt=0, lt=0.1, description="Share of a column that other columns may leave unexplained."
     )
@@ -182,10 +189,37 @@ class RobotResult(ViewModel):
     )
 
 
+class RobotChanges(LabelsRequest):
+    """Changes to a robot's labels and to what is known of its parts; fields that are not given keep their values."""
+
+    has: list[HardwareName] | None = Field(
+        default=None, max_length=20, description="All parts that the robot has: they replace those stated before"
+    )
+    has_not: list[HardwareName] | None = Field(
+        default=None, max_length=20, description="All parts that it does not have: they replace those stated before"
+    )
+
+
 class RobotView(RobotResult, Labelled):
     """A stored robot."""
 
     id: str
     name: str
     created_at: datetime
+    has: list[str] = Field(default=[], description="Parts that the robot has")
+    has_not: list[str] = Field(default=[], description="Parts that it does not have")
     request: RobotRequest
+
+
+class KnownRobot(ViewModel):
+    """A well-known arm."""
+
+    name: str
+    source: str = Field(description="Where its limits and inertial parameters are from")
+    description: dict[str, str] = Field(description="For POST /v1/robots: format and content")
+
+
+class KnownRobots(ViewModel):
+    """The well-known arms, by name."""
+
+    items: list[KnownRobot]

@@ -90,8 +90,21 @@ class MethodView(ViewModel):
     warnings: list[str]
 
 
+class DriftView(ViewModel):
+    """Drift of an open-loop simulation under the measured torque, root mean square over many starts.
+
+    null if it diverged, or if no interval of the held-out data is that long.
+    """
+
+    joint_names: list[str]
+    after: list[float] = Field(description="s")
+    distance: list[list[float | None]] = Field(description="rad or m, after each time, per joint")
+    share: list[list[float | None]] = Field(description="Divided by the joint's travel in that time")
+    starts: int
+
+
 class SimulationOnMeasurement(ViewModel):
-    """A simulated robot that follows a recorded motion."""
+    """A simulated robot that follows a recorded motion, and one without a controller."""
 
     measurement_id: str
     name: str
@@ -100,6 +113,9 @@ class SimulationOnMeasurement(ViewModel):
     position: list[float | None] | None = Field(description="rad or m, root mean square, per joint")
     position_share: list[float | None] | None = Field(
         description="The same, divided by the range that the joint moved through"
+    )
+    drift: DriftView | None = Field(
+        default=None, description="Drift without a controller; null if nothing could be simulated"
     )
     verdict: Annotated[VerdictWord, SourcePath("judged.verdict")]
     reason: Annotated[str, SourcePath("judged.reason")]

@@ -9,6 +9,7 @@ from pydantic import Field
 from dynident_service.wire_types.common import ViewModel
 from dynident_service.wire_types.identifications import ErrorsView
 from dynident_service.wire_types.measurements import RevisionRequest
+from dynident_service.wire_types.validations import DriftView
 
 
 class UseView(ViewModel):
@@ -23,25 +24,26 @@ class UseView(ViewModel):
     next_step: str = Field(description="The next thing to do")
 
 
-class DriftView(ViewModel):
-    """Drift of an open-loop simulation under the measured torque, root mean square over many starts.
-
-    null if it diverged, or if no interval of the held-out data is that long.
-    """
-
-    joint_names: list[str]
-    after: list[float] = Field(description="s")
-    distance: list[list[float | None]] = Field(description="rad or m, after each time, per joint")
-    share: list[list[float | None]] = Field(description="Divided by the joint's travel in that time")
-    starts: int
-
-
 class DetectableForceView(ViewModel):
     """The smallest force at the tool that is detected with one false alarm per hour."""
 
     force: float = Field(description="N, in 95 % of the directions and postures of the held-out motion")
     thresholds: list[float | None] = Field(
         description="Thresholds for every joint's filtered residual, N m or N; null: the joint moves too seldom"
+    )
+    seconds: float = Field(description="Duration of the held-out motion that it was computed from")
+
+
+class ContactDetectionView(ViewModel):
+    """Thresholds of a momentum observer, and the force at the tool that they detect as it happens."""
+
+    force: float = Field(description="N, in 95 % of the directions and postures of the held-out motion")
+    within: float = Field(description="Seconds within which it shows")
+    false_alarms_an_hour: float
+    gain: float = Field(description="Bandwidth of the observer, 1/s")
+    speeds: list[list[float | None]] = Field(description="rad/s or m/s between three classes of speed, per joint")
+    thresholds: list[list[float | None]] = Field(
+        description="N m or N, per joint: slow or just slow before, then by class of speed; null: too few data"
     )
     seconds: float = Field(description="Duration of the held-out motion that it was computed from")
 
@@ -76,5 +78,8 @@ class VerdictView(ViewModel):
     common: list[CommonView] = Field(description="What held-out data have in common with the data of the fit")
     drift: DriftView | None = Field(default=None, description="null if there was no simulation")
     force: DetectableForceView | None = Field(default=None, description="null if the data do not determine it")
+    contact: ContactDetectionView | None = Field(
+        default=None, description="null if the model or the data allow no momentum observer"
+    )
     mass: float | None = Field(default=None, description="Smallest load at the tool that is visible, kg; null: unknown")
     next_steps: list[str] = Field(description="What to do about the error, the usually cheapest first")

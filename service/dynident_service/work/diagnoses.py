@@ -24,6 +24,9 @@ def diagnose_model(task: Task) -> Outcome:
     model = load_stored_model(task, request.identification_id)
     recordings = open_stored_recordings(task, measurement_ids)
     earlier = open_stored_recordings(task, request.baseline_ids)
+    # What is known of the robot now, which may be more than when the model was identified.
+    robot = task.resources.get("robot", identification.get_dependency("robot")).request
+    stated = {**dict.fromkeys(robot.get("has", ()), True), **dict.fromkeys(robot.get("has_not", ()), False)}
     examined = examine(
         model,
         recordings,
@@ -31,6 +34,7 @@ def diagnose_model(task: Task) -> Outcome:
         candidates=choices.candidates,
         most_effects=choices.max_effects,
         significance=choices.significance,
+        hardware={**stated, **choices.hardware},
         progress=scale_progress(task.progress, 0.0, 0.9),
     )
     diagnosis = advise(examined)

@@ -30,6 +30,7 @@ from dynident.blas_threads import single_threaded
 from dynident.diagnosis import Diagnosis, Examination
 from dynident.diagnosis.ambiguities import Doubt
 from dynident.diagnosis.comparing.compare import Comparison
+from dynident.diagnosis.reasons import describe_place
 from dynident.effects import EffectChoice, get_effect
 from dynident.effects.effect_columns import find_joints
 from dynident.errors import DynidentError
@@ -446,7 +447,7 @@ def restrict_criterion_to_motion(
 
 
 def _word_rival(rival: EffectChoice, suspect: EffectChoice) -> str:
-    return f"the same effect on {', '.join(rival.joints)}" if rival.effect == suspect.effect else _get_title(rival)
+    return f"the same effect on {describe_place(rival.joints)}" if rival.effect == suspect.effect else _get_title(rival)
 
 
 def _get_title(choice: EffectChoice) -> str:
@@ -457,7 +458,7 @@ def _word_reason(
     experiment: Experiment, question: Question, doubt: Doubt, present: Separation | None, reached: Separation | None
 ) -> str:
     suspect = _get_title(doubt.suspect)
-    where = ", ".join(question.joints) if get_effect(doubt.suspect.effect).scope == "joint" else "the whole robot"
+    where = describe_place(question.joints) if get_effect(doubt.suspect.effect).scope == "joint" else "the whole robot"
     if doubt.rivals:
         others = [_word_rival(rival, doubt.suspect) for rival in doubt.rivals]
         purpose = f"distinguish {suspect} from {' or '.join(others)}"

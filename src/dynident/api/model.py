@@ -21,8 +21,14 @@ from dynident.errors import DynidentError
 from dynident.identification import Identification, check_same_recordings, extend, remove, to_bytes
 from dynident.identification.study.held_out_gain import find_best_step
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.reports.labels import format_joints, format_shape_constants, get_effect_title, get_step_mark
-from dynident.reports.number_format import format_count, format_number, format_percent
+from dynident.reports.labels import (
+    describe_condition_number,
+    format_joints,
+    format_shape_constants,
+    get_effect_title,
+    get_step_mark,
+)
+from dynident.reports.number_format import format_count, format_percent
 from dynident.robot import Robot
 from dynident.text_and_html_tables import (
     format_text_table,
@@ -384,7 +390,7 @@ def _describe_quality(identification: Identification) -> str:
         f"The relative error of the torque is {format_percent(identification.fit.relative_total)} in the "
         f"fit{held_out}.",
         f"{n_determined} of {n_parameters} are determined by the data.",
-        f"The condition number of W is {format_number(identification.condition_number)}; there are "
+        f"The condition number of W is {describe_condition_number(identification)}; there are "
         f"{identification.equations_per_parameter:.0f} equations per parameter.",
     ]
     if identification.warnings:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -32,7 +32,7 @@ from dynident.effects.text_format import format_effect
 from dynident.errors import DynidentError
 from dynident.identification import Identification
 from dynident.progress import Progress, ignore_progress
-from dynident.reports.labels import format_hidden_effects, format_joints, format_shape_constants, get_effect_title
+from dynident.reports.labels import format_hidden_effects, format_joints, format_shape_constants
 from dynident.reports.result_rows import CANDIDATE_COLUMNS, format_candidates
 from dynident.text_and_html_tables import format_text_table, join_html, render_list, render_paragraph, render_table
 
@@ -111,6 +111,11 @@ class DiagnosedModel(Framed):
     def detection_limits(self) -> tuple[DetectionLimit, ...]:
         """The smallest size of each effect on each joint that these recordings would have shown with 95 %."""
         return self.diagnosis.detection_limits
+
+    @property
+    def questions(self) -> tuple[str, ...]:
+        """Parts that recommended effects are of, asked for once: `hardware` of `load_robot` answers."""
+        return self.diagnosis.questions
 
     @property
     def conclusion(self) -> Conclusion | None:
@@ -232,8 +237,8 @@ class DiagnosedModel(Framed):
     def _repr_html_(self) -> str:
         robot, diagnosis = self.model.robot, self.diagnosis
         recommended = [
-            f"{get_effect_title(effect.effect)} on {format_joints(effect.joints, robot.joint_names)}"
-            for effect in diagnosis.recommended
+            f"{diagnosis.get_title(choice)} on {format_joints(choice.joints, robot.joint_names)}"
+            for choice in diagnosis.recommended
         ]
         invisible = format_hidden_effects(diagnosis, robot)
         return join_html(
@@ -262,6 +267,7 @@ def diagnose(
     candidates: str | Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
+    hardware: Mapping[str, bool] | None = None,
     progress: Progress = ignore_progress,
 ) -> DiagnosedModel:
     """Name the physics that a model is missing.
@@ -278,6 +284,9 @@ def diagnose(
         At most so many are recommended; contacts do not count.
     significance : float
         Largest p-value of a finding: the probability that anything is named where nothing is missing.
+    hardware : mapping of part to bool
+        Whether the robot has a part, as in `load_robot`, for a model whose robot does not say: what is not there is
+        not proposed, and `questions` asks about what nobody has said.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -315,6 +324,7 @@ def diagnose(
         candidates=[candidates] if isinstance(candidates, str) else candidates,
         most_effects=most_effects,
         significance=significance,
+        hardware=hardware or {},
         progress=progress,
     )
     return DiagnosedModel(desk_model, checked_recordings, examination)

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from dynident.advice import AdvisedDiagnosis
 from dynident.api.argument_checks import check_arguments
 from dynident.api.data_frames import Framed, Table
 from dynident.api.effect_arguments import check_effects, resolve_effects
@@ -188,7 +189,7 @@ def design(
     """
     machine = robot.robot if isinstance(robot, Model) else robot
     # The arguments of their own replace fields of the request one by one, so that the rest of it stays.
-    design_request = _resolve_request(request)
+    design_request = resolve_request(request)
     if kind is not None:
         design_request = replace(design_request, kind=kind)
     if effects is not None:
@@ -210,7 +211,24 @@ def design(
     return DesignedMotion(machine, designed)
 
 
-def _resolve_request(request: DesignRequest | DiagnosedModel | None) -> DesignRequest:
+def resolve_request(request: DesignRequest | DiagnosedModel | AdvisedDiagnosis | None) -> DesignRequest:
+    """Return the request that a function was given, or that a diagnosis proposes.
+
+    Parameters
+    ----------
+    request : DesignRequest, DiagnosedModel or AdvisedDiagnosis, optional
+        None for all defaults.
+
+    Returns
+    -------
+    DesignRequest
+        The request; of a diagnosis that of its next experiment.
+
+    Raises
+    ------
+    DynidentError
+        For a diagnosis that proposes no experiment.
+    """
     if isinstance(request, DesignRequest):
         return request
     if request is None:

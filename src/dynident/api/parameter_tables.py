@@ -10,7 +10,7 @@ from typing import overload
 from dynident.api.data_frames import Framed, Table
 from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
-from dynident.reports.labels import PARAMETER_JUDGEMENTS
+from dynident.reports.labels import PARAMETER_JUDGEMENTS, describe_condition_number
 from dynident.reports.number_format import format_count, format_estimate, format_number, format_percent
 from dynident.text_and_html_tables import format_text_table, join_html, render_paragraph, render_table
 
@@ -273,7 +273,7 @@ def format_summary(identification: Identification) -> str:
             f"{format_percent(identification.fit_judged.relative_total)} in the fit, {held_out}",
         ),
         ("determined parameters", f"{n_determined} of {format_count(len(parameters), 'base parameter')}"),
-        ("condition number of W", format_number(identification.condition_number)),
+        ("condition number of W", describe_condition_number(identification)),
         ("equations per parameter", f"{identification.equations_per_parameter:.0f}"),
         ("warnings", str(len(identification.warnings) or "none")),
     ]

@@ -28,11 +28,18 @@ from dynident.robot.json_fields import (
     parse_json,
 )
 from dynident.robot.meshes import find_package
+from dynident.robot.settings import split_hardware
 from dynident.robot.xml_text import read_root
+from dynident.schema.fields import point_within
 
 _XACRO_TITLE = "Unusable xacro"
 _XACRO_SYNTAX = re.compile(r"<\s*xacro:|\$\{|\$\(")
 _ROS_INDEX = "ament_index_python"
+
+
+def needs_xacro(content: str) -> bool:
+    """Return whether the content of a file is xacro, which has to be expanded."""
+    return _XACRO_SYNTAX.search(content) is not None
 
 
 def expand_xacro(path: Path, content: str) -> str:
@@ -59,7 +66,7 @@ def expand_xacro(path: Path, content: str) -> str:
         The package xacro is not installed, or it cannot expand the file.
     """
     # Plain URDF needs neither the package xacro nor trust in the file.
-    if not _XACRO_SYNTAX.search(content):
+    if not needs_xacro(content):
         return content
     try:
         import xacro
@@ -131,7 +138,10 @@ def _get_ros_index() -> Any:
 
 
 _ROBOT_TITLE = "Unusable robot"
-_FIELDS = ("name", "description", "limits", "drives", "locked_joints", "gravity", "base_parameters_tolerance")
+_FIELDS = (
+    "name", "description", "limits", "drives", "locked_joints", "gravity", "base_parameters_tolerance",
+    "has", "has_not",
+)  # fmt: skip
 _CONTENT = "/description/content"
 _DRIVE_FIELDS = ("drive_gain", "gear_ratio", "torque_constant", "amplifier_gain", "coupling")
 
@@ -149,6 +159,7 @@ def load_robot(
     drive_gains: DriveGains | None = None,
     locked_joints: Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
+    hardware: Mapping[str, bool] | None = None,
 ) -> Robot:
     """Read a robot.
 
@@ -172,6 +183,10 @@ def load_robot(
         is clamped (at 0).
     gravity : (x, y, z), optional
         In the base frame, m/s².
+    hardware : mapping of part to bool
+        Whether the robot has a part: "gravity_compensator", "spring" (or a cable that pulls a joint to a position),
+        "cable" (between two links), "coupled_wrist". A diagnosis does not propose what is not there, and asks about
+        what nobody has said. In a file these are the lists `has` and `has_not`.
 
     Returns
     -------
@@ -193,11 +208,14 @@ def load_robot(
     >>> float(hanging.gravity[2])
     9.81
     """
+    has, has_not = split_hardware(hardware or {})
     stated: dict[str, Any] = {
         "limits": dict(limits or {}),
         "drives": dict(drives or {}),
         "locked_joints": dict(locked_joints or {}),
         "gravity": None if gravity is None else tuple(gravity),
+        "has": has,
+        "has_not": has_not,
     }
     robot = _read_robot(source, name, stated)
     return robot if drive_gains is None else set_drive_gains(robot, drive_gains)
@@ -319,8 +337,7 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
     }
     for joint, stated_limits in stated["limits"].items():
         # Limits that are not stated are None and must not wipe out those of the file.
-        stated_values = {key: value for key, value in asdict(stated_limits).items() if value is not None}
-        limits[joint] = replace(limits.get(joint, Limits()), **stated_values)
+        limits[joint] = replace(limits.get(joint, Limits()), **stated_limits.known)
     drives = {
         joint: _parse_drive(value, f"/drives/{joint}") for joint, value in _get_object(document, "drives").items()
     }
@@ -337,7 +354,20 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
         locked_joints={**locked, **stated["locked_joints"]},
         gravity=stated["gravity"]
         or (None if gravity is None else expect_numbers(gravity, 3, "/gravity", _ROBOT_TITLE)),
+        **_merge_hardware(document, stated),
     )
+
+
+def _merge_hardware(document: Mapping[str, Any], stated: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return the parts that the robot has and has not: those of the file, and those stated, which take precedence."""
+    merged = {}
+    for part, other in (("has", "has_not"), ("has_not", "has")):
+        names = document.get(part) or []
+        if not isinstance(names, Sequence) or isinstance(names, str):
+            raise DynidentError("Expected a list of names.", pointer=f"/{part}", title=_ROBOT_TITLE)
+        kept = [expect_text(name, f"/{part}/{k}", _ROBOT_TITLE) for k, name in enumerate(names)]
+        merged[part] = list(dict.fromkeys([*(name for name in kept if name not in stated[other]), *stated[part]]))
+    return merged
 
 
 def _get_object(document: Mapping[str, Any], field: str) -> Mapping[str, Any]:
@@ -367,11 +397,11 @@ def _parse_limits(value: object, pointer: str) -> Limits:
     numbers: dict[str, Any] = {
         key: expect_number(item, f"{pointer}/{key}", _ROBOT_TITLE) for key, item in fields.items()
     }
-    limits = replace(Limits(), **numbers)
-    if position is None:
-        return limits
-    low, high = expect_numbers(position, 2, f"{pointer}/position", _ROBOT_TITLE)
-    return replace(limits, position=(low, high))
+    if position is not None:
+        low, high = expect_numbers(position, 2, f"{pointer}/position", _ROBOT_TITLE)
+        numbers["position"] = (low, high)
+    with point_within(pointer):
+        return Limits(**numbers)
 
 
 def _parse_drive(value: object, pointer: str) -> Drive:
@@ -386,4 +416,5 @@ def _parse_drive(value: object, pointer: str) -> Drive:
     }
     numbers = {key: expect_number(item, f"{pointer}/{key}", _ROBOT_TITLE) for key, item in fields.items()}
     # Drive itself decides whether the gain is given or made of ratio, constant and amplifier.
-    return Drive(**numbers, coupling=shares)
+    with point_within(pointer):
+        return Drive(**numbers, coupling=shares)

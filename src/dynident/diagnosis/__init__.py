@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     )
     from dynident.diagnosis.comparing.compare import Comparison, WorstStretch, compare
     from dynident.diagnosis.comparing.noise import Judgement, LackOfFit, NoiseFloor, RepeatedMotion, floor_of, judge
+    from dynident.diagnosis.decision_rules import DecisionRules, Level
     from dynident.diagnosis.examination import Examination, diagnose, examine
     from dynident.diagnosis.partial_residuals import Evidence, evidence
     from dynident.diagnosis.reasons import CandidateOutcome, Reason
@@ -41,6 +42,7 @@ __all__ = [
     "ChangedValue",
     "Comparison",
     "Conclusion",
+    "DecisionRules",
     "DetectionLimit",
     "Diagnosis",
     "DiagnosisChoices",
@@ -52,6 +54,7 @@ __all__ = [
     "Invisible",
     "Judgement",
     "LackOfFit",
+    "Level",
     "NoiseFloor",
     "RankedEffect",
     "Reason",

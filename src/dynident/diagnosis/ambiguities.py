@@ -12,8 +12,9 @@ from typing import get_args
 
 import numpy as np
 
-from dynident.diagnosis.candidates.significance import SMALLEST_DROP, ScoredCandidate
+from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparing.compare import Comparison
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.result import Invisible, UnknownPattern, Variable
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
@@ -21,12 +22,7 @@ from dynident.estimation.errors import compute_t
 from dynident.identification import Identification
 from dynident.robot.model import Robot
 
-_LEFT_OVER = 0.12
-"""Share of what an effect removed that may be left as the same kind of function: more, and it is another function."""
-
 _KINDS = ("position", "other_joints")
-_MUCH_LEFT_OVER = 1.5
-"""The same for any effect of one joint and any variable: what is left is larger than what the effect explained."""
 
 
 def find_misnamed(
@@ -61,7 +57,7 @@ def find_misnamed(
             continue
         # Functions of the position are easily confused, so less of a remainder tells; other effects get the benefit of
         # the doubt.
-        least, kinds = (_LEFT_OVER, _KINDS) if of_position else (_MUCH_LEFT_OVER, get_args(Variable))
+        least, kinds = (RULES.left_over, _KINDS) if of_position else (RULES.much_left_over, get_args(Variable))
         # An effect across two joints has one name and acts on both.
         here = [j for j in judged.joints if names[j] in choice.joints or (of_position and len(choice.joints) == 1)]
         for j in here:
@@ -95,7 +91,7 @@ def is_only_helpful_at_first(before: Identification, after: Identification, choi
         return False
     was, now = before.fit.rms**2, after.fit.rms**2
     noise = np.maximum(before.noise**2, np.finfo(float).tiny)
-    return not (now <= (1.0 - SMALLEST_DROP) * was).any() or float((now / noise).sum()) > float((was / noise).sum())
+    return not (now <= (1.0 - RULES.least_drop) * was).any() or float((now / noise).sum()) > float((was / noise).sum())
 
 
 def find_dependent_findings(
@@ -132,13 +128,6 @@ def find_dependent_findings(
 
 # More rivals would make a question that no single experiment decides.
 _MOST_RIVALS = 3
-_CLOSE, _NEAR, _NEAR_T = 0.95, 0.8, 2.0
-"""A rival is one that gains so much of what the pick gains (`_CLOSE`), or less (`_NEAR`) where stretches disagree which
-of the two gains more (t of the difference below `_NEAR_T`). What a simulated model gets wrong elsewhere shifts gains by
-some percent: a spring passed for a gravity compensator with 0.699 against 0.705 of the error explained."""
-_NEAR_IN_NAME = 0.7
-"""The same for effects that the catalogue says are confused with each other: candidates are judged at the few shape
-constants of a grid, and a power law of the speed that no grid value met took Stribeck's name at 0.78 of its gain."""
 
 
 @dataclass(frozen=True)
@@ -312,10 +301,13 @@ def _are_confused(scored: ScoredCandidate, choice: EffectChoice) -> bool:
 def _is_nearly_as_good(scored: ScoredCandidate, best: ScoredCandidate | None, confused: bool) -> bool:
     if best is None or scored.total_gain <= 0:
         return False
-    if scored.total_gain >= (_NEAR_IN_NAME if confused else _CLOSE) * best.total_gain:
+    if scored.total_gain >= (RULES.confused_rival_gain if confused else RULES.rival_gain) * best.total_gain:
         return True
     # A gain that is only somewhat smaller is a rival where the blocks disagree about which of the two is better.
-    return scored.total_gain >= _NEAR * best.total_gain and compute_t(best.gains - scored.gains) < _NEAR_T
+    return (
+        scored.total_gain >= RULES.uneven_rival_gain * best.total_gain
+        and compute_t(best.gains - scored.gains) < RULES.rival_t
+    )
 
 
 def _build_unseen_choice(effect: str, joints: Sequence[str], robot: Robot) -> EffectChoice:

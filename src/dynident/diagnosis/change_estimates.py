@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import fdtri, stdtrit
 
 from dynident.array_types import FloatArray
+from dynident.diagnosis.reasons import describe_place
 from dynident.diagnosis.result import Change, ChangedValue, RankedEffect
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import Column, EffectChoice, get_effect
@@ -215,7 +216,7 @@ def _compute_moment(estimates: Estimates, moments: Sequence[int]) -> ChangedValu
 
 
 def _word_change(choice: EffectChoice, value: ChangedValue) -> str:
-    place = f" on {', '.join(choice.joints)}" if choice.joints else ""
+    place = f" on {describe_place(choice.joints)}" if choice.joints else ""
     low, high = value.interval
     unit = "" if value.unit == "-" else f" {value.unit}"
     was = "" if value.before is None else f", {value.before:.3g} before"

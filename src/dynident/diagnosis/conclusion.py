@@ -7,19 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.result import Adequacy, Conclusion, DetectionLimit, UnknownPattern
 from dynident.effects import get_effect
 from dynident.identification import Identification
 from dynident.robot.joint import join_joint_names
-
-FAR_ABOVE_FIT = 1.6
-"""Error on held-out data over that of the fit from which on the motion of the fit does not determine the model.
-
-As for parts of a motion that predict each other (`identifiability.MOST_FROM_PART_TO_PART`): 1.0-1.25 on sound data."""
-
-MOST_BLIND = 0.5
-"""Share of the effects that most arms have, and joints, whose limit may be above the usual size: if more than half of
-what is usually missing would not have shown, that nothing was found says little."""
 
 
 def compute_held_out_ratio(identification: Identification) -> float:
@@ -73,10 +65,10 @@ def conclude(
         return Conclusion("something_is_missing", (), "Add the recommended effects, and diagnose the extended model.")
     held_out, part_to_part = ratios
     # A comparison with NaN is false: without held-out data there is nothing to be far above the fit.
-    is_far, is_poor = held_out > FAR_ABOVE_FIT, part_to_part > FAR_ABOVE_FIT or is_given_up
+    is_far, is_poor = held_out > RULES.part_to_part, part_to_part > RULES.part_to_part or is_given_up
     common = [limit for limit in limits if get_effect(limit.effect).often_missed is not None]
     blind = [limit for limit in common if limit.share > 1.0]
-    is_blind = len(blind) > MOST_BLIND * len(common)
+    is_blind = len(blind) > RULES.most_blind * len(common)
     if verdict == "adequate" and not (is_far or is_poor or is_blind):
         median = float(np.median([limit.share for limit in common])) if common else math.inf
         words = f"Half of the effects that arms often have would have shown from {median:.0%} of their usual size on."

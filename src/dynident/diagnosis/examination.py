@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from dynident.diagnosis.changes import (
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise
 from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
+from dynident.diagnosis.decision_rules import DecisionRules
 from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
 from dynident.diagnosis.reasons import CandidateOutcome, Reason
 from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, check_candidates
@@ -54,7 +56,7 @@ from dynident.diagnosis.summary import (
     select_verdict,
     word_summary,
 )
-from dynident.effects import EffectChoice, get_effect
+from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.effects.effect_columns import is_lasting_change
 from dynident.errors import DynidentError
 from dynident.identification import Identification, extend, reidentify
@@ -63,6 +65,7 @@ from dynident.identification.study.extending import extend_at_once
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.recordings.poses import has_poses
+from dynident.robot.settings import split_hardware
 
 _AT_FIRST = (
     "it explains a part of the residual of this model, but it does not explain that part once the model is "
@@ -103,6 +106,7 @@ def diagnose(
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
+    hardware: Mapping[str, bool] = MappingProxyType({}),
     progress: Progress = ignore_progress,
 ) -> Diagnosis:
     """Find the effects that are missing in an identified model.
@@ -123,6 +127,9 @@ def diagnose(
         Largest number of effects that are recommended, contacts not counted.
     significance : float
         Largest p-value of a finding: the probability that anything is named where nothing is missing.
+    hardware : mapping of str to bool
+        Whether the robot has a part, by its name of `dynident.robot.settings.HARDWARE`, in place of what it states:
+        effects of parts that are not there are not tried, unless `candidates` lists them.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
 
@@ -143,6 +150,7 @@ def diagnose(
         candidates=candidates,
         most_effects=most_effects,
         significance=significance,
+        hardware=hardware,
         progress=progress,
     ).diagnosis
 
@@ -156,6 +164,7 @@ def examine(
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
+    hardware: Mapping[str, bool] = MappingProxyType({}),
     progress: Progress = ignore_progress,
 ) -> Examination:
     """Find missing effects as `diagnose` does, and keep what advice on the next experiment needs.
@@ -174,6 +183,9 @@ def examine(
         Largest number of effects that are recommended, contacts not counted.
     significance : float
         Largest p-value of a finding: the probability that anything is named where nothing is missing.
+    hardware : mapping of str to bool
+        Whether the robot has a part, by its name of `dynident.robot.settings.HARDWARE`, in place of what it states:
+        effects of parts that are not there are not tried, unless `candidates` lists them.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
 
@@ -188,6 +200,8 @@ def examine(
         For recordings of poses at rest, in which nothing that is missing shows.
     """
     _check_request(candidates or (), (*recordings, *baseline))
+    # What is said with the request counts more than what was said with the robot.
+    has, absent = split_hardware({**identification.model.robot.hardware, **hardware})
     held_out_ratio = compute_held_out_ratio(identification)
     recordings, _ = split_friction_tests(recordings)
     since: tuple[str, ...] = ()
@@ -203,7 +217,8 @@ def examine(
     comparisons = [compare(identification, recording, scale_progress(progress, 0.0, 0.1)) for recording in recordings]
     resolved = compute_resolution(comparisons, identification.preprocessing)
     leads = propose_shapes(comparisons, recordings, identification, since)
-    pool = build_pool(model, candidates, leads, resolved)
+    tried = candidates or [name for name, effect in CATALOGUE.items() if effect.hardware not in absent]
+    pool = build_pool(model, tried, leads, resolved)
     # The floor must not depend on the model, in which something may be missing.
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
     reference = identification.estimate.next_reference()
@@ -211,7 +226,8 @@ def examine(
     # One pass over the recordings for the model and all candidates: every score of the search comes from these
     # products.
     data = rows.gather_products(pool, scale_progress(progress, 0.1, 0.5))
-    start = _build_start_state(data, pool, identification, floor, significance)
+    rules = DecisionRules(significance=significance, most_effects=most_effects)
+    start = _build_start_state(data, pool, identification, floor, rules)
     first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
     # First the best candidates of a coarse grid, then their shape constants, on all rows.
     record = search_findings(data, pool, start, first, most_effects, rows, scale_progress(progress, 0.5, 0.8))
@@ -247,17 +263,16 @@ def examine(
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     everything, named = (*contacts, *picks), (*pushes, *recommended)
-    ranking = _rank_candidates(record, pool, start, everything, named, first, most_effects)
+    ranking = _rank_candidates(record, pool, start, everything, named, first, most_effects, has)
     ranked, limits = ranking.ranked, ranking.limits
     unknown = (*undisturbed.unexplained_patterns, *unknown)
-    changes: tuple[Change, ...] | None = None
-    friction: tuple[FrictionDifference, ...] = ()
-    if baseline:
-        grown = add_friction_differences(grown, since, recordings)
-        # The contacts stand first in the ranking, and are no changes of the robot.
-        changes = list_changes(grown, picks, ranked[len(contacts) : len(contacts) + len(picks)], since)
-        # `identify_on_both` puts the later recordings last.
-        friction = compute_friction_differences(grown, since, final[-n_later:])
+    # The contacts stand first in the ranking, and are no changes of the robot; `identify_on_both` puts the later
+    # recordings last.
+    changes, friction = (
+        _list_differences(grown, picks, ranked[len(contacts) :], since, recordings, final[-n_later:])
+        if baseline
+        else (None, ())
+    )
     # What changed is no part of the model: that is of both sets of recordings.
     missing = (*pushes, *(choice for choice in recommended if not is_lasting_change(choice, since)))
     verdict = select_verdict(missing, unknown, compute_residual_over_noise(final, floor))
@@ -292,7 +307,7 @@ def examine(
         friction=friction,
         detection_limits=limits,
         conclusion=conclusion,
-        outcomes=(*ranking.outcomes, *list_untried(ranking.outcomes, candidates, model, leads)),
+        outcomes=(*ranking.outcomes, *list_untried(ranking.outcomes, candidates, model, leads, absent)),
     )
     doubts = list_doubts(picks, recommended, hidden, model.robot, first, candidates or ())
     return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
@@ -308,6 +323,20 @@ def _check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -
             pointer="/measurement_ids",
             title="Poses at rest",
         )
+
+
+def _list_differences(
+    grown: Identification,
+    picks: Sequence[Finding],
+    ranked: Sequence[RankedEffect],
+    since: tuple[str, ...],
+    recordings: Sequence[Recording],
+    later: Sequence[Comparison],
+) -> tuple[tuple[Change, ...], tuple[FrictionDifference, ...]]:
+    """List what the later recordings have and the baseline has not, and how the friction of every joint differs."""
+    grown = add_friction_differences(grown, since, recordings)
+    changes = list_changes(grown, picks, ranked[: len(picks)], since)
+    return changes, compute_friction_differences(grown, since, later)
 
 
 class _Ranking(NamedTuple):
@@ -327,13 +356,14 @@ def _rank_candidates(
     choices: Sequence[EffectChoice],
     first: Sequence[ScoredCandidate],
     most_effects: int,
+    has: Sequence[str],
 ) -> _Ranking:
     """Score every candidate once more beside all findings, and say what became of it."""
     final = score_beside_findings(record.data, pool, start, picks, choices, first)
     outcomes, beside = list_outcomes(final, pool, record, choices, first, most_effects)
     limits = compute_detection_limits(final, pool, choices)
     outcomes = add_limits(outcomes, limits)
-    findings = rank_findings(picks, choices)
+    findings = rank_findings(picks, choices, has)
     ranked = (*findings, *rank_rejected(outcomes, first, beside, len(findings)))
     rows = record.data.select_for_model(final.state.base)
     return _Ranking(ranked, outcomes, limits, compute_part_to_part_ratio(rows, final.state))
@@ -354,14 +384,14 @@ def _reidentify_unweighted(identification: Identification) -> Identification:
 
 
 def _build_start_state(
-    data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray, level: float
+    data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray, rules: DecisionRules
 ) -> State:
     """Return the state that the search starts from: the model with the contacts that disturb it."""
     base, noise = tuple(range(pool.n_base)), identification.noise
     picks = find_contacts(data, pool, base, noise, identification.preprocessing)
     for finding in picks:
         base += finding.columns
-    return State(base, estimate_residual_noise(data, base) if picks else noise, floor, picks, pool.since, level)
+    return State(base, estimate_residual_noise(data, base) if picks else noise, floor, picks, pool.since, rules)
 
 
 def _compute_rms(comparisons: Sequence[Comparison]) -> FloatArray:

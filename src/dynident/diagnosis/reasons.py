@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -138,9 +138,17 @@ def find_outcome(outcomes: tuple[CandidateOutcome, ...], effect: str, joint: str
     )
 
 
+_FEW_JOINTS = 6
+
+
+def describe_place(joints: Sequence[str]) -> str:
+    """Return the names of an effect's joints in words for a sentence; of many joints their number."""
+    return (", ".join(joints) if len(joints) <= _FEW_JOINTS else f"{len(joints)} joints") or "the whole robot"
+
+
 def describe_choice(choice: EffectChoice) -> str:
     """Return an effect and its place in words, to be named in a reason."""
-    return f"{get_effect(choice.effect).title} on {', '.join(choice.joints) or 'the whole robot'}"
+    return f"{get_effect(choice.effect).title} on {describe_place(choice.joints)}"
 
 
 def build_too_small(measure: str, value: float, least: float) -> Reason:

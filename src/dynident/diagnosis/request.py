@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dynident.schema.fields import check_ranges, declare_field
+from dynident.diagnosis.decision_rules import RULES
+from dynident.robot.settings import check_hardware
+from dynident.schema.fields import Request, declare_field
 
-DEFAULT_MOST_EFFECTS = 12
-"""Two for each joint of a usual arm: a search ends where nothing more passes, this only bounds how long it takes.
+DEFAULT_MOST_EFFECTS = int(RULES.most_effects)
+"""Contacts do not count: they are events of a recording, not effects of the arm."""
 
-Contacts do not count: they are events of a recording, not effects of the arm."""
-
-DEFAULT_SIGNIFICANCE = 0.01
-"""How often anything at all may be named, by chance, in an arm where nothing is missing (`benchmarks/placebo.py`)."""
+DEFAULT_SIGNIFICANCE = RULES.significance
 
 
 @dataclass(frozen=True)
-class DiagnosisChoices:
+class DiagnosisChoices(Request):
     """Which effects may be missing in a model, and how many are recommended at most.
 
     Parameters
@@ -29,6 +28,9 @@ class DiagnosisChoices:
     significance : float
         Probability that anything at all is named where nothing is missing: the largest p-value of a finding among all
         that is tried together.
+    has, has_not : tuple of str
+        Parts that the robot has or does not have, beside those that the robot states: effects of parts that it does not
+        have are not tried, and about parts that nobody has told of the diagnosis asks.
     """
 
     candidates: tuple[str, ...] | None = declare_field(
@@ -46,10 +48,23 @@ class DiagnosisChoices:
         at_least=0.001,
         at_most=0.2,
     )
+    has: tuple[str, ...] = declare_field(
+        "Parts that the robot has, beside those stated with it: gravity_compensator, spring, cable, coupled_wrist",
+        default=(),
+    )
+    has_not: tuple[str, ...] = declare_field(
+        "Parts that the robot does not have, beside those stated with it", default=()
+    )
+
+    @property
+    def hardware(self) -> dict[str, bool]:
+        """Whether the robot has a part, by the part's name."""
+        return {**dict.fromkeys(self.has, True), **dict.fromkeys(self.has_not, False)}
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        super().__post_init__()
         check_candidates(self.candidates or ())
+        check_hardware(self.has, self.has_not)
 
 
 def check_candidates(names: Sequence[str]) -> None:

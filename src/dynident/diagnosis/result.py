@@ -46,6 +46,9 @@ class RankedEffect:
         Share of its column that is left beside the model, 0 to 1.
     reason : Reason, optional
         Why it is a finding or not; None in a diagnosis of an earlier version.
+    question : str
+        What to ask the robot's owner: whether it has the part that the effect is of. Empty where that is known, or
+        the effect is of no such part.
     """
 
     rank: int
@@ -60,6 +63,14 @@ class RankedEffect:
     equivalent: tuple[str, ...]
     separability: float
     reason: Reason | None = None
+    question: str = ""
+
+    @property
+    def title(self) -> str:
+        """The effect in words: what the data show, as long as nobody has said that the robot has such a part."""
+        effect = get_effect(self.effect)
+        # Data never show a part of the robot: only a torque that such a part would give.
+        return f"{effect.appearance} ({effect.title.lower()}?)" if self.question else effect.title
 
     @property
     def effect(self) -> str:
@@ -354,6 +365,23 @@ class Diagnosis:
     outcomes: tuple[CandidateOutcome, ...] = ()
     detection_limits: tuple[DetectionLimit, ...] = ()
     conclusion: Conclusion | None = None
+
+    @property
+    def questions(self) -> tuple[str, ...]:
+        """Questions to the robot's owner: whether it has the parts that recommended effects are of."""
+        return tuple(dict.fromkeys(item.question for item in self.candidates if item.question))
+
+    def get_title(self, choice: EffectChoice) -> str:
+        """Return a recommended effect in words, as `RankedEffect.title`."""
+        return (
+            get_effect(choice.effect).title
+            if not self.find_question(choice)
+            else next(item.title for item in self.candidates if item.choice == choice)
+        )
+
+    def find_question(self, choice: EffectChoice) -> str:
+        """Return the question that a recommended effect depends on; empty where there is none."""
+        return next((item.question for item in self.candidates if item.choice == choice), "")
 
     def why_not(self, effect: str, joint: str = "") -> Reason:
         """Return why an effect on a joint is a finding or not.

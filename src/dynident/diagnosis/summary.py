@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,17 +11,14 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.reasons import CandidateOutcome, Reason
+from dynident.diagnosis.decision_rules import RULES
+from dynident.diagnosis.reasons import CandidateOutcome, Reason, describe_place
 from dynident.diagnosis.result import Adequacy, Conclusion, RankedEffect, UnknownPattern
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, get_effect
 from dynident.regressors.model import Model
-
-ABOVE_NOISE = 4.0
-"""Times the sensor's noise from which on what is left where a joint moves is no adequate model, whatever it depends on.
-
-Clocks, filters and torque that is logged slower than it is commanded leave more than noise beside a sound model, too:
-up to 1.9 times in 72 cases of `benchmarks/clean_residuals.py`, up to 3.8 where arms dwell at many points."""
+from dynident.robot.joint import join_joint_names
+from dynident.robot.settings import HARDWARE
 
 # A torque sensor hardly resolves less of the torque: in noiseless simulations what is left has to be more than that.
 _QUIET = 1e-3
@@ -34,13 +31,36 @@ UNDETERMINED = (
 """What is said where a finding was given up for that."""
 
 
-def rank_findings(picks: Sequence[Finding], recommended: Sequence[EffectChoice]) -> tuple[RankedEffect, ...]:
+def word_question(effect: str, has: Collection[str]) -> str:
+    """Word the question whether the robot has the part that an effect is of; empty where there is nothing to ask.
+
+    Parameters
+    ----------
+    effect : str
+        Id of the effect.
+    has : collection of str
+        Parts that the robot is known to have.
+    """
+    part = get_effect(effect).hardware
+    if part in ("", *has):
+        return ""
+    return (
+        f"Does the robot have {HARDWARE[part]}? The residual looks like that of one. Answer once, with the robot: has "
+        f"or has_not {part}."
+    )
+
+
+def rank_findings(
+    picks: Sequence[Finding], recommended: Sequence[EffectChoice], has: Collection[str] = ()
+) -> tuple[RankedEffect, ...]:
     """Rank the findings in the order of picking.
 
     Parameters
     ----------
     picks, recommended : sequences of equal length
         The findings, and how they are recommended.
+    has : collection of str
+        Parts that the robot is known to have.
 
     Returns
     -------
@@ -61,7 +81,14 @@ def rank_findings(picks: Sequence[Finding], recommended: Sequence[EffectChoice])
         rank = len(ranked) + 1
         ranked.append(
             _build_ranked_effect(
-                rank, scored, choice, finding.p, why, equivalent=twins, reason=Reason.build("accepted", rank)
+                rank,
+                scored,
+                choice,
+                finding.p,
+                why,
+                equivalent=twins,
+                reason=Reason.build("accepted", rank),
+                question=word_question(choice.effect, has),
             )
         )
     return tuple(ranked)
@@ -146,13 +173,14 @@ def _build_ranked_effect(
     *,
     equivalent: tuple[str, ...] | None,
     reason: Reason,
+    question: str = "",
 ) -> RankedEffect:
     """Return one row of the ranking; `equivalent` is None for what is no finding."""
     joints = scored.reported_joints
     measured = np.maximum(scored.measured[joints].sum(), 1e-300)
     before = float(np.sqrt(scored.before[:, joints].sum() / measured))
     after = float(np.sqrt(scored.after[:, joints].sum() / measured))
-    return RankedEffect(
+    ranked = RankedEffect(
         rank=rank,
         choice=choice,
         error_before=before,
@@ -161,20 +189,21 @@ def _build_ranked_effect(
         t_value=scored.t,
         p_value=p,
         significant=equivalent is not None,
-        evidence=_word_evidence(scored, before, after, why),
+        evidence="",
         equivalent=equivalent or (),
         separability=scored.separability,
         reason=reason,
+        question=question,
     )
+    return replace(ranked, evidence=_word_evidence(ranked.title, scored, before, after, f"{why} {question}".rstrip()))
 
 
-def _word_evidence(scored: ScoredCandidate, before: float, after: float, why: str) -> str:
-    effect = get_effect(scored.candidate.effect)
-    place = ", ".join(scored.candidate.joints) or "the whole robot"
+def _word_evidence(title: str, scored: ScoredCandidate, before: float, after: float, why: str) -> str:
+    place = describe_place(scored.candidate.joints)
     if after >= before:
-        return f"{effect.title} on {place} does not improve the prediction of blocks left out of the fit. {why}"
+        return f"{title} on {place} does not improve the prediction of blocks left out of the fit. {why}"
     return (
-        f"{effect.title} on {place} lowers the error on blocks left out of the fit from {before:.2%} to {after:.2%} "
+        f"{title} on {place} lowers the error on blocks left out of the fit from {before:.2%} to {after:.2%} "
         f"(t = {scored.t:.1f} over {len(scored.gains)} blocks, {scored.share_improved:.0%} of them better). {why}"
     )
 
@@ -219,9 +248,35 @@ def select_verdict(
     """
     if recommended:
         return "missing_effect"
-    if unknown or (above > ABOVE_NOISE).any():
+    if unknown or (above > RULES.adequate_over_noise).any():
         return "unexplained"
     return "adequate"
+
+
+def group_patterns(unknown: Sequence[UnknownPattern], joint_names: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Group what the residual depends on by the variable, however many joints there are.
+
+    Parameters
+    ----------
+    unknown : sequence of UnknownPattern
+        Dependences of the residual.
+    joint_names : sequence of str
+        All joints of the robot.
+
+    Returns
+    -------
+    list of (str, str, str)
+        The variable, the joints, and the share of their variance, from the least to the most.
+    """
+    groups: dict[str, list[UnknownPattern]] = {}
+    for pattern in unknown:
+        groups.setdefault(pattern.variable.replace("_", " "), []).append(pattern)
+    rows = []
+    for variable, patterns in groups.items():
+        low, high = (f"{end(pattern.share for pattern in patterns):.0%}" for end in (min, max))
+        joints = join_joint_names(list(dict.fromkeys(pattern.joint for pattern in patterns)), joint_names)
+        rows.append((variable, joints, low if low == high else f"{low} to {high}"))
+    return rows
 
 
 def word_summary(
@@ -254,11 +309,16 @@ def word_summary(
     """
     significant = [ranked_effect for ranked_effect in ranked if ranked_effect.significant]
     if verdict == "missing_effect":
+        # An effect that was found joint by joint is told once.
+        places: dict[str, list[str]] = {}
+        for ranked_effect in significant:
+            places.setdefault(ranked_effect.title, []).extend(ranked_effect.joints)
         names = "; ".join(
-            f"{get_effect(ranked_effect.effect).title} on {', '.join(ranked_effect.joints) or 'the whole robot'}"
-            for ranked_effect in significant
+            f"{title} on {join_joint_names(list(dict.fromkeys(joints)), model.robot.joint_names) or 'the whole robot'}"
+            for title, joints in places.items()
         )
-        text = f"The model lacks: {names}."
+        questions = dict.fromkeys(ranked_effect.question for ranked_effect in significant if ranked_effect.question)
+        text = " ".join((f"The model lacks: {names}.", *questions))
     elif verdict == "unexplained":
         text = "No effect of the catalogue explains the remaining residual."
         if not unknown:
@@ -269,7 +329,10 @@ def word_summary(
     else:
         text = " ".join((conclusion.headline, *conclusion.why))
     if unknown:
-        parts = "; ".join(f"{p.joint} over {p.variable.replace('_', ' ')} ({p.share:.0%})" for p in unknown[:4])
+        parts = "; ".join(
+            f"{joints} over {variable} ({shares})"
+            for variable, joints, shares in group_patterns(unknown, model.robot.joint_names)
+        )
         text += f" The residual still depends on: {parts}."
     # The joint where the residual exceeds the noise most, in multiples, stands for all.
     worst = int(np.argmax(residual / np.maximum(floor, 1e-12)))

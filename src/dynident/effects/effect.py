@@ -306,6 +306,9 @@ class Effect(ABC):
     experiment, place_experiment, told_from
         Experiment that shows the effect; one that shows where it is; and by experiment, the effects that it then can be
         distinguished from (each pair is listed with one of the two).
+    hardware, appearance
+        Part that only some robots have and that the effect is of, of `dynident.robot.settings.HARDWARE`; and what the
+        data show of it, whatever its cause.
     often_missed
         Rank among the effects that most arms have and models lack, 1 first.
     """
@@ -341,6 +344,8 @@ class Effect(ABC):
     experiment: ClassVar[ExperimentKind] = "whole_range"
     place_experiment: ClassVar[ExperimentKind] = "whole_range"
     told_from: ClassVar[Mapping[ExperimentKind, tuple[str, ...]]] = MappingProxyType({})
+    hardware: ClassVar[str] = ""
+    appearance: ClassVar[str] = ""
     often_missed: ClassVar[int | None] = None
 
     @property

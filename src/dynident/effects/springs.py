@@ -29,6 +29,8 @@ class GravityCompensator(Effect):
 
     id = "gravity_compensator"
     title = "Gravity compensating spring"
+    hardware = "gravity_compensator"
+    appearance = "Torque over the position"
     formula = r"-k a b \sin x\,(l - l_0)/l,\qquad l^2 = a^2 + b^2 + 2ab\cos x,\quad x = q - \varphi"
     parameters = (
         ParameterSpec("kab", "N m", "stiffness times both lever arms, k a b"),
@@ -103,6 +105,8 @@ class CableForce(Effect):
 
     id = "cable_force"
     title = "Cable or spring across two joints"
+    hardware = "cable"
+    appearance = "Torque over the positions of two joints"
     sits_on = "link"
     formula = (
         r"\Gamma_j = \partial U / \partial q_j,\ \Gamma_{j+1} = \partial U / \partial q_{j+1},\quad U(q_j, q_{j+1})"

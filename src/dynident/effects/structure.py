@@ -121,6 +121,8 @@ class JointSpring(Effect):
     id = "joint_spring"
     acts_at_rest = True
     title = "Joint spring"
+    hardware = "spring"
+    appearance = "Torque in proportion to the position"
     formula = r"k\,(q - q_0)"
     parameters = (
         ParameterSpec("ks", "N m/rad", "stiffness", "N/m", role="stiffness"),
@@ -266,6 +268,8 @@ class TransmissionCoupling(Effect):
 
     id = "transmission_coupling"
     title = "Transmission coupling"
+    hardware = "coupled_wrist"
+    appearance = "Friction that two joints share"
     sits_on = "motor"
     formula = (
         r"\pm\left(I_m (\ddot q_j \pm \ddot q_{j+1}) + F_{vm} (\dot q_j \pm \dot q_{j+1})"

@@ -18,15 +18,13 @@ from dynident.excitation.criteria.design_criterion import add_rivals, build_desi
 from dynident.excitation.design_model import DesignModel, build_design_model, lock_model, note_locked_joints
 from dynident.excitation.expected_torque import ExpectedTorque, IdentifiedModel
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, build_earlier_rows
-from dynident.excitation.experiments.named_sets import SETS
 from dynident.excitation.experiments.periodic import build_family, design_periodic, search_trajectory
 from dynident.excitation.experiments.point_to_point import design_point_to_point
 from dynident.excitation.experiments.sequential_design import design_sequential
 from dynident.excitation.experiments.single_joint import Stroke, design_joint_by_joint, plan_stroke_moves, plan_strokes
 from dynident.excitation.optimising.design_problem import Budget, count_period_samples
-from dynident.excitation.request import FAMILIES, JOINT_BY_JOINT, KINDS, DesignRequest, TrajectoryRequest
+from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest, TrajectoryRequest
 from dynident.excitation.result import Design
-from dynident.excitation.row_models import ROW_MODELS
 from dynident.motion.collision.obstacles import ASSUMED_HEIGHT, check_surroundings, note_reach
 from dynident.motion.joint_trajectories import MOST_SAMPLES, Motion, PeriodicMotion, concatenate_motions, sample_pieces
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, build_bounds, lock_bounds, select_moving_joints
@@ -35,7 +33,6 @@ from dynident.motion.move_paths import check_home, list_home_candidates
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, make_monotonic
 from dynident.recordings import Recording
 from dynident.robot.model import Robot
-from dynident.schema.fields import check_ranges
 
 _SAMPLES_PER_WAVE = 4
 
@@ -48,13 +45,9 @@ def check_request(request: DesignRequest) -> None:
     request : DesignRequest
         The request.
     """
-    check_ranges(request)
-    _check_choice(request.kind, KINDS, "kind of design", "/kind")
-    _check_choice(request.model, ROW_MODELS, "identification model to design for", "/model")
     check_criterion(request.criterion)
     check_criterion_targets(request.criterion)
     trajectory = request.trajectory
-    _check_choice(trajectory.family, FAMILIES, "trajectory family", "/trajectory/family")
     check_surroundings(request.surroundings)
     _check_dwell(request)
     # Filters and integrals over whole periods need a periodic motion of one pace.
@@ -82,7 +75,6 @@ def check_request(request: DesignRequest) -> None:
 
 
 def _check_set(request: DesignRequest) -> None:
-    _check_choice(request.trajectory.sets, SETS, "set of test motions", "/trajectory/sets")
     if request.trajectory.joints:
         raise DynidentError(
             "a set of test motions determines which joints move in each motion; leave joints out",
@@ -130,11 +122,6 @@ def _check_fineness(trajectory: TrajectoryRequest) -> None:
             f"use at least {least:g} Hz, fewer {pieces} or a longer period",
             pointer="/trajectory/sampling_rate",
         )
-
-
-def _check_choice(value: str, known: tuple[str, ...], subject: str, pointer: str) -> None:
-    if value not in known:
-        raise DynidentError(f"there is no {subject} {value!r}; there are: {', '.join(known)}", pointer=pointer)
 
 
 @single_threaded

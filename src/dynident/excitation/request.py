@@ -11,7 +11,7 @@ from dynident.excitation.criteria.criterion_choice import CriterionChoice
 from dynident.excitation.row_model_names import ROW_MODELS, RowModelName
 from dynident.motion.collision.surroundings import Surroundings
 from dynident.robot.limits import Limits
-from dynident.schema.fields import LARGEST_SEED, Choice, OneOf, declare_field
+from dynident.schema.fields import LARGEST_SEED, Choice, OneOf, Request, declare_field
 
 TrajectoryFormat = Literal["csv", "parquet", "json", "ros2"]
 TRAJECTORY_FORMATS = OneOf(
@@ -61,7 +61,7 @@ _AMPLITUDES = (0.004, 0.008, 0.016, 0.032, 0.064)
 
 
 @dataclass(frozen=True)
-class TrajectoryRequest:
+class TrajectoryRequest(Request):
     """The family of motions.
 
     Parameters
@@ -157,7 +157,7 @@ class TrajectoryRequest:
 
 
 @dataclass(frozen=True)
-class DesignRequest:
+class DesignRequest(Request):
     """An experiment wanted.
 
     `effects` None: links, rotors, Coulomb and viscous friction, and for motions of one joint at a time friction and

@@ -1,4 +1,4 @@
-"""Export of identified models to other programs: URDF, MJCF, C code, CasADi functions, JSON."""
+"""Export of identified models to other programs: URDF, MJCF, C and C++ code, CasADi functions, JSON."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.export.c_code import to_c
+    from dynident.export.c_header import to_c_header, to_cpp_header
     from dynident.export.casadi_function import to_casadi
     from dynident.export.dispatch import export_model
     from dynident.export.document import model_from_json, model_to_document, to_json
@@ -32,7 +33,9 @@ __all__ = [
     "model_from_json",
     "model_to_document",
     "to_c",
+    "to_c_header",
     "to_casadi",
+    "to_cpp_header",
     "to_json",
     "to_mjcf",
     "to_urdf",

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from dynident.errors import DynidentError
-from dynident.export.casadi_function import Argument, TorqueFormula, build_function, build_torque_formula
+from dynident.export.casadi_function import TorqueFormula, build_function, build_torque_formula
 from dynident.export.summary import (
     SIGNS,
     describe_identification,
@@ -24,6 +24,7 @@ from dynident.export.summary import (
     make_slug,
 )
 from dynident.identification import Identification
+from dynident.identification.study.equation_of_motion import Argument
 
 _UNARY = {
     ca.OP_ASSIGN: "{0}",
@@ -174,7 +175,7 @@ def to_c(identification: Identification) -> str:
     # One file serves as header and as source: the guard lets others include its declarations alone.
     guard = name.upper()
     parts = [
-        _write_comment(_write_header(identification, formula, name)),
+        write_c_comment(_write_header(identification, formula, name)),
         f"#ifndef {guard}_H\n#define {guard}_H\n",
         f"#define {guard}_JOINTS {formula.robot.n}\n",
         _write_declarations(formula, name),
@@ -202,7 +203,8 @@ def _write_header(identification: Identification, formula: TorqueFormula, name: 
     return lines
 
 
-def _write_comment(lines: list[str]) -> str:
+def write_c_comment(lines: list[str]) -> str:
+    """Return lines as one C comment, wrapped and without comment marks of their own."""
     wrapped = []
     for line in lines:
         indent = " " * (len(line) - len(line.lstrip()))
@@ -274,7 +276,7 @@ def _write_definitions(formula: TorqueFormula, name: str) -> str:
     functions = [SIGN_FUNCTION] if any("sign_of(" in line for line in statements) else []
     if formula.memory:
         functions.append(_write_start_function(formula, name))
-    functions.append(f"{_write_signature(formula, name)}\n{_write_block(body)}")
+    functions.append(f"{_write_signature(formula, name)}\n{write_c_block(body)}")
     return "\n\n".join(functions) + "\n"
 
 
@@ -285,10 +287,11 @@ def _write_start_function(formula: TorqueFormula, name: str) -> str:
         f"for (k = 0; k < {formula.robot.n}; k++) state->q_before[k] = 0.0;",
         "state->started = 0;",
     ]
-    return f"void {name}_start({name}_state *state)\n{_write_block(body)}"
+    return f"void {name}_start({name}_state *state)\n{write_c_block(body)}"
 
 
-def _write_block(body: list[str]) -> str:
+def write_c_block(body: list[str]) -> str:
+    """Return statements as an indented block."""
     return "{\n" + "".join(f"    {line}\n" for line in body) + "}"
 
 

@@ -13,31 +13,8 @@ from dynident.effects import MemorySignal, RunSignal, Signals
 from dynident.effects.closed_loops import build_all_positions
 from dynident.effects.hysteresis_states import build_step_expression
 from dynident.identification import Estimate, Identification
+from dynident.identification.study.equation_of_motion import Argument, describe_runs, list_motion_arguments
 from dynident.robot.model import Robot
-
-
-@dataclass(frozen=True, eq=False)
-class Argument:
-    """One input of the formula.
-
-    Parameters
-    ----------
-    name : str
-        Its name in exported programs.
-    symbol : SX (k, 1)
-        The column vector that stands for it in the expression.
-    meaning : str
-        What it is, with its unit.
-    """
-
-    name: str
-    symbol: ca.SX
-    meaning: str
-
-    @property
-    def size(self) -> int:
-        """Number of its entries."""
-        return int(self.symbol.numel())
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,26 +86,9 @@ def build_torque_formula(estimate: Estimate) -> TorqueFormula:
     return TorqueFormula(model.robot, tuple(arguments), torque, observation.memory, observation.runs, z_next)
 
 
-def describe_runs(runs: tuple[RunSignal, ...]) -> str:
-    """Return a text on the meaning of the entries of the argument `runs`."""
-    kinds = [
-        f"those like {', '.join(signal.runs)}" if signal.runs else "those that carry the payload" for signal in runs
-    ]
-    return "1 in runs of a kind, 0 in others: " + "; ".join(kinds)
-
-
 def _list_motion_arguments(signals: Signals, torque: ca.SX) -> list[Argument]:
     """Return the signals that the torque depends on, and position, velocity and acceleration in any case."""
-    candidates = (
-        Argument("q", signals.q, "joint positions, rad or m"),
-        Argument("dq", signals.dq, "joint velocities, rad/s or m/s"),
-        Argument("ddq", signals.ddq, "joint accelerations, rad/s^2 or m/s^2"),
-        Argument("dddq", signals.dddq, "third derivative of q, rad/s^3 or m/s^3"),
-        Argument("ddddq", signals.ddddq, "fourth derivative of q, rad/s^4 or m/s^4"),
-        Argument("time", signals.time, "time since the session began, s"),
-        Argument("period", signals.period, "sampling period, s"),
-        Argument("temperature", signals.temperature, "temperature of each joint, degrees Celsius"),
-    )
+    candidates = list_motion_arguments(signals)
     return [
         argument
         for argument in candidates

@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 from dynident.errors import DynidentError
 from dynident.export.c_code import make_c_name, to_c
+from dynident.export.c_header import to_c_header, to_cpp_header
 from dynident.export.casadi_function import to_casadi_bytes
 from dynident.export.document import to_json
 from dynident.export.exported_file import ExportedFile
@@ -26,9 +27,10 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
     ----------
     identification : Identification
         The identified model, with the data of its fit.
-    format : {"json", "urdf", "mjcf", "c", "casadi"}
-        Format of the file. The formats json, c and casadi hold every effect; urdf and mjcf hold links, rotors, Coulomb
-        and viscous friction (mjcf also springs), and what they leave out is in the file's `notes`.
+    format : {"json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi"}
+        Format of the file. The formats json, c, c_header, cpp_header and casadi hold every effect; urdf and mjcf hold
+        links, rotors, Coulomb and viscous friction (mjcf also springs), and what they leave out is in the file's
+        `notes`.
     nearest : bool
         For urdf and mjcf: if no bodies that can exist have the identified parameters, write the nearest that can.
 
@@ -80,11 +82,27 @@ def _export_c(identification: Identification, _nearest: bool) -> ExportedFile:
     return ExportedFile(f"{make_c_name(identification)}.c", "text/x-c", encode_text(to_c(identification)))
 
 
+def _export_c_header(identification: Identification, _nearest: bool) -> ExportedFile:
+    return to_c_header(identification)
+
+
+def _export_cpp_header(identification: Identification, _nearest: bool) -> ExportedFile:
+    return to_cpp_header(identification)
+
+
 def _export_casadi(identification: Identification, _nearest: bool) -> ExportedFile:
     name = f"{make_slug(identification.model.robot.name)}.casadi"
     return ExportedFile(name, "application/octet-stream", to_casadi_bytes(identification))
 
 
 FORMATS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingProxyType(
-    {"json": _export_json, "urdf": _export_urdf, "mjcf": _export_mjcf, "c": _export_c, "casadi": _export_casadi}
+    {
+        "json": _export_json,
+        "urdf": _export_urdf,
+        "mjcf": _export_mjcf,
+        "c": _export_c,
+        "c_header": _export_c_header,
+        "cpp_header": _export_cpp_header,
+        "casadi": _export_casadi,
+    }
 )

@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dynident.schema.fields import Choice, OneOf, declare_field
+from dynident.schema.fields import Choice, OneOf, Request, declare_field
 
-ExportFormat = Literal["json", "urdf", "mjcf", "c", "casadi"]
+ExportFormat = Literal["json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi"]
 FORMATS = OneOf(
     Choice("json", "JSON"),
     Choice("urdf", "URDF"),
     Choice("mjcf", "MJCF"),
     Choice("c", "C code"),
+    Choice("c_header", "C header with every term"),
+    Choice("cpp_header", "C++ header with every term"),
     Choice("casadi", "CasADi"),
 )
 ENDINGS: dict[str, ExportFormat] = {
@@ -21,18 +23,20 @@ ENDINGS: dict[str, ExportFormat] = {
     ".xml": "mjcf",
     ".mjcf": "mjcf",
     ".c": "c",
+    ".h": "c_header",
+    ".hpp": "cpp_header",
     ".casadi": "casadi",
 }
 """Format of a file by the ending of its name."""
 
 
 @dataclass(frozen=True)
-class ExportChoices:
+class ExportChoices(Request):
     """What a model is written as.
 
     Parameters
     ----------
-    format : {"json", "urdf", "mjcf", "c", "casadi"}
+    format : {"json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi"}
         Format of the file.
     nearest : bool
         For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that can.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite
 from typing import TYPE_CHECKING
 
 from dynident.effects.choices import DEFAULT_EFFECTS, EffectChoice
@@ -20,7 +19,7 @@ from dynident.identification.methods.bases import (
     Strategy,
 )
 from dynident.identification.problem_options import DescriptionTrust, ModelName, RowOptions
-from dynident.schema.fields import Choice, OneOf, check_ranges, declare_field
+from dynident.schema.fields import Choice, OneOf, Request, declare_field
 from dynident.schema.registry import get_kind_name
 
 if TYPE_CHECKING:
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class EssentialChoices:
+class EssentialChoices(Request):
     """How far the backward elimination of parameters goes."""
 
     ratio: float = declare_field(
@@ -74,7 +73,7 @@ def _get_default_tolerance() -> float:
 
 
 @dataclass(frozen=True)
-class IdentificationChoices:
+class IdentificationChoices(Request):
     """The model structure of an identification, and how its parameters are solved for.
 
     Parameters
@@ -163,36 +162,17 @@ class IdentificationChoices:
     )
 
     def __post_init__(self) -> None:
-        _check_name("model", self.model, AVAILABLE_MODELS)
-        _check_name("strategy", self.strategy, AVAILABLE_STRATEGIES)
-        _check_name("estimator", get_kind_name(self.estimator), AVAILABLE_ESTIMATORS)
-        _check_name("covariance", self.covariance, AVAILABLE_COVARIANCES)
-        _check_name("steps", self.steps, STEPS.names)
-        # Names first, then the ranges that each field declares, then what depends on several fields.
-        check_ranges(self)
+        super().__post_init__()
         if not isinstance(self.estimator, str):
             # An estimator without options of its own is kept by its name alone, so that equal choices compare equal.
             object.__setattr__(self, "estimator", self.estimator.request_value)
         if self.prior is not None:
-            _check_name("prior", self.prior, AVAILABLE_PRIORS)
             self._check_prior()
         elif self.free_links:
             raise DynidentError(
                 "free_links are links that the prior does not apply to, but there is no prior; choose the prior "
                 "description, or leave free_links out",
                 pointer="/free_links",
-            )
-        if not (isfinite(self.prior_error) and self.prior_error > 0):
-            raise DynidentError(
-                f"prior_error is {self.prior_error}; give the usual relative error of the description's inertias, "
-                "above zero: 0.2 for 20 %",
-                pointer="/prior_error",
-            )
-        if self.pole is not None and not (isfinite(self.pole) and self.pole > 0):
-            raise DynidentError(f"pole is {self.pole}; give a of [12.29] in rad/s, above zero", pointer="/pole")
-        if self.interval is not None and not (isfinite(self.interval) and self.interval > 0):
-            raise DynidentError(
-                f"interval is {self.interval}; give t_b - t_a of [12.43] in s, above zero", pointer="/interval"
             )
 
     @property
@@ -249,10 +229,3 @@ class IdentificationChoices:
                 pointer="/prior",
                 title=_UNFIT,
             )
-
-
-def _check_name(field: str, value: str, available: tuple[str, ...]) -> None:
-    if value not in available:
-        raise DynidentError(
-            f"{value!r} is not a valid {field}; choose from: {', '.join(available)}", pointer=f"/{field}"
-        )

@@ -12,7 +12,7 @@ from math import isfinite
 from typing import Any, Literal, TypedDict, get_args
 
 from dynident.errors import DynidentError
-from dynident.schema.fields import Choice, OneOf, check_ranges, declare_field, redeclare_field
+from dynident.schema.fields import Choice, OneOf, Request, declare_field, redeclare_field
 
 Status = Literal["ok", "warning", "error"]
 Windows = tuple[tuple[float, float], ...]
@@ -67,7 +67,7 @@ ACCEPTED = " (Accepted.)"
 
 
 @dataclass(frozen=True)
-class RecordingMetadata:
+class RecordingMetadata(Request):
     """What the user says about a file.
 
     Kinds of signals are "q", "q_command", "dq", "ddq", "tau", "current", "temperature", "base_force", "base_moment" and
@@ -136,7 +136,9 @@ class RecordingMetadata:
     payload: Mapping[str, Any] | None = declare_field(
         'The known load: {"mass": kg, "centre": [x, y, z] in m}', default=None
     )
-    torque_delay: float = declare_field("Delay of the torque in the file, in s", default=0.0, at_least=-1, at_most=1)
+    torque_delay: float = declare_field(
+        "Delay of the torque in the file", default=0.0, unit="s", at_least=-1, at_most=1
+    )
     accept: tuple[str, ...] = declare_field("Names of checks whose errors count as warnings", default=())
     skip: tuple[ConditioningStep, ...] = declare_field(
         "Conditioning steps to leave out, because samples that look like unsigned registers, held, switched off, "
@@ -147,12 +149,17 @@ class RecordingMetadata:
         'Order of the columns of "q" (with velocities and commands) or "tau" (or currents): entry k is the number, '
         "from 1, of the column of joint k",
         made_by=dict,
+        at_least=1,
     )
     signs: Mapping[str, float] = declare_field(
-        'Factor 1 or -1 for the positions or torques of a joint: {"tau2": -1}; "tau" means all joints', made_by=dict
+        'Factor 1 or -1 for the positions or torques of a joint: {"tau2": -1}; "tau" means all joints',
+        made_by=dict,
+        at_least=-1,
+        at_most=1,
+        nonzero=True,
     )
     scale: Mapping[str, float] = declare_field(
-        'Positive factors for the positions or torques of a joint: {"tau2": 0.1}', made_by=dict
+        'Positive factors for the positions or torques of a joint: {"tau2": 0.1}', made_by=dict, above=0
     )
     exclude: Windows = declare_field("Windows of t to leave out in s, [from, to]; [] for none", default=())
     effort_kind: EffortKind | None = declare_field(
@@ -184,7 +191,7 @@ class RecordingMetadata:
                 pointer="/skip",
             )
         try:
-            check_ranges(self)
+            super().__post_init__()
         except DynidentError as error:
             raise RecordingError(error.detail, pointer=error.pointer) from None
         if self.rate is not None and self.columns.get("t", "t") != "t":
@@ -192,8 +199,6 @@ class RecordingMetadata:
                 f"Both a rate and a time column, {self.columns['t']!r}, are given: leave one of them out.",
                 pointer="/rate",
             )
-        if self.role is not None and self.role not in ROLES.names:
-            raise RecordingError(f"role is {self.role!r}; choose from {', '.join(ROLES.names)}.", pointer="/role")
         for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
             if not all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in pairs):
                 raise RecordingError(
@@ -211,7 +216,7 @@ _BY_KEY = ("columns", "units", "permutation", "signs", "scale")
 
 
 @dataclass(frozen=True)
-class Filters:
+class Filters(Request):
     """Filters of an identification; what is left at "auto" is chosen from the data.
 
     Parameters
@@ -255,21 +260,24 @@ class Filters:
             value = getattr(self, item.name)
             is_none = value is None and item.name.endswith("cutoff")
             is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not (value == "auto" or is_none or is_number):
-                no_filter = ", None for no filter," if item.name.endswith("cutoff") else ""
+            is_whole = is_number and (item.name.endswith("cutoff") or value == value // 1)
+            if not (value == "auto" or is_none or is_whole):
+                expected = "a number, None for no filter," if item.name.endswith("cutoff") else "a whole number"
                 raise RecordingError(
-                    f'{item.name} is {value!r:.60}; give a number{no_filter} or "auto" to have it chosen from the data',
+                    f'{item.name} is {value!r:.60}; give {expected} or "auto" to have it chosen from the data',
                     pointer=f"/preprocessing/{item.name}",
                     title="Impossible preprocessing",
                 )
         try:
-            check_ranges(self, "/preprocessing")
+            super().__post_init__()
         except DynidentError as error:
-            raise RecordingError(error.detail, pointer=error.pointer, title="Impossible preprocessing") from None
+            raise RecordingError(
+                error.detail, pointer=f"/preprocessing{error.pointer}", title="Impossible preprocessing"
+            ) from None
 
 
 @dataclass(frozen=True)
-class Revision:
+class Revision(Request):
     """What is to be said of a file from now on; None, or an empty mapping: as before.
 
     Mappings are merged with what was said, key by key; the rest replaces it. The fields mean what they mean in

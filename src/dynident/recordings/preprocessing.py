@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from math import floor, isfinite, log10
+from math import floor, log10
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -336,20 +336,8 @@ class Preprocessing:
     reasons: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("position_cutoff", "torque_cutoff"):
-            value = getattr(self, name)
-            if value is not None and not (isfinite(value) and value > 0):
-                raise _impossible_value_error(
-                    name, f"{name} is {value}; give a frequency in Hz above 0, or null for no filter."
-                )
-        if self.decimation < 1:
-            raise _impossible_value_error(
-                "decimation", f"decimation is {self.decimation}; give a whole number of at least 1."
-            )
-        if not 1 <= self.filter_order <= 12:
-            raise _impossible_value_error(
-                "filter_order", f"filter_order is {self.filter_order}; give a number from 1 to 12."
-            )
+        # Filters that were chosen keep to the ranges of those that are asked for.
+        Filters(**{name: getattr(self, name) for name in FIELDS})
 
     def check_against(self, rate: float) -> None:
         """Raise `RecordingError` where a value is impossible at this sampling rate (Hz)."""
@@ -399,28 +387,17 @@ def values_from_request(request: object) -> dict[str, float | int | None]:
             pointer="/preprocessing",
             title="Impossible preprocessing",
         )
-    values: dict[str, float | int | None] = {}
-    for name, value in request.items():
+    for name in request:
         if name not in FIELDS:
             raise _impossible_value_error(
                 name, f"There is no preprocessing field {name!r}; the fields are {', '.join(FIELDS)}."
             )
-        if value == "auto":
-            continue
-        if value is None and name.endswith("cutoff"):
-            values[name] = None
-        # JSON's true would otherwise count as 1, since a bool is an int.
-        elif isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-            raise _impossible_value_error(
-                name, f"{name} is {value!r}; give a number" + (" or null." if "cut" in name else ".")
-            )
-        elif name.endswith("cutoff"):
-            values[name] = float(value)
-        elif value != int(value):
-            raise _impossible_value_error(name, f"{name} is {value}; give a whole number.")
-        else:
-            values[name] = int(value)
-    return values
+    Filters(**request)
+    return {
+        name: float(value) if name.endswith("cutoff") and value is not None else value
+        for name, value in request.items()
+        if value != "auto"
+    }
 
 
 def _impossible_value_error(name: str, detail: str) -> RecordingError:

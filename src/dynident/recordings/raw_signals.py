@@ -78,6 +78,10 @@ class RecordedSignals:
                     pointer="signals",
                     title="Unknown signal",
                 )
+        joints = file.joints.names
+        self.available = tuple(
+            f"{kind}_{name}" for kind in STORED_KINDS for name in joints[: len(getattr(layout, kind))]
+        )
         selected = {name: joint_signals.get(name) or own[name] for name in names}
         self._t = layout.t
         self._columns = {name: column for name, (column, _) in selected.items()}

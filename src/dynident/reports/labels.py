@@ -11,8 +11,8 @@ from dynident.array_types import FloatArray
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.identification.shape_constants import ShapeConstant, ShapeJudgement
 from dynident.identification.study.held_out_gain import BestStep
-from dynident.identification.thresholds import ParameterJudgement
-from dynident.reports.number_format import format_estimate
+from dynident.identification.thresholds import LARGEST_CONDITION_NUMBER, ParameterJudgement
+from dynident.reports.number_format import format_estimate, format_number
 from dynident.reports.report_tables import Mark
 from dynident.robot import Robot
 from dynident.robot.joint import join_joint_names
@@ -21,6 +21,7 @@ from dynident.robot.json_fields import join_names
 if TYPE_CHECKING:
     # For type checkers alone: most users of this module need no diagnosis, which takes long to load.
     from dynident.diagnosis import Diagnosis
+    from dynident.identification import Identification
 
 _MANY_JOINTS = 8
 
@@ -41,6 +42,29 @@ def format_joints(joints: Sequence[str], all_joints: Sequence[str]) -> str:
         Their names; of many joints those that are left out ("all but knee"), left and right together.
     """
     return join_joint_names(joints, all_joints) if joints else "the whole robot"
+
+
+def describe_condition_number(identification: Identification) -> str:
+    """Return the equilibrated condition number of W and what it means.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+
+    Returns
+    -------
+    str
+        Without a full stop: "12.3 (columns of equal size; …)".
+    """
+    value = format_number(identification.equilibrated_condition_number)
+    return f"{value} ({CONDITION_MEANING})"
+
+
+CONDITION_MEANING = (
+    "columns of equal size; 1 is the best, and above "
+    f"{LARGEST_CONDITION_NUMBER:.0f} the motion alone does not determine the model well"
+)
 
 
 def format_hidden_effects(diagnosis: Diagnosis, robot: Robot) -> str:

@@ -119,7 +119,7 @@ def build_sections(
     """
     fitted_recordings = [run.recording for run in runs if not run.held_out]
     return [
-        build_summary_section(identification, runs, diagnosis, validations),
+        build_summary_section(identification, runs, diagnosis, created, validations),
         build_ladder_section(identification, diagnosis),
         build_errors_section(identification, runs, diagnosis),
         build_residuals_section(runs),

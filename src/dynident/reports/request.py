@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dynident.schema.fields import declare_field
+from dynident.schema.fields import Request, declare_field
 
 ReportFormat = Literal["html", "pdf", "json"]
 MEDIA_TYPES: dict[ReportFormat, str] = {"html": "text/html", "pdf": "application/pdf", "json": "application/json"}
 
 
 @dataclass(frozen=True)
-class ReportChoices:
+class ReportChoices(Request):
     """What a report is written as, and its heading.
 
     Parameters

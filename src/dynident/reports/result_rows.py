@@ -46,7 +46,7 @@ def format_candidates(ranked: Iterable[RankedEffect], robot: Robot) -> list[tupl
     return [
         (
             str(candidate.rank),
-            get_effect_title(candidate.effect),
+            candidate.title if candidate.question else get_effect_title(candidate.effect),
             format_joints(candidate.joints, robot.joint_names),
             format_percent(candidate.error_before),
             format_percent(candidate.error_after),

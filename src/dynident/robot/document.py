@@ -14,6 +14,7 @@ from dynident.robot.limits import Drive, Limits
 from dynident.robot.mjcf import robot_from_mjcf
 from dynident.robot.model import Description, Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
+from dynident.robot.settings import check_hardware
 from dynident.robot.urdf import robot_from_urdf
 
 _POINTER = "/description/content"
@@ -50,6 +51,8 @@ def robot_from_description(
     drives: Mapping[str, Drive] | None = None,
     locked_joints: Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
+    has: Sequence[str] = (),
+    has_not: Sequence[str] = (),
 ) -> Robot:
     """Return the robot of a description, with settings that override or complete it.
 
@@ -68,6 +71,8 @@ def robot_from_description(
         Positions (rad, m) of joints that no longer move; their links become part of the link before.
     gravity : sequence of float, optional
         Acceleration of gravity in the base frame (m/s²); else the description's, else (0, 0, -9.81).
+    has, has_not : sequence of str
+        Parts that the robot has or does not have, of `dynident.robot.settings.HARDWARE`.
 
     Returns
     -------
@@ -86,7 +91,8 @@ def robot_from_description(
             pointer="/description/format",
             title="Unusable robot description",
         )
-    return reader(
+    check_hardware(has, has_not)
+    robot = reader(
         name,
         description.content,
         limits=limits,
@@ -95,6 +101,7 @@ def robot_from_description(
         gravity=gravity,
         pointer=_POINTER,
     )
+    return replace(robot, has=tuple(has), has_not=tuple(has_not))
 
 
 class DescriptionDocument(TypedDict):
@@ -135,6 +142,8 @@ class RobotDocument(TypedDict):
     locked_joints: Mapping[str, float]
     gravity: Sequence[float]
     joints_without_torque: NotRequired[Sequence[str]]
+    has: NotRequired[Sequence[str]]
+    has_not: NotRequired[Sequence[str]]
 
 
 def robot_to_document(robot: Robot) -> RobotDocument:
@@ -164,6 +173,10 @@ def robot_to_document(robot: Robot) -> RobotDocument:
     }
     if robot.joints_without_torque:
         document["joints_without_torque"] = list(robot.joints_without_torque)
+    if robot.has:
+        document["has"] = list(robot.has)
+    if robot.has_not:
+        document["has_not"] = list(robot.has_not)
     return document
 
 
@@ -187,6 +200,8 @@ def robot_from_document(document: RobotDocument) -> Robot:
         drives={name: Drive(**fields) for name, fields in document["drives"].items()},
         locked_joints=document["locked_joints"],
         gravity=document["gravity"],
+        has=document.get("has", ()),
+        has_not=document.get("has_not", ()),
     )
     return replace(robot, joints_without_torque=tuple(document.get("joints_without_torque", ())))
 

@@ -403,7 +403,10 @@ def _iter_limits(compiled: mujoco.MjModel) -> Iterator[tuple[str, Limits]]:
             effort = joint_effort if effort is None else min(effort, joint_effort)
         low, high = compiled.jnt_range[j]
         bounded = bool(compiled.jnt_limited[j]) and low < high
-        yield compiled.joint(j).name, Limits((float(low), float(high)) if bounded else None, effort=effort)
+        yield (
+            compiled.joint(j).name,
+            Limits.from_description((float(low), float(high)) if bounded else None, effort=effort),
+        )
 
 
 def _build_cuts(held: Equalities, model: pin.Model, tree: Robot, at: str) -> LoopCuts:

@@ -115,6 +115,9 @@ class Robot:
     joints_without_torque : tuple of str
         Joints whose torque is in none of the data for identification; what only their equations would show is not
         identifiable.
+    has, has_not : tuple of str
+        Parts that the owner knows the robot to have or not to have, of `dynident.robot.settings.HARDWARE`; diagnoses
+        ask about the others.
     """
 
     name: str
@@ -126,6 +129,8 @@ class Robot:
     locked_joints: Mapping[str, float] = field(default_factory=dict)
     linkage: Linkage | None = None
     joints_without_torque: tuple[str, ...] = ()
+    has: tuple[str, ...] = ()
+    has_not: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", escape_surrogates(self.name))
@@ -165,6 +170,11 @@ class Robot:
     def has_torque(self) -> BoolArray:
         """Which joints (n,) have a torque in the data that models of the robot are identified from."""
         return np.array([name not in self.joints_without_torque for name in self.joint_names], dtype=bool)
+
+    @property
+    def hardware(self) -> dict[str, bool]:
+        """Whether the robot has a part, by the part's name, as far as its owner has said."""
+        return {**dict.fromkeys(self.has, True), **dict.fromkeys(self.has_not, False)}
 
     @property
     def tree(self) -> Robot:

@@ -88,8 +88,9 @@ from dynident.robot.pinocchio_model import (
     mend_placement,
     to_dynamic_parameters,
 )
-from dynident.robot.settings import check_limits, gravity_from, settings_from
+from dynident.robot.settings import gravity_from, settings_from
 from dynident.robot.shapes import Capsule
+from dynident.schema.fields import point_within
 
 _BASE_NAME = "base"
 
@@ -379,7 +380,7 @@ def _read_row(item: object, above: Sequence[Row], at: str) -> Row:
         antecedent=_read_antecedent(fields.get("antecedent"), above, f"{at}/antecedent"),
         kind="prismatic" if sigma == 1 else "revolute",
         placement=build_placement(*constants),
-        limits=_read_limits(fields.get("limits", {}), name, f"{at}/limits"),
+        limits=_read_limits(fields.get("limits", {}), f"{at}/limits"),
         inertia=_read_inertia(fields, at),
         link=expect_text(link, f"{at}/link", TITLE) if link else "",
         capsules=_read_capsules(fields.get("capsules", []), f"{at}/capsules"),
@@ -423,15 +424,14 @@ def _read_antecedent(value: object, above: Sequence[Row], at: str) -> int:
     raise DynidentError(detail, pointer=at, title=TITLE)
 
 
-def _read_limits(value: object, joint: str, at: str) -> Limits:
+def _read_limits(value: object, at: str) -> Limits:
     fields = expect_mapping(value, _LIMITS, at, TITLE)
     bounds = {key: field for key, field in fields.items() if field is not None}
     position = bounds.pop("position", None)
     numbers = {key: expect_number(field, f"{at}/{key}", TITLE) for key, field in bounds.items()}
     low_high = None if position is None else expect_numbers(position, 2, f"{at}/position", TITLE)
-    limits = Limits(position=None if low_high is None else (low_high[0], low_high[1]), **numbers)
-    check_limits(limits, joint, at)
-    return limits
+    with point_within(at):
+        return Limits(position=None if low_high is None else (low_high[0], low_high[1]), **numbers)
 
 
 def _read_inertia(fields: Mapping[str, object], at: str) -> FloatArray:

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.json_fields import join_names, make_pointer
-from dynident.robot.limits import Drive, Limits
-from dynident.schema.fields import get_description
+from dynident.robot.limits import TITLE, Drive, Limits
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity in the base frame where nobody states another (m/s²)."""
 
-TITLE = "Unusable robot settings"
+HARDWARE: Mapping[str, str] = MappingProxyType(
+    {
+        "gravity_compensator": "a gravity compensating spring or balancer",
+        "spring": "a spring, cable or hose that pulls a joint to a rest position",
+        "cable": "a cable, hose or spring between two links",
+        "coupled_wrist": "a gear, belt or cable that couples two motors, as in many wrists",
+    }
+)
+"""Parts that only some robots have: the names that `has` and `has_not` of a robot take, and what they mean."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +58,7 @@ def settings_from(
 ) -> Settings:
     """Return checked settings with the defaults filled in.
 
-    Only values are checked here; names are checked by `check_names` once the joints are known.
+    Names are checked by `check_names` once the joints are known.
 
     Parameters
     ----------
@@ -73,10 +81,6 @@ def settings_from(
     DynidentError
         With the pointer to a value that cannot be used.
     """
-    for name, limit in (limits or {}).items():
-        check_limits(limit, name, make_pointer("limits", name))
-    for name, drive in (drives or {}).items():
-        _check_drive(drive, name)
     for name, value in (locked_joints or {}).items():
         if not math.isfinite(value):
             raise _make_error(
@@ -113,48 +117,49 @@ def gravity_from(gravity: Sequence[float], at: str = "/gravity") -> FloatArray:
     return vector
 
 
-def check_limits(limits: Limits, joint: str, at: str) -> None:
-    """Raise an error if a range is empty or a bound is not a positive number.
+def split_hardware(hardware: Mapping[str, bool]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the parts that a robot has, and those that it has not.
 
     Parameters
     ----------
-    limits : Limits
-        Limits of one joint.
-    joint : str
-        Its name, for messages.
-    at : str
-        JSON pointer to the limits in the caller's request.
+    hardware : mapping of str to bool
+        Whether the robot has a part, by its name of `HARDWARE`.
 
     Raises
     ------
     DynidentError
-        With the pointer to the limit.
+        For a part of another name.
     """
-    if limits.position is not None:
-        low, high = limits.position
-        if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise DynidentError(
-                f"The position limits of joint '{joint}' are [{low}, {high}]; expected two numbers, the lower one "
-                "first.",
-                pointer=make_pointer("position", within=at),
-                title=TITLE,
-            )
-    # The range of numbers that each field admits is declared with the field.
-    for item in fields(limits):
-        value = getattr(limits, item.name)
-        if item.name != "position" and value is not None and not get_description(item).accepts(value):
-            raise DynidentError(
-                f"The {item.name} limit of joint '{joint}' is {value}; expected a positive number, "
-                f"{get_description(item).range_text}.",
-                pointer=make_pointer(item.name, within=at),
-                title=TITLE,
-            )
+    has = tuple(name for name, is_there in hardware.items() if is_there)
+    has_not = tuple(name for name, is_there in hardware.items() if not is_there)
+    check_hardware(has, has_not)
+    return has, has_not
+
+
+def check_hardware(has: Sequence[str], has_not: Sequence[str]) -> None:
+    """Raise an error for a part that is none of `HARDWARE`, or that the robot both has and has not.
+
+    Parameters
+    ----------
+    has, has_not : sequence of str
+        Parts that the robot has, and parts that it does not have.
+
+    Raises
+    ------
+    DynidentError
+        With the pointer to the name.
+    """
+    for part, names in (("has", has), ("has_not", has_not)):
+        for index, name in enumerate(names):
+            if name not in HARDWARE:
+                known = "; ".join(f"{word} ({meaning})" for word, meaning in HARDWARE.items())
+                raise _make_error(f"There is no hardware '{name}'; the names are: {known}.", part, str(index))
+            if part == "has_not" and name in has:
+                raise _make_error(f"'{name}' is in has and in has_not; name it in one of the two.", part, str(index))
 
 
 def merge_limits(described: Limits, stated: Limits | None) -> Limits:
-    """Return the stated limits, completed by the described ones.
-
-    Some descriptions write huge numbers where nothing is limited: these count as not known.
+    """Return the stated limits, completed by those of the description.
 
     Parameters
     ----------
@@ -168,17 +173,7 @@ def merge_limits(described: Limits, stated: Limits | None) -> Limits:
     Limits
         None where neither knows a limit.
     """
-    values = {}
-    for item in fields(Limits):
-        value = None if stated is None else getattr(stated, item.name)
-        if value is None:
-            value = getattr(described, item.name)
-            # Both ends of a range, or the one bound.
-            ends = value if isinstance(value, tuple) else () if value is None else (value,)
-            if not all(get_description(item).accepts(end) for end in ends):
-                value = None
-        values[item.name] = value
-    return Limits(**values)
+    return described if stated is None else replace(described, **stated.known)
 
 
 def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] = ()) -> None:
@@ -220,38 +215,6 @@ def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] 
                 )
     if moving and moving_names <= set(settings.locked_joints):
         raise _make_error("Every joint is locked; a robot needs at least one moving joint.", "locked_joints")
-
-
-def _check_drive(drive: Drive, joint: str) -> None:
-    for name, share in drive.coupling.items():
-        if not math.isfinite(share):
-            raise _make_error(
-                f"The motor of joint '{joint}' is coupled to '{name}' by {share}; expected a number.",
-                "drives",
-                joint,
-                "coupling",
-                name,
-            )
-    for item in fields(drive):
-        value = getattr(drive, item.name)
-        if item.name != "coupling" and value is not None and not (math.isfinite(value) and value != 0):
-            raise _make_error(
-                f"{item.name} of joint '{joint}' is {value}; expected a number other than 0.",
-                "drives",
-                joint,
-                item.name,
-            )
-    drive_gain = drive.drive_gain
-    # The gain that follows from the factors. Rounded factors give nearly, not exactly, a rounded gain.
-    factors = Drive(None, drive.gear_ratio, drive.torque_constant, drive.amplifier_gain).gain
-    if drive_gain is not None and factors is not None and not math.isclose(drive_gain, factors, rel_tol=1e-3):
-        raise _make_error(
-            f"Joint '{joint}': drive_gain is {drive_gain}, but gear ratio, torque constant and amplifier gain give "
-            f"{factors:g} [12.17]; give only one of the two.",
-            "drives",
-            joint,
-            "drive_gain",
-        )
 
 
 def _make_error(detail: str, *where: str) -> DynidentError:

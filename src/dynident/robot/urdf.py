@@ -435,11 +435,7 @@ def _read_limits(joint: Element) -> Limits:
     lower, upper, velocity, effort = (float(limit.attributes[key]) for key in ("lower", "upper", "velocity", "effort"))
     # Zeros stand for limits that the text does not state, see `reduce_urdf`.
     bounded = joint.attributes["type"] != "continuous" and lower < upper
-    return Limits(
-        position=(lower, upper) if bounded else None,
-        velocity=velocity if velocity > 0 else None,
-        effort=effort if effort > 0 else None,
-    )
+    return Limits.from_description((lower, upper) if bounded else None, velocity, effort)
 
 
 def _get_child_link(joint: Element) -> str:

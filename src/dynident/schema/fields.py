@@ -1,14 +1,19 @@
 """Fields of requests with their description: words, unit, range, default.
 
-A request is a frozen dataclass. The description of each field stands beside the code that uses the field. It makes
-the bodies of the HTTP contract, the options of the command line with their help, the client's signatures and the forms
-of the page.
+A request is a frozen dataclass of the kind `Request`. The description of each field stands beside the code that uses
+the field. It makes the bodies of the HTTP contract, the options of the command line with their help, the client's
+signatures and the forms of the page; and a request that is made with a value out of its range is refused, whoever
+makes it.
+
+These are plain dataclasses and not pydantic's: pydantic takes 0.1 s to import and as long again to build the schemas of
+all requests, as much as the whole help of a command takes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sized
+from contextlib import contextmanager
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias, TypedDict, TypeVar, Unpack
 
 from dynident.errors import DynidentError
@@ -20,15 +25,14 @@ if TYPE_CHECKING:
 
     Missing: TypeAlias = Literal[_MISSING_TYPE.MISSING]
 import sys
-from typing import get_type_hints
 
 
 def resolve_hint(science: type, field: Field[object]) -> object:
     """Return the type of one field. Hints of other fields may need modules that are not loaded, and are left alone."""
     # The names in the hint of an inherited field are those of the module that defines the base class.
     stated_by = next(base for base in science.__mro__ if field.name in vars(base).get("__annotations__", {}))
-    alone = type("Alone", (), {"__annotations__": {field.name: field.type}, "__module__": stated_by.__module__})
-    return get_type_hints(alone, vars(sys.modules[stated_by.__module__]))[field.name]
+    hint: object = field.type
+    return eval(hint, vars(sys.modules[stated_by.__module__])) if isinstance(hint, str) else hint
 
 
 T = TypeVar("T")
@@ -114,6 +118,8 @@ class FieldDescription:
         Unit of a number.
     above, at_least, at_most : float, optional
         The range of a number, or of each number in a list.
+    nonzero : bool
+        Whether zero is no value, though it is within the range.
     fewest, most : int, optional
         How many items a list may have.
     kinds : NamedValues, optional
@@ -129,6 +135,7 @@ class FieldDescription:
     above: float | None = None
     at_least: float | None = None
     at_most: float | None = None
+    nonzero: bool = False
     fewest: int | None = None
     most: int | None = None
     kinds: NamedValues | None = None
@@ -158,17 +165,30 @@ class FieldDescription:
             and (self.above is None or value > self.above)
             and (self.at_least is None or value >= self.at_least)
             and (self.at_most is None or value <= self.at_most)
+            and not (self.nonzero and value == 0)
         )
+
+    @property
+    def has_range(self) -> bool:
+        """Whether a range is stated that is narrower than that of any number."""
+        return any(end is not None for end in (self.above, self.at_least, self.at_most))
 
     @property
     def range_text(self) -> str:
         """The range in words."""
-        if self.above is None and self.at_least is None and self.at_most is None:
-            return f"{-LARGEST:g} to {LARGEST:g}"
-        if self.at_least is not None and self.at_most is not None:
-            return f"{self.at_least:g} to {self.at_most:g}"
-        ends = (("above", self.above), ("at least", self.at_least), ("at most", self.at_most))
-        return " and ".join(f"{words} {end:g}" for words, end in ends if end is not None)
+        but = " but 0" if self.nonzero else ""
+        most = LARGEST if self.at_most is None else self.at_most
+        if self.above is not None:
+            return f"above {self.above:g} and at most {most:g}{but}"
+        return f"{-LARGEST if self.at_least is None else self.at_least:g} to {most:g}{but}"
+
+    @property
+    def range_schema(self) -> dict[str, object]:
+        """The range as JSON Schema writes it."""
+        lowest = -LARGEST if self.at_least is None else self.at_least
+        least = {"minimum": lowest} if self.above is None else {"exclusiveMinimum": self.above}
+        most = {"maximum": LARGEST if self.at_most is None else self.at_most}
+        return least | most | ({"not": {"const": 0}} if self.nonzero else {})
 
 
 class FieldOptions(TypedDict, total=False):
@@ -178,6 +198,7 @@ class FieldOptions(TypedDict, total=False):
     above: float | None
     at_least: float | None
     at_most: float | None
+    nonzero: bool
     fewest: int | None
     most: int | None
     kinds: NamedValues | None
@@ -201,7 +222,7 @@ def declare_field(
     default, made_by
         The default, or the function that makes it.
     more
-        As `FieldDescription` has it: unit, above, at_least, at_most, fewest, most, kinds, option, local.
+        As `FieldDescription` has it: unit, above, at_least, at_most, nonzero, fewest, most, kinds, option, local.
 
     Returns
     -------
@@ -271,10 +292,25 @@ def redeclare_field(
     dataclasses.Field
         The field, typed as its value.
     """
-    description = next(
-        get_description(request_field) for request_field in fields(request) if request_field.name == name
-    )
-    return declare_field(description.words, default=default, made_by=made_by)
+    return _make_field(get_description(get_field(request, name)), default, made_by)
+
+
+def get_field(request: type[DataclassInstance], name: str) -> Field[object]:
+    """Return the field of a request by its name.
+
+    Parameters
+    ----------
+    request : type
+        The dataclass.
+    name : str
+        Name of one of its fields.
+
+    Returns
+    -------
+    dataclasses.Field
+        The field.
+    """
+    return next(request_field for request_field in fields(request) if request_field.name == name)
 
 
 def get_default(request_field: Field[T]) -> T | Missing:
@@ -293,54 +329,110 @@ def get_default(request_field: Field[T]) -> T | Missing:
     return request_field.default if request_field.default_factory is MISSING else request_field.default_factory()
 
 
-def check_ranges(request: DataclassInstance, within: str = "") -> None:
-    """Check that all numbers of a request, and of its parts, are within the ranges of their fields.
+class Request:
+    """Base of the dataclasses that state a request: a value that its field does not take is refused.
 
-    Parameters
-    ----------
-    request : dataclass instance
-        An instance; parts of it that are requests themselves are checked, too.
-    within : str
-        JSON pointer to the request, "" at the top.
+    Library, HTTP and command line make the same objects, so that they decide alike. Subclasses with checks of their own
+    call `super().__post_init__()` first.
 
     Raises
     ------
     DynidentError
-        For the first number out of range, or the first list of a wrong length; its pointer names the place.
+        For the first number out of range, list of a wrong length, or unknown name; its pointer names the place.
     """
-    for request_field in fields(request):
-        # Fields that were declared without a description have no range to check.
-        if _DESCRIPTION_KEY in request_field.metadata:
-            _check_values(
-                getattr(request, request_field.name),
-                request_field.name,
-                get_description(request_field),
-                f"{within}/{request_field.name}",
-            )
+
+    def __post_init__(self) -> None:
+        # A base class is no dataclass itself, only what derives from it is.
+        for request_field in fields(self):  # type: ignore[arg-type]
+            # Fields that were declared without a description have no range to check.
+            if _DESCRIPTION_KEY in request_field.metadata:
+                name = request_field.name
+                _check_field(getattr(self, name), name, get_description(request_field))
+
+
+def check_value(request: type[DataclassInstance], name: str, value: object) -> None:
+    """Check a value that stands for one field of a request, as the request itself would.
+
+    Parameters
+    ----------
+    request : type
+        The dataclass of the request.
+    name : str
+        Name of the field.
+    value : object
+        The value.
+
+    Raises
+    ------
+    DynidentError
+        Where the field does not take the value.
+    """
+    _check_field(value, name, get_description(get_field(request, name)))
+
+
+def describe_refusal(name: str, value: float, description: FieldDescription) -> str:
+    """Return the sentence about a number that is out of its range.
+
+    Parameters
+    ----------
+    name : str
+        Name of the field.
+    value : float
+        The number.
+    description : FieldDescription
+        The field's range.
+    """
+    return f"{name} is {_format_number(value)}; it must be {description.range_text}"
+
+
+@contextmanager
+def point_within(pointer: str) -> Iterator[None]:
+    """Let errors about a part of a request point at their place in the whole.
+
+    Parameters
+    ----------
+    pointer : str
+        JSON pointer to the part.
+    """
+    try:
+        yield
+    except DynidentError as error:
+        error.pointer = pointer + error.pointer
+        raise
+
+
+def _check_field(value: object, name: str, description: FieldDescription) -> None:
+    # A text has a length, as a list has; the texts in a list have none of their own.
+    if isinstance(value, str):
+        _check_length(value, "characters", name, description, f"/{name}")
+    _check_values(value, name, description, f"/{name}")
+
+
+def _check_length(value: Sized, items: str, name: str, description: FieldDescription, pointer: str) -> None:
+    most = len(value) if description.most is None else description.most
+    if not (description.fewest or 0) <= len(value) <= most:
+        ends = (("at least", description.fewest), ("at most", description.most))
+        allowed = " and ".join(f"{words} {end}" for words, end in ends if end is not None)
+        raise DynidentError(f"{name} has {len(value)} {items}; it must have {allowed}", pointer=pointer)
 
 
 def _check_values(value: object, name: str, description: FieldDescription, pointer: str) -> None:
-    """Check the value of one field: a number, another request, or several of them."""
+    """Check the value of one field: a number, a name, or several of them. Parts that are requests check themselves."""
     if isinstance(value, (int, float)):
         # For Python a bool is an int. It has no range.
         if not (isinstance(value, bool) or description.accepts(value)):
-            raise DynidentError(
-                f"{name} is {_format_number(value)}; it must be {description.range_text}", pointer=pointer
-            )
+            raise DynidentError(describe_refusal(name, value, description), pointer=pointer)
+    elif isinstance(value, str):
+        if description.kinds is not None and value not in description.kinds.names:
+            choices = ", ".join(description.kinds.names)
+            raise DynidentError(f"there is no {name} {value!r}; choose from: {choices}", pointer=pointer)
     elif isinstance(value, Mapping):
         for key, item in value.items():
             _check_values(item, f"{name} of {key}", description, f"{pointer}/{_escape_key(key)}")
     elif isinstance(value, (tuple, list)):
-        most = len(value) if description.most is None else description.most
-        if not (description.fewest or 0) <= len(value) <= most:
-            ends = (("at least", description.fewest), ("at most", description.most))
-            allowed = " and ".join(f"{words} {end}" for words, end in ends if end is not None)
-            raise DynidentError(f"{name} has {len(value)} items; it must have {allowed}", pointer=pointer)
+        _check_length(value, "items", name, description, pointer)
         for index, item in enumerate(value):
             _check_values(item, name, description, f"{pointer}/{index}")
-    # `is_dataclass` is true for the class itself, too, which has no values to check.
-    elif is_dataclass(value) and not isinstance(value, type):
-        check_ranges(value, pointer)
 
 
 def _escape_key(key: object) -> str:

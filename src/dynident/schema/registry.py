@@ -13,7 +13,7 @@ from pkgutil import iter_modules
 from typing import Any, ClassVar, Generic, TypeVar
 
 from dynident.errors import DynidentError
-from dynident.schema.fields import Choice, check_ranges, get_default
+from dynident.schema.fields import Choice, Request, get_default, point_within
 
 EntryT = TypeVar("EntryT", bound="RegistryEntry")
 # Kinds without a place of their own come last.
@@ -21,7 +21,7 @@ _LAST = 100
 
 
 @dataclass(frozen=True)
-class RegistryEntry:
+class RegistryEntry(Request):
     """One class of a registry; its fields are the options that it alone takes.
 
     Attributes
@@ -184,9 +184,8 @@ class Registry(Generic[EntryT]):
                 raise DynidentError(
                     f"{self.what} {default.name} has no option {option!r}{choices}", pointer=f"/{self.what}/{option}"
                 )
-        kind = replace(default, **options)
-        check_ranges(kind, f"/{self.what}")
-        return kind
+        with point_within(f"/{self.what}"):
+            return replace(default, **options)
 
     def from_text(self, text: str) -> EntryT:
         """Return the kind that a text states: a name, or a name with options, `huber:threshold=1.5,rounds=20`.

@@ -55,19 +55,7 @@ def add_warming(reference: Reference, warming: Warming) -> Reference:
     -------
     Reference
         The same motion with a temperature for every sample and joint.
-
-    Raises
-    ------
-    DynidentError
-        Where temperatures or time constant make no sense.
     """
-    if not (np.isfinite([warming.start, warming.end]).all() and 0 < warming.time_constant < np.inf):
-        raise DynidentError(
-            f"warming from {warming.start} to {warming.end} degC with a time constant of {warming.time_constant} s; "
-            "temperatures must be finite, and the time constant above 0",
-            pointer="/warming",
-            title=_TITLE,
-        )
     n = reference.q.shape[1]
     return replace(reference, temperature=np.repeat(warming.compute_temperature(reference.t)[:, None], n, axis=1))
 

@@ -16,7 +16,6 @@ from dynident.effects.prediction import COULOMB, ROTOR_INERTIA, VISCOUS
 from dynident.errors import DynidentError
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.robot.model import INERTIAL_NAMES, Robot
-from dynident.schema.fields import check_ranges
 from dynident.simulation.ground_truth import TrueEffect, build_typical_effect, list_drive_effects, select_inertias
 from dynident.simulation.reference_motion import Reference, add_warming
 from dynident.simulation.simulated_recording import SimulatedRecording, join_runs
@@ -134,7 +133,6 @@ def _derive_seed(seed: int, k: int) -> int:
 
 
 def _check_effect_runs(request: SimulationRequest) -> None:
-    check_ranges(request)
     for index, effect in enumerate(request.effects):
         check_run_labels(effect.effect, effect.runs, request.runs, f"/effects/{index}/runs")
 

@@ -19,7 +19,6 @@ from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.expressions import Program
 from dynident.robot.model import Robot
-from dynident.schema.fields import check_ranges
 from dynident.simulation.ground_truth import TrueEffect, build_reference, build_true_columns
 from dynident.simulation.signals import SensorSignals, SimulatedSignals
 from dynident.simulation.simulated_recording import Truth
@@ -197,7 +196,6 @@ def check_sensors(sensors: Sensors, robot: Robot) -> None:
     robot : Robot
         The robot, as its description gives it.
     """
-    check_ranges(sensors, "/noise")
     absolute = sensors.torque_noise_absolute
     if absolute is not None and len(absolute) != robot.n:
         raise DynidentError(

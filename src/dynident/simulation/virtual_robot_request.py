@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from dynident.effects.choices import DEFAULT_EFFECTS, LINKS
-from dynident.schema.fields import LARGEST_SEED, Choice, OneOf, declare_field
+from dynident.schema.fields import LARGEST_SEED, Choice, OneOf, Request, declare_field
 
 if TYPE_CHECKING:
     from dynident.array_types import FloatArray
@@ -21,7 +21,7 @@ FEED_FORWARDS = OneOf(
 
 
 @dataclass(frozen=True)
-class ActingEffect:
+class ActingEffect(Request):
     """An effect of the virtual robot; of a size as found on real arms where no parameters are given.
 
     Parameters
@@ -48,7 +48,7 @@ class ActingEffect:
 
 
 @dataclass(frozen=True)
-class Warming:
+class Warming(Request):
     """Joints that warm up with the time t of the session: T = end + (start - end) exp(-t / time_constant).
 
     Parameters
@@ -87,7 +87,7 @@ class Warming:
 
 
 @dataclass(frozen=True)
-class Sensors:
+class Sensors(Request):
     """Encoders, torque sensors and the clock of a virtual robot.
 
     The share of a joint's effort limit is one of the largest torque of the run where the robot has no limit. Currents
@@ -133,7 +133,7 @@ class Sensors:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Session:
+class Session(Request):
     """How often a virtual robot moves, with what between, and what is drawn.
 
     Parameters

@@ -262,7 +262,7 @@ def _build_grid(own: Preprocessing, recording: Recording, cutoffs: Sequence[floa
     middle = own.position_cutoff or own.torque_cutoff or _SHARE_OF_RATE * recording.sampling_rate
     positions = [middle * factor for factor in _MULTIPLES] if cutoffs is None else list(cutoffs)
     for index, cutoff in enumerate(positions):
-        if cutoffs is not None and not (np.isfinite(cutoff) and 0 < cutoff < 0.5 * recording.sampling_rate):
+        if cutoffs is not None and not cutoff < 0.5 * recording.sampling_rate:
             raise DynidentError(
                 f"a cut-off of {cutoff} Hz is not possible: {recording.name} is sampled at "
                 f"{recording.sampling_rate:.6g} Hz, so give frequencies above 0 and below "

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.identification import Identification, PayloadVerdict, payload_from_pair
 from dynident.identification.loads.drive_gains import DriveGains, identify_gains
+from dynident.identification.loads.known_load import KnownLoad
 from dynident.identification.loads.payload_data import read_known_payload
 from dynident.recordings import Recording
+from dynident.schema.fields import check_value
 from dynident.validation.outcome import ValidationOutcome
 
 # Off by more than this share is wrong, whatever the interval; by less is right: gains are hardly known better.
@@ -71,8 +71,7 @@ def validate_payload(
     DynidentError
         Where no usable mass is stated, there is no run without the load, or the runs do not determine the model.
     """
-    if mass is not None and not (np.isfinite(mass) and mass > 0):
-        raise DynidentError(f"the mass is {mass}; give a number of kg above zero", pointer="/mass")
+    check_value(KnownLoad, "mass", mass)
     stated = read_known_payload(loaded).mass if mass is None else mass
     effects = tuple(choice for choice in identification.choices.effects if _is_usable_effect(choice))
     robot, filters = identification.model.robot, identification.preprocessing

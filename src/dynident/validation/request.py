@@ -10,7 +10,7 @@ from dataclasses import Field, dataclass, fields, make_dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from dynident.errors import DynidentError
-from dynident.schema.fields import LARGEST_SEED, Choice, check_ranges, declare_field, get_description, redescribe_field
+from dynident.schema.fields import LARGEST_SEED, Choice, Request, declare_field, get_description, redescribe_field
 from dynident.schema.registry import RegistryEntry
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ from dynident.schema.registry import format_kind
 
 
 @dataclass(frozen=True)
-class Method:
+class Method(Request):
     """One way to identify: the rows, the strategy, the estimator, and what is known beforehand.
 
     Parameters
@@ -278,6 +278,10 @@ class Methods(Trial):
         return validate_methods(tried.model, tried.others, tried.recordings, self.methods, tried.progress)
 
 
+LONGEST_SIMULATED = 20.0
+"""Seconds of a recording that are simulated at most."""
+
+
 @dataclass(frozen=True)
 class Simulation(LimitedTrial):
     """A simulated robot against the recorded one."""
@@ -291,9 +295,8 @@ class Simulation(LimitedTrial):
         """Make the validation on each recording."""
         from dynident.progress import scale_progress
         from dynident.validation import validate_simulation
-        from dynident.validation.simulation import LONGEST
 
-        longest, n = self.longest or LONGEST, len(tried.recordings)
+        longest, n = self.longest or LONGEST_SIMULATED, len(tried.recordings)
         return [
             validate_simulation(
                 tried.model, recording, self.largest_error, longest, scale_progress(tried.progress, k / n, (k + 1) / n)
@@ -389,7 +392,7 @@ def _build_request_class() -> type:
         (name, field.type, redescribe_field(field, f"{', '.join(takers[name])}: {get_description(field).words}"))
         for name, field in firsts.items()
     ]
-    request_class = make_dataclass("Stated", definitions, frozen=True)
+    request_class = make_dataclass("Stated", definitions, bases=(Request,), frozen=True)
     request_class.__module__ = __name__
     return request_class
 
@@ -428,6 +431,4 @@ def build_trial(kind: str, stated: Mapping[str, object]) -> Trial:
             raise DynidentError(
                 f"the validation {kind} has no option {name}; leave it out", pointer=f"/{name}", title="Unusable input"
             )
-    trial = replace(TRIALS.by_name[kind](), **{name: value for name, value in values.items() if name in own})
-    check_ranges(trial)
-    return trial
+    return replace(TRIALS.by_name[kind](), **{name: value for name, value in values.items() if name in own})

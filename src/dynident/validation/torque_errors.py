@@ -16,7 +16,9 @@ from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, 
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.phase_errors import compute_errors_by_phase, select_judged_errors
+from dynident.schema.fields import check_value
 from dynident.validation.outcome import ValidationOutcome
+from dynident.validation.request import LimitedTrial
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,12 +150,6 @@ def validate_cross(
     return replace(validation, judged=judged)
 
 
-def check_limit(limit: float) -> None:
-    """Raise `DynidentError` where a relative error is no share above zero."""
-    if not (np.isfinite(limit) and limit > 0):
-        raise DynidentError(f"limit is {limit}; give a relative error above 0, such as 0.15", pointer="/limit")
-
-
 def _validate_torque(
     identification: Identification, recordings: Sequence[Recording], limit: float, on_what: str, progress: Progress
 ) -> TorqueValidation:
@@ -168,7 +164,7 @@ def _compute_errors_by_recording(
     identification: Identification, recordings: Sequence[Recording], limit: float, progress: Progress
 ) -> tuple[RecordingErrors, ...]:
     # Before the recordings are read, which may take minutes.
-    check_limit(limit)
+    check_value(LimitedTrial, "limit", limit)
     if not recordings:
         raise DynidentError("give at least one measurement to validate on", pointer="/measurement_ids")
     recording_errors = []

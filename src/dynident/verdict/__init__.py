@@ -4,19 +4,29 @@ from dynident.diagnosis.comparing.data_leakage import DataOverlap, find_overlaps
 from dynident.verdict.detectable_loads import DetectableForce
 from dynident.verdict.evidence import Outcome
 from dynident.verdict.model_verdict import ModelVerdict, explain_stop, is_stopped, verdict
+from dynident.verdict.momentum_observer import (
+    ContactDetection,
+    MomentumObserver,
+    ObservedContacts,
+    calibrate_contact_detection,
+)
 from dynident.verdict.stop_cause import Stop
 from dynident.verdict.use_findings import MARKS, State, Use, UseName
 
 __all__ = [
     "MARKS",
+    "ContactDetection",
     "DataOverlap",
     "DetectableForce",
     "ModelVerdict",
+    "MomentumObserver",
+    "ObservedContacts",
     "Outcome",
     "State",
     "Stop",
     "Use",
     "UseName",
+    "calibrate_contact_detection",
     "explain_stop",
     "find_overlaps",
     "is_stopped",

@@ -92,7 +92,7 @@ def compute_detectable_force(robot: Robot, comparisons: Sequence[Comparison]) ->
         return None
     thresholds = np.array(
         [
-            _compute_threshold([maxima for maxima in own if len(maxima)], share) if count >= FEWEST_BLOCKS else np.inf
+            compute_threshold([maxima for maxima in own if len(maxima)], share) if count >= FEWEST_BLOCKS else np.inf
             for own, count in zip(moving, counts, strict=True)
         ]
     )
@@ -168,6 +168,16 @@ def _compute_lift(jacobian: FloatArray, thresholds: FloatArray) -> FloatArray | 
 
     None where no force at the tool moves a joint. Directions that no joint ever feels are left out.
     """
+    forces = draw_unit_forces(jacobian)
+    if forces is None:
+        return None
+    # Jᵀ F, the torque of each joint by the force; the joint that is nearest to its threshold sees it.
+    torque = np.abs(np.einsum("mdi,mij->mdj", forces, jacobian))
+    return np.asarray((torque / np.maximum(thresholds, 1e-300)).max(axis=2).reshape(-1))
+
+
+def draw_unit_forces(jacobian: FloatArray) -> FloatArray | None:
+    """Return directions (m, d, 3) of forces at the tool that some posture feels; None where no joint feels any."""
     left_vectors, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
     largest = float(singular.max(initial=0.0))
     if largest <= _SMALL:
@@ -177,13 +187,10 @@ def _compute_lift(jacobian: FloatArray, thresholds: FloatArray) -> FloatArray | 
     rank = int((singular.max(axis=0) > _FLAT * largest).sum())
     directions = np.random.default_rng(0).normal(size=(_DIRECTIONS, rank))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    forces = np.einsum("mir,dr->mdi", left_vectors[:, :, :rank], directions)
-    # Jᵀ F, the torque of each joint by the force; the joint that is nearest to its threshold sees it.
-    torque = np.abs(np.einsum("mdi,mij->mdj", forces, jacobian))
-    return np.asarray((torque / np.maximum(thresholds, 1e-300)).max(axis=2).reshape(-1))
+    return np.asarray(np.einsum("mir,dr->mdi", left_vectors[:, :, :rank], directions))
 
 
-def _compute_threshold(maxima: Sequence[FloatArray], share: float) -> float:
+def compute_threshold(maxima: Sequence[FloatArray], share: float) -> float:
     """Return the value that block maxima exceed with this probability at most, with a confidence of 95 %."""
     values = np.concatenate(maxima)
     # Gumbel's distribution by the method of moments: its standard deviation is π / √6 times the scale, its mean lies

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from dynident.blas_threads import single_threaded
 from dynident.diagnosis.comparing.data_leakage import DataOverlap, find_overlaps
+from dynident.errors import DynidentError
 from dynident.estimation import Errors, find_outlying_spans
 from dynident.identification import Identification
 from dynident.identification.recording_faults import VETOES
@@ -16,6 +17,7 @@ from dynident.text_and_html_tables import join_html, render_list, render_paragra
 from dynident.validation.simulation import Drift
 from dynident.verdict.detectable_loads import DetectableForce, compute_detectable_force, compute_detectable_mass
 from dynident.verdict.evidence import HeldOutEvidence, Outcome
+from dynident.verdict.momentum_observer import ContactDetection, calibrate_contact_detection
 from dynident.verdict.stop_cause import Stop, find_stop_cause, is_hopeless
 from dynident.verdict.use_findings import (
     DIAGNOSE,
@@ -59,6 +61,8 @@ class ModelVerdict:
         Which force at the tool shows; None where nothing tells.
     mass : float or None
         Mass in kg from which on a load shows; None where nothing tells.
+    contact : ContactDetection or None
+        Thresholds of a momentum observer, and the force that they detect; None where nothing tells.
     """
 
     uses: tuple[Use, ...]
@@ -70,6 +74,7 @@ class ModelVerdict:
     drift: Drift | None = None
     force: DetectableForce | None = None
     mass: float | None = None
+    contact: ContactDetection | None = None
 
     @property
     def summary(self) -> str:
@@ -142,7 +147,7 @@ def verdict(
         reservations.append(UseFinding("limited", sentence, f"Record the torque of {silent}, too."))
     against = _find_universal_objection(identification, stop, common, checks or {})
     held_out = identification.held_out
-    drift, force, mass = None, None, None
+    drift, force, mass, contact = None, None, None, None
     if against is not None or held_out is None:
         finding = against or UseFinding(
             "not_judged",
@@ -160,10 +165,11 @@ def verdict(
             compute_detectable_force(robot, evidence.comparisons),
             compute_detectable_mass(robot, evidence.comparisons),
         )
+        contact = _calibrate_contacts(evidence)
         findings_by_use: dict[UseName, list[UseFinding]] = {
             "simulation": [*judge_errors(evidence), *judge_simulation(evidence, drift), *judge_units(evidence)],
             "feed_forward": [*judge_feed_forward(evidence), *judge_units(evidence)],
-            "collision_detection": judge_collision_detection(evidence, force),
+            "collision_detection": judge_collision_detection(evidence, force, contact),
             "payload": judge_payload(evidence, mass),
         }
         uses = tuple(
@@ -180,14 +186,23 @@ def verdict(
         drift,
         force,
         mass,
+        contact,
     )
+
+
+def _calibrate_contacts(evidence: HeldOutEvidence) -> ContactDetection | None:
+    """Return the thresholds of a momentum observer; None where the model or the recordings do not allow one."""
+    try:
+        return calibrate_contact_detection(evidence.identification, evidence.recordings)
+    except DynidentError:
+        return None
 
 
 _ANOTHER = "Hold out another motion: this one is the motion of the fit."
 _WHEN_GOOD: Mapping[UseName, str] = {
     "simulation": "Export it: dynident export MODEL -f urdf, or -f mjcf.",
     "feed_forward": "Export it: dynident export MODEL -f c, or -f casadi.",
-    "collision_detection": "Export it, and watch the residual after the same filters: dynident export MODEL -f c.",
+    "collision_detection": "Watch the residual of a momentum observer: dynident.verdict.MomentumObserver.",
     "payload": "Weigh a load: hold out recordings with it, and run dynident validate MODEL payload.",
 }
 _REVISES: Mapping[UseName, tuple[str, ...]] = {

@@ -41,6 +41,7 @@ from dynident_client.answers.diagnoses import (
     NotVisible,
     Outcome,
     Reason,
+    RecommendedEffect,
     Separation,
     SeriesChange,
     SeriesResult,
@@ -48,12 +49,12 @@ from dynident_client.answers.diagnoses import (
 )
 from dynident_client.answers.identifications import (
     CommonView,
+    ContactDetectionView,
     CorrelationView,
     CurrentModelsResult,
     CurrentModelView,
     CurrentParameterView,
     DetectableForceView,
-    DriftView,
     EssentialStepView,
     EssentialView,
     IdentificationResult,
@@ -73,7 +74,7 @@ from dynident_client.answers.identifications import (
     UseView,
     VerdictView,
 )
-from dynident_client.answers.parts import EffectChoice, ErrorFigures, ErrorsView, UsedPreprocessing
+from dynident_client.answers.parts import DriftView, EffectChoice, ErrorFigures, ErrorsView, UsedPreprocessing
 from dynident_client.answers.resources import (
     CapsuleView,
     Catalogue,
@@ -86,6 +87,8 @@ from dynident_client.answers.resources import (
     Health,
     JointView,
     KeyUsage,
+    KnownRobot,
+    KnownRobots,
     Limits,
     LoopEndView,
     LoopView,
@@ -134,6 +137,7 @@ __all__ = [
     "CommonView",
     "ComparisonResult",
     "Conclusion",
+    "ContactDetectionView",
     "CorrelationView",
     "Course",
     "CriterionValues",
@@ -170,6 +174,8 @@ __all__ = [
     "IdentifiedGain",
     "JointView",
     "KeyUsage",
+    "KnownRobot",
+    "KnownRobots",
     "LackOfFit",
     "Limits",
     "Lineage",
@@ -196,6 +202,7 @@ __all__ = [
     "RawSignals",
     "Readiness",
     "Reason",
+    "RecommendedEffect",
     "RepeatedMotion",
     "Repetition",
     "ReportResult",

@@ -19,6 +19,8 @@ class Candidate(TypedDict):
     evidence: str
     joints: list[str]
     p_value: float | None
+    question: str
+    """Whether the robot has the part that the effect is of"""
     rank: int
     reason: Reason | None
     """Why it is a finding or not"""
@@ -29,6 +31,8 @@ class Candidate(TypedDict):
     shape_parameters: dict[str, float]
     significant: bool
     t_value: float | None
+    title: str
+    """The effect in words: while there is a question, what the data show"""
 
 
 class Change(TypedDict):
@@ -133,7 +137,9 @@ class DiagnosisResult(TypedDict):
     not_visible: list[NotVisible]
     outcomes: list[Outcome]
     """What became of every effect on every joint, and why; findings first"""
-    recommended: list[EffectChoice]
+    questions: list[str]
+    """Questions that recommended effects depend on, each once"""
+    recommended: list[RecommendedEffect]
     residual_rms: list[float | None]
     summary: str
     unknown: list[UnknownPattern]
@@ -261,6 +267,22 @@ class Reason(TypedDict):
     """The reason as a sentence"""
     values: dict[str, float | str | None]
     """Numbers and names that belong to the code"""
+
+
+class RecommendedEffect(TypedDict):
+    """An effect to add to the model."""
+
+    effect: str
+    """An id from GET /v1/effects"""
+    joints: list[str]
+    """Names of joints; by default, all joints that the effect can act on."""
+    question: str
+    """Whether the robot has the part that the effect is of; answer with has or has_not of the robot. Empty if that is
+    known, or there is no such part"""
+    runs: list[str]
+    """Names of the measurements, or labels of their runs, in which the effect acts"""
+    shape_parameters: dict[str, float]
+    """Shape constants; searched for if not given."""
 
 
 class Separation(TypedDict):

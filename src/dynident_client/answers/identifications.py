@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypedDict
 
-from dynident_client.answers.parts import EffectChoice, ErrorsView, UsedPreprocessing
+from dynident_client.answers.parts import DriftView, EffectChoice, ErrorsView, UsedPreprocessing
 
 
 class CommonView(TypedDict):
@@ -17,6 +17,24 @@ class CommonView(TypedDict):
     """The same samples, or the same motion once more"""
     share: float
     """Of the moving time, 0 to 1"""
+
+
+class ContactDetectionView(TypedDict):
+    """Thresholds of a momentum observer, and the force at the tool that they detect as it happens."""
+
+    false_alarms_an_hour: float
+    force: float
+    """N, in 95 % of the directions and postures of the held-out motion"""
+    gain: float
+    """Bandwidth of the observer, 1/s"""
+    seconds: float
+    """Duration of the held-out motion that it was computed from"""
+    speeds: list[list[float | None]]
+    """rad/s or m/s between three classes of speed, per joint"""
+    thresholds: list[list[float | None]]
+    """N m or N, per joint: slow or just slow before, then by class of speed; null: too few data"""
+    within: float
+    """Seconds within which it shows"""
 
 
 class CorrelationView(TypedDict):
@@ -77,19 +95,6 @@ class DetectableForceView(TypedDict):
     """Thresholds for every joint's filtered residual, N m or N; null: the joint moves too seldom"""
 
 
-class DriftView(TypedDict):
-    """Drift of an open-loop simulation under the measured torque, root mean square over many starts."""
-
-    after: list[float]
-    """s"""
-    distance: list[list[float | None]]
-    """rad or m, after each time, per joint"""
-    joint_names: list[str]
-    share: list[list[float | None]]
-    """Divided by the joint's travel in that time"""
-    starts: int
-
-
 class EssentialStepView(TypedDict):
     """One step of the elimination: one parameter is removed."""
 
@@ -122,7 +127,10 @@ class EssentialView(TypedDict):
 class IdentificationResult(TypedDict):
     """An identified model."""
 
+    condition_meaning: str
+    """What the equilibrated condition number means"""
     condition_number: float | None
+    """Of W [12.12]; parameters of other units change it"""
     confirmed_by: list[Literal["moving", "reversing", "starting"]] | None
     """Held-out rows on which what was added surely lowers the error: where joints move; at reversals and at starts of
     its joints, where the effect claims to explain these; [] if none do; null if not judged"""
@@ -137,6 +145,8 @@ class IdentificationResult(TypedDict):
     effects: list[EffectChoice]
     effort_units: list[str]
     equations_per_parameter: float
+    equilibrated_condition_number: float | None
+    """The same with rows over their noise and columns of unit norm; null in models that an older version stored"""
     inertia_matrix_positive_definite: bool
     joints: list[str]
     measurements: list[SeenMeasurement]
@@ -363,6 +373,8 @@ class VerdictView(TypedDict):
 
     common: list[CommonView]
     """What held-out data have in common with the data of the fit"""
+    contact: ContactDetectionView | None
+    """null if the model or the data allow no momentum observer"""
     drift: DriftView | None
     """null if there was no simulation"""
     force: DetectableForceView | None

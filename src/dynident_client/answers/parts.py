@@ -5,6 +5,19 @@ from __future__ import annotations
 from typing import TypedDict
 
 
+class DriftView(TypedDict):
+    """Drift of an open-loop simulation under the measured torque, root mean square over many starts."""
+
+    after: list[float]
+    """s"""
+    distance: list[list[float | None]]
+    """rad or m, after each time, per joint"""
+    joint_names: list[str]
+    share: list[list[float | None]]
+    """Divided by the joint's travel in that time"""
+    starts: int
+
+
 class EffectChoice(TypedDict):
     """An effect of the catalogue, on some joints."""
 

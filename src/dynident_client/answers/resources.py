@@ -63,9 +63,13 @@ class EffectParameter(TypedDict):
 class EffectView(TypedDict):
     """A physical cause of joint torque."""
 
+    appearance: str
+    """What the data show of such an effect, whatever its cause"""
     confused_with: list[str]
     formula: str
     """LaTeX"""
+    hardware: str
+    """The part that the effect is of, if only some robots have it"""
     id: str
     parameters: list[EffectParameter]
     scope: Literal["joint", "robot"]
@@ -146,21 +150,37 @@ class KeyUsage(TypedDict):
     """Measurements, including those that unfinished simulations will make"""
 
 
+class KnownRobot(TypedDict):
+    """A well-known arm."""
+
+    description: dict[str, str]
+    """For POST /v1/robots: format and content"""
+    name: str
+    source: str
+    """Where its limits and inertial parameters are from"""
+
+
+class KnownRobots(TypedDict):
+    """The well-known arms, by name."""
+
+    items: list[KnownRobot]
+
+
 class Limits(TypedDict):
     """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W."""
 
     acceleration: float | None
-    """rad/s² or m/s²"""
+    """Largest acceleration, in rad/s² or m/s² (1e-06 to 1e+09)"""
     effort: float | None
-    """N m or N"""
+    """Largest torque or force, in N m or N (1e-06 to 1e+09)"""
     jerk: float | None
-    """rad/s³ or m/s³"""
+    """Largest change of the acceleration, in rad/s³ or m/s³ (1e-06 to 1e+09)"""
     position: tuple[float, float] | None
-    """Lowest and highest position, rad or m"""
+    """Lowest and highest position, in rad or m"""
     power: float | None
-    """Limit of torque times velocity, in W"""
+    """Largest product of torque and velocity, in W (1e-06 to 1e+09)"""
     velocity: float | None
-    """rad/s or m/s"""
+    """Largest speed, in rad/s or m/s (1e-06 to 1e+09)"""
 
 
 class LoopEndView(TypedDict):
@@ -259,6 +279,8 @@ class Quota(TypedDict):
 class RawSignals(TypedDict):
     """Signals of a measurement's file, without filtering, repair or resampling."""
 
+    available: list[str]
+    """Signals of joints that the file has, by joint name"""
     n_samples: int
     """Number of samples from `from` to `to`, of which these are shown"""
     signals: dict[str, list[float | None]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypedDict
 
-from dynident_client.answers.parts import ErrorsView, UsedPreprocessing
+from dynident_client.answers.parts import DriftView, ErrorsView, UsedPreprocessing
 
 
 class BootstrapView(TypedDict):
@@ -166,8 +166,10 @@ class PayloadView(TypedDict):
 
 
 class SimulationOnMeasurement(TypedDict):
-    """A simulated robot that follows a recorded motion."""
+    """A simulated robot that follows a recorded motion, and one without a controller."""
 
+    drift: DriftView | None
+    """Drift without a controller; null if nothing could be simulated"""
     duration: float
     """Seconds that are simulated"""
     measurement_id: str

@@ -152,6 +152,7 @@ def diagnose(
             candidates=choices.candidates,
             most_effects=choices.max_effects,
             significance=choices.significance,
+            hardware=choices.hardware,
             progress=data.progress,
         )
         if next_experiment or (next_experiment is None and (result.out is not None or result.as_json)):

@@ -17,6 +17,7 @@ from scipy.special import stdtrit
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.scoring import Score
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.request import DEFAULT_SIGNIFICANCE
 from dynident.diagnosis.residuals.time_blocks import compute_median_error
 from dynident.effects import CATALOGUE
@@ -161,24 +162,6 @@ def standardise_size(squares: FloatArray, spread: FloatArray) -> FloatArray:
 ALPHA = DEFAULT_SIGNIFICANCE
 """The level of tests that no request sets."""
 
-SMALLEST_ERROR_DROP = 0.02
-"""Share of the held-out error, in N m, that an effect must remove where it is said to be: less nobody would notice."""
-
-SMALLEST_DROP = 0.04
-"""The same as a share of the squared error of the joint that it helps most."""
-
-SMALLEST_GAIN_OVER_NOISE = 0.08
-"""Share of the sensor noise's own power that an effect must remove: less would be no matter to anybody. Up to a quarter
-most names are right ones still (`benchmarks/smallest_gain.py`)."""
-
-SMALLEST_GAIN_AT_REVERSALS = 0.3
-"""The same for effects that show where a joint turns: small errors of the filtered signals there are of that size."""
-
-# Gain of one block, in units of a usual one's error, above which it counts no more.
-_CAP = 3.0
-# Share of its gain by which a candidate beats a simpler one however unevenly, or does not however evenly.
-_MUCH_MORE, _HARDLY_MORE = 0.2, 0.02
-
 
 def compute_least_t(blocks: int, level: float) -> float:
     """Return the t of a gain over so many blocks that chance reaches with a probability, for one candidate alone."""
@@ -287,7 +270,7 @@ class ScoredCandidate:
         level : float
             Largest p-value.
         """
-        matters = self.drop >= SMALLEST_DROP and self.error_drop >= SMALLEST_ERROR_DROP
+        matters = self.drop >= RULES.least_drop and self.error_drop >= RULES.least_error_drop
         return matters and self.p <= level and self.t >= compute_least_t(len(self.gains), level)
 
     def is_still_helpful(self, least_drop: float, least_t: float) -> bool:
@@ -332,7 +315,9 @@ class BaselineErrors:
         """
         weighted = before / noise**2
         whole = weighted.sum(axis=1)
-        return cls(weighted, np.minimum(1.0, _CAP * compute_median_error(whole) / np.maximum(whole, 1e-300)))
+        return cls(
+            weighted, np.minimum(1.0, RULES.most_of_block * compute_median_error(whole) / np.maximum(whole, 1e-300))
+        )
 
 
 def combine_scores(
@@ -445,6 +430,10 @@ def has_larger_gain(best: ScoredCandidate, simpler: ScoredCandidate) -> bool:
     remaining = float(simpler.after_weighted.sum())
     more = float(difference.sum())
     # Much more is decided by size alone; little more has to be large against what is left, and even over the blocks.
-    if more >= _MUCH_MORE * best.total_gain:
+    if more >= RULES.much_more * best.total_gain:
         return True
-    return more >= SMALLEST_DROP * remaining and more >= _HARDLY_MORE * best.total_gain and compute_t(difference) >= 2.0
+    return (
+        more >= RULES.least_drop * remaining
+        and more >= RULES.hardly_more * best.total_gain
+        and compute_t(difference) >= 2.0
+    )

@@ -12,28 +12,16 @@ import numpy as np
 from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.significance import (
-    SMALLEST_DROP,
-    SMALLEST_ERROR_DROP,
-    SMALLEST_GAIN_AT_REVERSALS,
-    SMALLEST_GAIN_OVER_NOISE,
-    ScoredCandidate,
-    compute_least_t,
-)
+from dynident.diagnosis.candidates.significance import ScoredCandidate, compute_least_t
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.reasons import Reason, build_too_small, describe_choice
 from dynident.diagnosis.search.state import State
 from dynident.effects import Effect, get_effect
 from dynident.effects.effect_columns import is_lasting_change
 
-FOUND_AGAIN = 0.9
-"""In so many of the resamplings a name has to come first again."""
-
 # Resamplings: a share of 0.9 is then known to within 0.02.
 _DRAWS = 200
 _SEED = 21
-
-_MORE = 0.2
-"""A candidate with more parameters takes the place of a simpler one if it gains so much more."""
 
 
 def compute_stability(names: Sequence[ScoredCandidate], rivals: Sequence[ScoredCandidate], run: IndexArray) -> float:
@@ -91,45 +79,8 @@ def is_other_name(chosen: ScoredCandidate, rival: ScoredCandidate) -> bool:
 def _compute_margin(chosen: ScoredCandidate, rival: ScoredCandidate) -> FloatArray:
     """Return (s,): how much each block speaks for the chosen candidate; below zero in sum it would not be chosen."""
     if rival.complexity > chosen.complexity:
-        return np.asarray(chosen.gains - (1.0 - _MORE) * rival.gains)
+        return np.asarray(chosen.gains - (1.0 - RULES.more_for_parameters) * rival.gains)
     return np.asarray(chosen.gains - rival.gains)
-
-
-VISIBLE = 0.02
-"""Share of a column that has to be left beside the model for the data to show its effect at all."""
-
-_LEAST_REACH = 0.25
-"""Share of a column left beside the model, times the t of what it gains, that a candidate needs.
-
-On a motion that tells the column from the model's, what its parameter leaves open makes one over this as much torque as
-the candidate removes here: four times at most (`benchmarks/smallest_gain.py`). Where a joint moved one way only, the
-model says all but a thirtieth of friction that differs with the direction."""
-
-# A sensitivity of which so little is left beside the model reaches far beyond the data: it has to gain much.
-_BLURRED, _DROP_OF_BLURRED = 0.2, 0.25
-_LEAST_OF_RUNS = 0.5
-"""Share of the squared error of the joint that it helps most that an effect of some runs alone has to remove.
-
-The motions of two runs differ, too: what a model lacks shows differently in each, and parameters of one run alone make
-up for some of it."""
-
-_LEAST_OF_CHANGE = 0.1
-"""The same for what the later runs have: it is asked of these runs alone, not of every group of them."""
-
-_SHADOW = 0.05
-"""Share of what an effect of a rough formula explains that anything beside it has to: a curve that is off by a fifth of
-itself leaves so much, as such formulas are at the ends of the range, and on the other joints that a cable spans, and it
-looks like many things."""
-
-# Share of the error itself that serves where the torque has no noise.
-_QUIET = 1e-4
-
-JOINT_DROP = 0.03
-"""Share of its own squared error that each joint of a group has to gain."""
-JOINT_T = 2.0
-"""t of the gain of a joint of a group."""
-LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5
-"""Where it gains this share of its error, a smaller t will do."""
 
 
 def find_rejection(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
@@ -174,20 +125,20 @@ def is_too_small_for_runs(state: State, data: PhasedProducts, scored: ScoredCand
     return rejection is not None and dict(rejection.values).get("measure") == "runs"
 
 
-def _check_visibility(_state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
-    if scored.separability >= VISIBLE:
+def _check_visibility(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+    if scored.separability >= state.rules.least_separability:
         return None
-    return Reason.build("not_determined", share=scored.separability, least=VISIBLE)
+    return Reason.build("not_determined", share=scored.separability, least=state.rules.least_separability)
 
 
 def _check_significance(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     """Check that a gain is no chance, among all that was tried and by itself, and large enough to notice."""
     if scored.p > state.level:
         return Reason.build("not_significant", p=scored.p, level=state.level)
-    if scored.drop < SMALLEST_DROP:
-        return build_too_small("squared_error", scored.drop, SMALLEST_DROP)
-    if scored.error_drop < SMALLEST_ERROR_DROP:
-        return build_too_small("error", scored.error_drop, SMALLEST_ERROR_DROP)
+    if scored.drop < state.rules.least_drop:
+        return build_too_small("squared_error", scored.drop, state.rules.least_drop)
+    if scored.error_drop < state.rules.least_error_drop:
+        return build_too_small("error", scored.error_drop, state.rules.least_error_drop)
     least_t = compute_least_t(len(scored.gains), state.level)
     if scored.t < least_t:
         return Reason.build("not_significant", p=scored.p, level=state.level, t=scored.t, least_t=least_t)
@@ -199,15 +150,19 @@ def _check_size(state: State, data: PhasedProducts, scored: ScoredCandidate) -> 
     return build_too_small("noise", gain, least) if gain < least else None
 
 
-def _check_reach(_state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_reach(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     # A column of which little is left needs a gain that is very sure.
-    least = _LEAST_REACH / max(scored.t, np.finfo(float).tiny)
+    least = state.rules.least_reach / max(scored.t, np.finfo(float).tiny)
     return _check_share(scored, least)
 
 
-def _check_blur(_state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_blur(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     is_first_order = get_effect(scored.candidate.effect).first_order
-    return _check_share(scored, _BLURRED) if is_first_order and scored.drop < _DROP_OF_BLURRED else None
+    return (
+        _check_share(scored, state.rules.blurred_separability)
+        if is_first_order and scored.drop < state.rules.blurred_drop
+        else None
+    )
 
 
 def _check_share(scored: ScoredCandidate, least: float) -> Reason | None:
@@ -216,8 +171,8 @@ def _check_share(scored: ScoredCandidate, least: float) -> Reason | None:
     return Reason.build("not_determined", share=scored.separability, least=min(least, 1.0))
 
 
-def find_least_drop(candidate: Candidate, separability: float, t: float) -> float:
-    """Return the share of the squared error that a candidate has to remove; infinite where no share is enough.
+def find_least_drops(candidate: Candidate, separability: float, t: FloatArray) -> FloatArray:
+    """Return (d,): the share of the squared error that a candidate has to remove; infinite where no share is enough.
 
     Parameters
     ----------
@@ -225,15 +180,14 @@ def find_least_drop(candidate: Candidate, separability: float, t: float) -> floa
         The candidate.
     separability : float
         Share of its column that is left beside the model.
-    t : float
+    t : (d,)
         t of its gain.
     """
-    if separability < VISIBLE or separability * t < _LEAST_REACH:
-        return np.inf
-    effect = get_effect(candidate.effect)
-    if effect.first_order and separability < _BLURRED:
-        return _DROP_OF_BLURRED
-    return SMALLEST_DROP
+    if separability < RULES.least_separability:
+        return np.full_like(t, np.inf)
+    is_blurred = get_effect(candidate.effect).first_order and separability < RULES.blurred_separability
+    least = RULES.blurred_drop if is_blurred else RULES.least_drop
+    return np.where(separability * t < RULES.least_reach, np.inf, least)
 
 
 def _check_shadows(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
@@ -253,7 +207,7 @@ def _check_each_joint(state: State, data: PhasedProducts, scored: ScoredCandidat
         return None
     before = scored.before[:, idle].sum(axis=0)
     shares = 1.0 - scored.after[:, idle].sum(axis=0) / np.maximum(before, np.finfo(float).tiny)
-    return build_too_small("joint", float(shares.min()), JOINT_DROP)
+    return build_too_small("joint", float(shares.min()), state.rules.joint_drop)
 
 
 def _check_runs(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
@@ -261,7 +215,7 @@ def _check_runs(state: State, _data: PhasedProducts, scored: ScoredCandidate) ->
     if not scored.candidate.runs:
         return None
     is_lasting = is_lasting_change(scored.candidate.choice, state.since)
-    least = _LEAST_OF_CHANGE if is_lasting else _LEAST_OF_RUNS
+    least = state.rules.least_drop_of_change if is_lasting else state.rules.least_drop_in_runs
     return build_too_small("runs", scored.drop, least) if scored.drop < least else None
 
 
@@ -304,11 +258,14 @@ def has_gain_on_joint(state: State, data: PhasedProducts, scored: ScoredCandidat
     share = float(gain.sum()) / max(float(before.sum()), np.finfo(float).tiny)
     spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
     # A large gain may be less even: an effect that shows at few places is there all the same.
-    even = float(gain.mean()) >= (JOINT_T if share < LARGE_DROP else JOINT_T_OF_LARGE) * spread
+    even = (
+        float(gain.mean())
+        >= (state.rules.joint_t if share < state.rules.large_joint_drop else state.rules.large_joint_t) * spread
+    )
     large = compute_gain_over_floor(scored, joint, state.floor, data) >= get_least_gain(
         get_effect(scored.candidate.effect)
     )
-    return share >= JOINT_DROP and even and large
+    return share >= state.rules.joint_drop and even and large
 
 
 def is_shadowed(scored: ScoredCandidate, finding: ScoredCandidate, floor: FloatArray) -> bool:
@@ -328,7 +285,7 @@ def is_shadowed(scored: ScoredCandidate, finding: ScoredCandidate, floor: FloatA
     rough = get_effect(finding.candidate.effect)
     if not rough.is_rough or (rough.is_friction and not set(scored.joints) <= set(finding.joints)):
         return False
-    return compute_explained_error(scored, floor) < _SHADOW * compute_explained_error(finding, floor)
+    return compute_explained_error(scored, floor) < RULES.shadow * compute_explained_error(finding, floor)
 
 
 def compute_explained_error(scored: ScoredCandidate, floor: FloatArray) -> float:
@@ -342,14 +299,14 @@ def compute_explained_error(scored: ScoredCandidate, floor: FloatArray) -> float
         Noise of the sensors, N m or N.
     """
     removed = (scored.before - scored.after).sum(axis=0)
-    unit = np.maximum(floor**2, _QUIET * scored.before.mean(axis=0))
+    unit = np.maximum(floor**2, RULES.quiet * scored.before.mean(axis=0))
     return float((removed / np.maximum(unit, np.finfo(float).tiny)).sum())
 
 
 def get_least_gain(effect: Effect) -> float:
     """Return the share of the sensor noise's power that an effect has to remove."""
     at_reversals = any(spec.resolved_by is not None for spec in effect.shapes)
-    return SMALLEST_GAIN_AT_REVERSALS if at_reversals else SMALLEST_GAIN_OVER_NOISE
+    return RULES.least_gain_at_reversals if at_reversals else RULES.least_gain_over_noise
 
 
 def compute_gain_over_floor(scored: ScoredCandidate, joint: int, floor: FloatArray, data: PhasedProducts) -> float:

@@ -23,17 +23,12 @@ from dynident.diagnosis.candidates.joint_products import JointBlocks
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products, split_data_folds
 from dynident.diagnosis.candidates.scoring import compute_block_products
-from dynident.diagnosis.candidates.significance import (
-    SMALLEST_ERROR_DROP,
-    FamilywiseLevels,
-    compute_least_t,
-    standardise_size,
-)
+from dynident.diagnosis.candidates.significance import FamilywiseLevels, compute_least_t, standardise_size
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.reasons import CandidateOutcome, Reason
 from dynident.diagnosis.result import DetectionLimit, Invisible
-from dynident.diagnosis.search.acceptance import VISIBLE, find_least_drop, get_least_gain
+from dynident.diagnosis.search.acceptance import find_least_drops, get_least_gain
 from dynident.diagnosis.search.outcomes import FinalScores
-from dynident.diagnosis.search.pruning import PRUNE_T
 from dynident.diagnosis.search.state import KINDS, find_acting_columns, may_use_scores
 from dynident.effects import EffectChoice, get_effect
 from dynident.estimation.errors import compute_evenness
@@ -45,9 +40,9 @@ LARGEST = 100.0
 """Times the usual size above which no limit is looked for: no arm has an effect of that size."""
 _SMALLEST = 0.003
 
-# Draws of the blocks' signs: a share of 0.95 is then known to within 0.02. The search for a size halves its interval in
-# the logarithm so often: a limit is known to within 3 %.
-_DRAWS, _HALVINGS = 100, 9
+# Draws of the blocks' signs: a share of 0.95 is then known to within 0.03. The search for the size that each draw
+# accepts halves its interval in the logarithm so often: a limit is known to within 4 %.
+_DRAWS, _HALVINGS = 50, 8
 _SEED = 43
 
 
@@ -257,9 +252,9 @@ class _PlantedEffect:
     least_t: float
     moving: _PlantedEffect | None = None
 
-    def compute_power(self, share: float) -> float:
-        """Return the share of draws in which an effect of a share of the usual size is accepted."""
-        sides = [self._compare(number, share) for number in range(len(self.held_out))]
+    def find_accepted(self, shares: FloatArray) -> BoolArray:
+        """Return (d,): in which draws an effect of a share (d,) of the usual size is accepted."""
+        sides = [self._compare(number, shares) for number in range(len(self.held_out))]
         t = compute_evenness(np.mean([side.gains for side in sides], axis=0))
         # The smaller of both kinds of folds, as in scoring; errors are averaged.
         drops = np.min([side.drops for side in sides], axis=0)
@@ -268,24 +263,40 @@ class _PlantedEffect:
         effect = get_effect(self.candidate.effect)
         # What pulls at two joints has to help both; anything else the joint that it helps most.
         over_joints = np.min if effect.pulls_on_each else np.max
-        least_drop = np.array([find_least_drop(self.candidate, self.separability, value) for value in t])
+        least_drop = find_least_drops(self.candidate, self.separability, t)
         accepted = (
-            ((t >= self.levels.gains) | self._test_scores(share))
+            ((t >= self.levels.gains) | self._test_scores(shares))
             & (t >= self.least_t)
             & (over_joints(drops, axis=1) >= least_drop)
-            & (over_joints(error_drops, axis=1) >= SMALLEST_ERROR_DROP)
+            & (over_joints(error_drops, axis=1) >= RULES.least_error_drop)
             & (over_joints(removed / self.floor, axis=1) >= get_least_gain(effect))
         )
         if self.moving is not None:
             kinds = range(len(self.moving.held_out))
-            where_moving = _compute_error_drops([self.moving._compare(number, share) for number in kinds])
-            accepted &= over_joints(where_moving, axis=1) >= SMALLEST_ERROR_DROP
-        return float(accepted.mean())
+            where_moving = _compute_error_drops([self.moving._compare(number, shares) for number in kinds])
+            accepted &= over_joints(where_moving, axis=1) >= RULES.least_error_drop
+        return accepted
 
-    def _compare(self, number: int, share: float) -> _Comparison:
+    def find_thresholds(self) -> FloatArray:
+        """Return (d,): the smallest share of the usual size that is accepted in each draw; infinite where none is."""
+        if self.separability < RULES.least_separability:
+            return np.full(_DRAWS, np.inf)
+        low, high = np.full(_DRAWS, math.log(_SMALLEST)), np.full(_DRAWS, math.log(LARGEST))
+        is_ever = self.find_accepted(np.exp(high))
+        if not is_ever.any():
+            return np.full(_DRAWS, np.inf)
+        # All draws halve their own intervals at once.
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            accepted = self.find_accepted(np.exp(middle))
+            low, high = np.where(accepted, low, middle), np.where(accepted, middle, high)
+        return np.where(is_ever, np.exp(high), np.inf)
+
+    def _compare(self, number: int, shares: FloatArray) -> _Comparison:
         """Compare the errors without and with the candidate in one kind of folds."""
         held_out = self.held_out[number]
         along, cross = self._products_along[number]
+        share = shares[:, None, None]
         before = np.maximum(held_out.errors + share**2 * along + 2.0 * share * cross, np.finfo(float).tiny)
         # As in scoring: no loss counts for more than there was, and no block for more than three usual ones.
         gain = np.maximum(before - self._errors_after[number], -before)
@@ -334,17 +345,30 @@ class _PlantedEffect:
             )
         return np.maximum(after, 0.0)
 
-    def _test_scores(self, share: float) -> BoolArray:
+    def _test_scores(self, shares: FloatArray) -> BoolArray:
         """Return (d,): whether the scores are larger than chance makes them, where they may speak."""
         if not may_use_scores(self.candidate):
             return np.zeros(_DRAWS, dtype=bool)
-        noise, pushed = self.fitted_scores @ self.unit, share * (self.fitted_squares @ self.direction) @ self.unit
-        # Of each draw: sums over the blocks, and the sum of squares. The squares of the noise have no sign.
-        sums = self._signs @ noise + pushed.sum(axis=0)
+        noise_sum, pushed_sum, noise_squares, pushed_squares, mixed = self._score_sums
+        share = shares[:, None, None]
+        sums = noise_sum + shares[:, None] * pushed_sum
+        spread = noise_squares + share**2 * pushed_squares + share * mixed
+        return np.asarray(standardise_size((sums**2).sum(axis=1), spread) >= self.levels.scores)
+
+    @cached_property
+    def _score_sums(self) -> tuple[FloatArray, ...]:
+        """Sums of the scores over the blocks, and of their squares: of what is left, of the usual size, and mixed."""
+        noise, pushed = self.fitted_scores @ self.unit, (self.fitted_squares @ self.direction) @ self.unit
+        # The squares of what is left do not depend on the draw's signs.
         mixed = self._signs @ (noise[:, :, None] * pushed[:, None, :]).reshape(len(noise), -1)
         mixed = mixed.reshape(_DRAWS, *self.unit.shape)
-        spread = noise.T @ noise + pushed.T @ pushed + mixed + mixed.transpose(0, 2, 1)
-        return np.asarray(standardise_size((sums**2).sum(axis=1), spread) >= self.levels.scores)
+        return (
+            self._signs @ noise,
+            pushed.sum(axis=0),
+            noise.T @ noise,
+            pushed.T @ pushed,
+            mixed + mixed.transpose(0, 2, 1),
+        )
 
 
 def _list_planted(
@@ -382,7 +406,7 @@ def _list_planted(
                 unit[place],
                 float(separability[place]),
                 final.levels,
-                max(compute_least_t(rows.n_stretches, state.level), PRUNE_T),
+                max(compute_least_t(rows.n_stretches, state.level), RULES.staying_finding_t),
             )
 
 
@@ -439,24 +463,11 @@ def _build_limit(pool: Pool, planted: _PlantedEffect) -> DetectionLimit:
     column = pool.observation.columns[candidate.columns[main]]
     usual = abs(float(planted.direction[main]))
     least = _find_least_noticeable(pool, planted)
-    sure, half = (max(_find_share(planted, power), least) for power in (SURE, HALF))
+    thresholds = np.sort(planted.find_thresholds())
+    sure, half = (max(float(thresholds[math.ceil(power * _DRAWS) - 1]), least) for power in (SURE, HALF))
     return DetectionLimit(
         candidate.effect, candidate.joints, column.name, column.unit, sure * usual, half * usual, usual, candidate.shape
     )
-
-
-def _find_share(planted: _PlantedEffect, power: float) -> float:
-    """Return the smallest share of the usual size that is accepted so often; infinite where none is."""
-    if planted.separability < VISIBLE or planted.compute_power(LARGEST) < power:
-        return math.inf
-    low, high = math.log(_SMALLEST), math.log(LARGEST)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        if planted.compute_power(math.exp(middle)) >= power:
-            high = middle
-        else:
-            low = middle
-    return math.exp(high)
 
 
 def _find_least_noticeable(pool: Pool, planted: _PlantedEffect) -> float:

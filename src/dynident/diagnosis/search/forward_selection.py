@@ -12,6 +12,7 @@ from typing import Protocol
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.reasons import Reason
 from dynident.diagnosis.search.identifiability import is_determined, is_main_explanation
 from dynident.diagnosis.search.model_comparison import build_finer_pool, compare_names, explains_as_much, list_starts
@@ -200,10 +201,6 @@ def _share_a_joint(first: Finding, second: Finding) -> bool:
     return bool(set(first.judged.candidate.joints) & set(second.judged.candidate.joints))
 
 
-# Waves a turn below which a polynomial of the position says much the same.
-_FEW_WAVES = 6.0
-
-
 @dataclass(frozen=True)
 class Loss:
     """The finding beside which a candidate lost most of its gain.
@@ -381,7 +378,7 @@ def _is_slow_wave(candidate: Candidate) -> bool:
     """Return whether a function of the position has so few waves that a polynomial says much the same."""
     if get_effect(candidate.effect).proposal != "angle_spectrum":
         return True
-    return max(value for _, value in candidate.shape) < _FEW_WAVES
+    return max(value for _, value in candidate.shape) < RULES.few_waves
 
 
 def _list_neighbour_columns(pool: Pool, chosen: Candidate, base: tuple[int, ...]) -> tuple[int, ...]:

@@ -12,8 +12,8 @@ from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products, find_present
 from dynident.diagnosis.candidates.scoring import compute_fitted_errors, compute_held_out_errors
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.result import Invisible
-from dynident.diagnosis.search.acceptance import VISIBLE
 from dynident.diagnosis.search.state import State
 from dynident.effects import EffectChoice
 
@@ -44,7 +44,7 @@ def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
     return tuple(
         Invisible(*key, f"only {share:.1%} {why}", f"{share:.1%} left")
         for key, share in shares.items()
-        if share < VISIBLE
+        if share < RULES.least_separability
     )
 
 
@@ -80,16 +80,6 @@ def _find_pool_columns(choice: EffectChoice, pool: Pool) -> tuple[int, ...]:
     return find_nearest(choice.joints) or tuple(column for name in choice.joints for column in find_nearest((name,)))
 
 
-MOST_FROM_PART_TO_PART = 1.6
-"""Error on a fifth of the motion in a row that was left out over that on every fifth stretch: 1.0-1.25 on sound data,
-1.6-3 where the motion is too poor to determine the model."""
-
-MOST_OF_FIT = 0.5
-"""Share of the squared error, fitted and held out, that something has to explain to be named where that is so.
-
-On a clean delta robot, what passed the gate explained 0.03 of it; friction hidden on a passive joint, 0.91-0.95."""
-
-
 def is_determined(rows: Products, state: State) -> bool:
     """Return whether the model that the search starts from predicts parts of the motion from the others.
 
@@ -102,7 +92,7 @@ def is_determined(rows: Products, state: State) -> bool:
     state : State
         The model so far and what was found.
     """
-    return compute_part_to_part_ratio(rows, state) <= MOST_FROM_PART_TO_PART
+    return compute_part_to_part_ratio(rows, state) <= state.rules.part_to_part
 
 
 def compute_part_to_part_ratio(rows: Products, state: State) -> float:
@@ -154,7 +144,10 @@ def is_main_explanation(data: PhasedProducts, state: State, scored: ScoredCandid
     # A group is judged by all of its joints together.
     if len(scored.candidate.joints) > 1:
         initial, remaining = initial.sum(keepdims=True), remaining.sum(keepdims=True)
-    return bool((remaining <= (1.0 - MOST_OF_FIT) * initial).any() and scored.drop >= MOST_OF_FIT)
+    return bool(
+        (remaining <= (1.0 - state.rules.main_explanation) * initial).any()
+        and scored.drop >= state.rules.main_explanation
+    )
 
 
 def _find_active_blocks(rows: Products, columns: Sequence[int]) -> BoolArray:

@@ -15,7 +15,8 @@ from scipy.special import fdtri
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool_of_choices
 from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, are_indistinguishable
-from dynident.diagnosis.search.acceptance import FOUND_AGAIN, compute_stability
+from dynident.diagnosis.decision_rules import RULES
+from dynident.diagnosis.search.acceptance import compute_stability
 from dynident.diagnosis.search.next_finding import is_seldom_change, select_candidate
 from dynident.diagnosis.search.state import State, score_all
 from dynident.effects import EffectChoice
@@ -25,17 +26,6 @@ from dynident.regressors.model import Model
 
 # `benchmarks/equal_terms.py` calibrates these; seeds 1 to 3 and 5.
 
-_CONTENDS = 0.7
-"""Of what the chosen name gains: a coarse constant costs up to a quarter of a gain, so that less overtakes no more. Of
-seven right names that lagged behind and won, 0.8 would have lost one."""
-
-_AS_MUCH = 0.01
-"""Of a gain. Constants are tried in steps, and half a step off costs up to half of this; and each is the best of many.
-From 0.5 to 2 % the names that are lost either way are as few as they get."""
-
-_APART = 2.0
-"""t of the difference of two gains from which on stretches tell them apart, as small as the difference may be; as long
-as it is no matter of constants, which the F test of one more of them says."""
 
 _STARTS = 6
 """Values of a grid from which constants are searched for: their error has several valleys. The best was reached from
@@ -130,7 +120,7 @@ def _compare_on_common_rows(
         return replace(winner, p=chosen.p), choice[1]
     own = [scored for scored in rescored if scored.candidate.effect == chosen.candidate.effect]
     before = max(own, key=lambda scored: scored.total_gain)
-    if slim is None and compute_stability([picked[0]], [before], data.moving.run) < FOUND_AGAIN:
+    if slim is None and compute_stability([picked[0]], [before], data.moving.run) < state.rules.found_again:
         return choice
     equal = {scored.candidate.effect: parents.get(scored.candidate.choice) for scored in picked[1]}
     others = [scored for effect, scored in equal.items() if scored is not None and effect != winner.candidate.effect]
@@ -151,8 +141,8 @@ def explains_as_much(slim: ScoredCandidate, other: ScoredCandidate) -> bool:
         The candidate with fewer constants, and the one with more, scored on the same rows.
     """
     less = other.total_gain - slim.total_gain
-    told_apart = compute_t(other.gains - slim.gains) >= _APART and _exceeds_constant(less, other)
-    return (less <= _AS_MUCH * other.total_gain and not told_apart) or are_indistinguishable(other, slim)
+    told_apart = compute_t(other.gains - slim.gains) >= RULES.apart_t and _exceeds_constant(less, other)
+    return (less <= RULES.same_gain * other.total_gain and not told_apart) or are_indistinguishable(other, slim)
 
 
 def _exceeds_constant(more: float, other: ScoredCandidate) -> bool:
@@ -172,7 +162,7 @@ def _find_contenders(chosen: ScoredCandidate, judged: Sequence[ScoredCandidate])
         for scored in sorted(judged, key=lambda scored: -scored.total_gain)
         if scored.candidate.runs == mine.runs
         and not set(scored.joints).isdisjoint(chosen.joints)
-        and scored.total_gain >= _CONTENDS * chosen.total_gain
+        and scored.total_gain >= RULES.contends * chosen.total_gain
     ]
     contenders: list[ScoredCandidate] = []
     for effect in dict.fromkeys(scored.candidate.effect for scored in near):

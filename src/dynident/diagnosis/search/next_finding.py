@@ -8,16 +8,10 @@ from dataclasses import replace
 from dynident.array_types import IndexArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.significance import (
-    SMALLEST_ERROR_DROP,
-    ScoredCandidate,
-    has_larger_gain,
-    select_simplest,
-)
+from dynident.diagnosis.candidates.significance import ScoredCandidate, has_larger_gain, select_simplest
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.reasons import Reason, describe_choice
 from dynident.diagnosis.search.acceptance import (
-    FOUND_AGAIN,
-    VISIBLE,
     compute_stability,
     find_rejection,
     has_gain_on_joint,
@@ -31,16 +25,8 @@ from dynident.effects import get_effect
 from dynident.effects.effect_columns import is_lasting_change
 from dynident.estimation.errors import compute_t
 
-# A group is one effect as long as its joints together would not gain so many times as much, each by itself.
-_ONE_BY_ONE = 1.3
-_AS_MUCH = 0.9
-"""Of what a change explains: warmth that says so much of it leaves nothing that need have changed."""
-# What gains so much of it still once the chosen effect is in the model is another finding, and no rival.
-_STILL = 0.5
 # Of what gains more, so many are asked whether they explain the chosen one away.
 _SHADOWS = 3
-# A rival that gains so much of what the chosen effect does is told from it by this t of the difference.
-_NEARLY, _DECIDED = 0.97, 1.5
 
 
 def select_candidate(
@@ -112,7 +98,7 @@ def select_candidate(
         equal = (*(scored for scored in equal if scored is not chosen), *(twin for twin in twins if twin not in equal))
         hidden = [*_select_first_order(chosen, unnatural), *_find_larger_rivals(data, pool, state, chosen, judged)]
         stability = _compute_stability(data, pool, state, (chosen, *twins), [*beyond, *hidden])
-        if stability >= FOUND_AGAIN:
+        if stability >= state.rules.found_again:
             slim = drop_idle_joints(data, pool, state, chosen)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
@@ -126,7 +112,7 @@ def select_candidate(
                 equivalents = equal + _find_confused(slim, judged, equal)
                 return replace(slim, p=chosen.p), equivalents + find_richer_changes(state, slim, passing, equivalents)
         else:
-            rejection = Reason.build("unstable", share=stability, least=FOUND_AGAIN)
+            rejection = Reason.build("unstable", share=stability, least=state.rules.found_again)
             # What takes its place in other draws would be no surer a name for want of it.
             doubted.append(best)
         # The best one has no sure name; the search goes on with the others.
@@ -140,11 +126,13 @@ def _find_twins(chosen: ScoredCandidate, others: Sequence[ScoredCandidate], run:
     mine, runs = set(chosen.joints), chosen.candidate.runs
 
     def is_undecided(scored: ScoredCandidate) -> bool:
-        level = abs(compute_t(chosen.gains - scored.gains)) < _DECIDED
-        return level or compute_stability([chosen], [scored], run) < FOUND_AGAIN
+        level = abs(compute_t(chosen.gains - scored.gains)) < RULES.equal_t
+        return level or compute_stability([chosen], [scored], run) < RULES.found_again
 
     alike = [scored for scored in others if scored.candidate.runs == runs and not mine.isdisjoint(scored.joints)]
-    return [scored for scored in alike if scored.total_gain >= _NEARLY * chosen.total_gain and is_undecided(scored)]
+    return [
+        scored for scored in alike if scored.total_gain >= RULES.equal_gain * chosen.total_gain and is_undecided(scored)
+    ]
 
 
 def _find_plainer(
@@ -179,7 +167,7 @@ def _find_warmth(state: State, chosen: ScoredCandidate, passing: Sequence[Scored
         if _is_warmth(scored)
         and places <= set(scored.candidate.joints)
         and bool(places) == bool(scored.candidate.joints)
-        and scored.total_gain >= _AS_MUCH * chosen.total_gain
+        and scored.total_gain >= state.rules.as_much_as_change * chosen.total_gain
     ]
     return max(lasting, key=lambda scored: scored.total_gain, default=None)
 
@@ -212,9 +200,9 @@ def _check_moving_joints(data: PhasedProducts, pool: Pool, state: State, chosen:
     if not turns:
         return None
     (scored,) = score_all(data, pool, state.base, [chosen.candidate], state.noise, kinds=(False, starts))
-    if scored.error_drop >= SMALLEST_ERROR_DROP:
+    if scored.error_drop >= state.rules.least_error_drop:
         return None
-    return Reason.build("only_at_reversals", share=max(scored.error_drop, 0.0), least=SMALLEST_ERROR_DROP)
+    return Reason.build("only_at_reversals", share=max(scored.error_drop, 0.0), least=state.rules.least_error_drop)
 
 
 def _check_run_effects(
@@ -234,7 +222,7 @@ def _check_run_effects(
     ]
     for scored in sorted(larger, key=lambda scored: -scored.total_gain)[:_SHADOWS]:
         (rescored,) = score_all(data, pool, state.base + scored.candidate.columns, [chosen.candidate], state.noise)
-        if rescored.total_gain < _STILL * chosen.total_gain:
+        if rescored.total_gain < state.rules.still_gains * chosen.total_gain:
             left = max(rescored.total_gain, 0.0) / chosen.total_gain
             return Reason.build("explained", by=describe_choice(scored.candidate.choice), left=left)
     return None
@@ -254,7 +242,7 @@ def _find_larger_rivals(
         and scored.candidate.runs == chosen.candidate.runs
         and scored.total_gain > chosen.total_gain
         and scored.is_significant(state.level)
-        and scored.separability >= VISIBLE
+        and scored.separability >= state.rules.least_separability
         and is_too_small(state, data, scored)
         and data.find_row_kinds(scored.candidate.columns) == data.find_row_kinds(chosen.candidate.columns)
         and is_physically_possible(data, pool, state.base, state.noise, scored)
@@ -302,13 +290,15 @@ def _compute_stability(
     others = [scored for scored in passing if all(is_other_name(name, scored) for name in names)]
     run, chosen = data.moving.run, names[0]
     share = compute_stability(names, others, run)
-    if share >= FOUND_AGAIN:
+    if share >= state.rules.found_again:
         return share
     base = state.base + chosen.candidate.columns
     # Only names of the same thing are rivals: beside the chosen effect nothing of them is left.
     rescored = score_all(data, pool, base, [scored.candidate for scored in others], state.noise)
     rivals = [
-        before for before, after in zip(others, rescored, strict=True) if after.total_gain < _STILL * before.total_gain
+        before
+        for before, after in zip(others, rescored, strict=True)
+        if after.total_gain < state.rules.still_gains * before.total_gain
     ]
     return compute_stability(names, rivals, run)
 
@@ -336,7 +326,7 @@ def _drop_split_groups(passing: Sequence[ScoredCandidate]) -> list[ScoredCandida
     return [
         scored
         for scored in passing
-        if len(scored.candidate.joints) < 2 or sum_single_gains(scored) < _ONE_BY_ONE * scored.total_gain
+        if len(scored.candidate.joints) < 2 or sum_single_gains(scored) < RULES.one_by_one * scored.total_gain
     ]
 
 
@@ -349,7 +339,10 @@ def _find_confused(
     rivals: dict[str, ScoredCandidate] = {}
     for scored in judged:
         name = scored.candidate.effect
-        near = scored.total_gain >= _NEARLY * chosen.total_gain and compute_t(chosen.gains - scored.gains) < _DECIDED
+        near = (
+            scored.total_gain >= RULES.equal_gain * chosen.total_gain
+            and compute_t(chosen.gains - scored.gains) < RULES.equal_t
+        )
         if name in confused and name not in known and scored.candidate.joints == chosen.candidate.joints and near:
             rivals.setdefault(name, scored)
     return tuple(rivals.values())

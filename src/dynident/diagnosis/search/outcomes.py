@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, explain_absence
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, ScoredCandidate
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.reasons import CandidateOutcome, Reason, describe_choice
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.diagnosis.search.acceptance import find_rejection
@@ -17,11 +18,6 @@ from dynident.diagnosis.search.physical_constraints import find_impossibility
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_family
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.regressors.model import Model
-
-EXPLAINED = 0.5
-"""Share of what a candidate gains by itself below which it is explained by what was found.
-
-As between rivals (`next_finding`): what keeps more of its gain beside another effect is another effect."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +128,11 @@ def list_outcomes(
 
 
 def list_untried(
-    tried: Sequence[CandidateOutcome], effects: Sequence[str] | None, model: Model, leads: ShapeProposals
+    tried: Sequence[CandidateOutcome],
+    effects: Sequence[str] | None,
+    model: Model,
+    leads: ShapeProposals,
+    absent: Collection[str] = (),
 ) -> tuple[CandidateOutcome, ...]:
     """List the effects and joints for which there was no candidate, with the reason.
 
@@ -146,6 +146,8 @@ def list_untried(
         The model in which something may be missing.
     leads : ShapeProposals
         What recordings and residual suggest.
+    absent : collection of str
+        Parts that the robot does not have.
     """
     known = {(outcome.choice.effect, name) for outcome in tried for name in outcome.choice.joints or ("",)}
     untried = []
@@ -156,6 +158,8 @@ def list_untried(
                 continue
             is_left_out = effects is not None and effect.id not in effects
             why = "the request does not list it" if is_left_out else explain_absence(effect, joint, model, leads)
+            if effects is None and effect.hardware in absent:
+                why = f"the robot has no such part (has_not {effect.hardware})"
             choice = EffectChoice(effect.id, (joint,) if joint else ())
             untried.append(CandidateOutcome(choice, 0.0, Reason.build("not_tried", why=why)))
     return tuple(untried)
@@ -203,7 +207,11 @@ class _Judge:
         """Return which finding explains what a candidate would gain by itself; None where none does."""
         gain = last.total_gain if last is not None else 0.0
         loss = self.record.losses.get(alone.candidate)
-        if loss is None or not alone.is_significant(self.final.state.level) or gain >= EXPLAINED * alone.total_gain:
+        if (
+            loss is None
+            or not alone.is_significant(self.final.state.level)
+            or gain >= RULES.still_gains * alone.total_gain
+        ):
             return None
         step = self._find_step(loss)
         choice = loss.finding.judged.candidate.choice if step is None else self.choices[step - 1]

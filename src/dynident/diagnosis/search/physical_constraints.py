@@ -16,13 +16,9 @@ from dynident.diagnosis.candidates.pool import Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import compute_deviations
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.reasons import Reason
 from dynident.effects import Column, Estimate, get_effect, get_spec
-
-# Share of the work that friction may give back: filters and other errors make some of it.
-_GIVEN_BACK = 0.1
-# A parameter of the wrong sign counts from so many standard deviations on; filtered rows are worth a tenth each.
-_DEVIATIONS, _CORRELATION = 2.0, 10.0
 
 
 def is_physically_possible(
@@ -110,7 +106,7 @@ def _build_impossible(column: Column, estimate: Estimate) -> Reason:
 
 def _build_estimates(values: FloatArray, deviations: FloatArray) -> list[Estimate]:
     return [
-        Estimate(float(value), float(_DEVIATIONS * deviation))
+        Estimate(float(value), float(RULES.wrong_sign * deviation))
         for value, deviation in zip(values, deviations, strict=True)
     ]
 
@@ -176,7 +172,7 @@ def _is_dissipative(
             continue
         places = where[columns[friction]]
         work = data.take_products(j, where[coulomb[:1]], places) @ values[friction]
-        if float(np.minimum(work, 0.0).sum()) < -_GIVEN_BACK * float(np.abs(work).sum()):
+        if float(np.minimum(work, 0.0).sum()) < -RULES.given_back * float(np.abs(work).sum()):
             return False
     return True
 
@@ -194,5 +190,5 @@ def _fit_columns(data: Products, columns: IndexArray, noise: FloatArray) -> tupl
     scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     # The pseudo-inverse leaves undetermined parameters at zero, which no check of signs takes offence at.
     inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10, hermitian=True)
-    deviations = np.sqrt(_CORRELATION * np.maximum(np.diag(inverse), 0.0)) / scale
+    deviations = np.sqrt(RULES.rows_of_filter * np.maximum(np.diag(inverse), 0.0)) / scale
     return np.asarray(inverse @ (right / scale) / scale), np.asarray(deviations)

@@ -13,27 +13,13 @@ from dynident.diagnosis.candidates.pool import Candidate, Pool, select_columns_o
 from dynident.diagnosis.candidates.products import can_leave_out_runs
 from dynident.diagnosis.candidates.scoring import compute_held_out_errors
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.search.acceptance import (
-    JOINT_DROP,
-    JOINT_T,
-    JOINT_T_OF_LARGE,
-    LARGE_DROP,
-    compute_gain_over_floor,
-    get_least_gain,
-    is_shadowed,
-)
+from dynident.diagnosis.decision_rules import RULES
+from dynident.diagnosis.search.acceptance import compute_gain_over_floor, get_least_gain, is_shadowed
 from dynident.diagnosis.search.physical_constraints import is_physically_possible
 from dynident.diagnosis.search.state import Finding, State, score_one
 from dynident.effects import get_effect
 from dynident.estimation.errors import compute_evenness
 from dynident.identification.study.held_out_gain import IN_PASSING
-
-_CHANCE = 3.5
-"""t of a joint's larger error over the stretches of time from which on it is more than chance: of the some forty joints
-and findings that are looked at, one in fifty diagnoses would show it."""
-
-_NOTICED = 1.005
-"""Times the error of a joint, or of all together, from which on anybody would notice that it grew."""
 
 
 def select_harmless(
@@ -87,19 +73,12 @@ def _is_harmless(data: PhasedProducts, base: tuple[int, ...], own: tuple[int, ..
 def _is_harmful(before: FloatArray, after: FloatArray) -> bool:
     """Return whether squared errors (s, n), in units of the noise, grow on any joint beyond chance, or on the whole."""
     removed = float(before.sum() - after.sum())
-    if after.sum() > _NOTICED**2 * before.sum():
+    if after.sum() > RULES.harm**2 * before.sum():
         return True
     # A joint is harmed where its error grows noticeably, by much of what the finding removes in all, and beyond chance.
     added = (after - before).sum(axis=0)
-    grown = (after.sum(axis=0) > _NOTICED**2 * before.sum(axis=0)) & (added > IN_PASSING * removed)
-    return bool((grown & (compute_evenness((after - before).T) >= _CHANCE)).any())
-
-
-# Share of the error that a finding has to remove beside all others to stay, and t of its gain.
-PRUNE_DROP, PRUNE_T = 0.03, 2.5
-_STAYS_T = 1.0
-"""t from which on a joint stays in a group that most joints are in. It came in by JOINT_T, before the rest was known:
-what is asked here is whether the prediction is better with it, and five of six such gains are none of chance."""
+    grown = (after.sum(axis=0) > RULES.harm**2 * before.sum(axis=0)) & (added > IN_PASSING * removed)
+    return bool((grown & (compute_evenness((after - before).T) >= RULES.harm_t)).any())
 
 
 def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
@@ -137,7 +116,7 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
         weak = [
             (scored, finding)
             for scored, finding in judged
-            if not scored.is_still_helpful(PRUNE_DROP, PRUNE_T)
+            if not scored.is_still_helpful(state.rules.joint_drop, state.rules.staying_finding_t)
             or not _is_still_possible(data, pool, state, scored)
             or any(is_shadowed(scored, other, state.floor) for other, pick in judged if pick is not finding)
         ]
@@ -208,9 +187,15 @@ def _select_members(
         # What a group's other days had, it may have lost to another finding since: then it cannot have become less.
         if pool.is_change(alone) and not is_physically_possible(data, pool, rest, state.noise, scored):
             base = rest
-        elif _has_gain(data, pool, state, scored, JOINT_T if scored.drop < LARGE_DROP else JOINT_T_OF_LARGE):
+        elif _has_gain(
+            data,
+            pool,
+            state,
+            scored,
+            state.rules.joint_t if scored.drop < state.rules.large_joint_drop else state.rules.large_joint_t,
+        ):
             firm.append(joint)
-        elif _has_gain(data, pool, state, scored, _STAYS_T):
+        elif _has_gain(data, pool, state, scored, state.rules.staying_t):
             likely.append(joint)
         else:
             base = rest
@@ -226,6 +211,6 @@ def _has_gain(data: PhasedProducts, pool: Pool, state: State, alone: ScoredCandi
     """Return whether a joint of a group gains by itself: enough, evenly, and more than the sensor's noise."""
     joint = pool.observation.robot.get_movers(alone.candidate.joints[0])[0]
     over_floor = compute_gain_over_floor(alone, joint, state.floor, data)
-    return alone.is_still_helpful(JOINT_DROP, least_t) and over_floor >= get_least_gain(
+    return alone.is_still_helpful(state.rules.joint_drop, least_t) and over_floor >= get_least_gain(
         get_effect(alone.candidate.effect)
     )

@@ -19,6 +19,7 @@ from dynident.diagnosis.candidates.pool import (
     select_columns_on,
 )
 from dynident.diagnosis.candidates.significance import ScoredCandidate, are_indistinguishable
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.reasons import Reason, ReasonCode
 from dynident.diagnosis.residuals.resolvable_motion import Resolution
 from dynident.diagnosis.search.acceptance import compute_explained_error
@@ -35,13 +36,6 @@ from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model import Model, extend_model
 from dynident.robot import Robot
-
-_OWN_DROP, _OWN_T = 0.1, 2.5
-"""Share of what a group's constants leave on a joint that its own have to remove, and by which t over the stretches.
-
-What removes less may be no more than that a group's constants lie between the values of the grid
-(`benchmarks/joints_of_a_group.py`).
-"""
 
 
 def split_groups(data: PhasedProducts, pool: Pool, state: State) -> State:
@@ -151,7 +145,7 @@ def _choose_constants(data: PhasedProducts, pool: Pool, state: State, group: Can
 def _are_distinguishable(group: ScoredCandidate, own: ScoredCandidate) -> bool:
     """Return whether a joint's own constants explain clearly more than those of its group, and enough to matter."""
     more = own.gains - group.gains
-    return float(more.sum()) >= _OWN_DROP * float(group.after_weighted.sum()) and compute_t(more) >= _OWN_T
+    return float(more.sum()) >= RULES.own_drop * float(group.after_weighted.sum()) and compute_t(more) >= RULES.own_t
 
 
 def _join_candidates(candidates: list[Candidate]) -> Candidate:

@@ -22,6 +22,7 @@ from dynident.diagnosis.candidates.significance import (
     combine_scores,
     run_familywise_test,
 )
+from dynident.diagnosis.decision_rules import RULES, DecisionRules
 from dynident.effects import get_effect
 from dynident.estimation.least_squares import floor_noise
 
@@ -80,8 +81,8 @@ class State:
         What was found.
     since : tuple of str
         Labels of the later runs, where there is a baseline.
-    level : float
-        Largest p-value of a finding.
+    rules : DecisionRules
+        The levels of the decision.
     """
 
     base: tuple[int, ...]
@@ -89,7 +90,12 @@ class State:
     floor: FloatArray
     picks: tuple[Finding, ...]
     since: tuple[str, ...] = ()
-    level: float = ALPHA
+    rules: DecisionRules = RULES
+
+    @property
+    def level(self) -> float:
+        """Largest p-value of a finding."""
+        return self.rules.significance
 
 
 def score_all(

@@ -19,6 +19,7 @@ from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool_of_ch
 from dynident.diagnosis.candidates.scoring import compute_fitted_errors, score_candidates
 from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, compute_single_p
 from dynident.diagnosis.comparing.compare import Comparison, compare
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.search.pruning import select_harmless
 from dynident.diagnosis.search.state import KINDS, Finding
 from dynident.effects import CATALOGUE, Effect, EffectChoice
@@ -60,9 +61,6 @@ _HALF_OCTAVES = 6
 
 _WORTH_A_LOOK = 0.05
 """How likely the halts may be by chance, one joint alone, for what moves to be asked as well."""
-
-_NOTICED = 1.005
-"""Times the error where the joint moves from which on anybody would notice that it grew."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +200,7 @@ def find_static_friction(
             continue
         after = [compare(larger, recording) for recording in recordings]
         held = find_halts(after, joint)
-        worse = larger.fit_moving.rms[joint] > _NOTICED * grown.fit_moving.rms[joint]
+        worse = larger.fit_moving.rms[joint] > RULES.harm * grown.fit_moving.rms[joint]
         # Halts are compared one by one, so that there have to be as many of them.
         if worse or len(held.beyond) != len(halts.beyond) or held.beyond.sum() > _LEFT * halts.beyond.sum():
             continue

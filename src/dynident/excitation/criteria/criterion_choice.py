@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from dynident.errors import DynidentError
-from dynident.schema.fields import Choice, OneOf, declare_field
+from dynident.schema.fields import Choice, OneOf, Request, declare_field
 
 if TYPE_CHECKING:
     from dynident.effects import EffectChoice
@@ -34,7 +34,7 @@ CRITERIA = NAMES.names
 
 
 @dataclass(frozen=True)
-class CriterionChoice:
+class CriterionChoice(Request):
     """How exciting a motion is (§12.3.4.1).
 
     Parameters
@@ -86,19 +86,13 @@ class CriterionChoice:
 
 
 def check_criterion(choice: CriterionChoice) -> None:
-    """Raise `DynidentError` for an unknown criterion, or an a-priori value that nothing can be relative to.
+    """Raise `DynidentError` for an a-priori value that nothing can be relative to.
 
     Parameters
     ----------
     choice : CriterionChoice
         The criterion with its a-priori values.
     """
-    if choice.name not in CRITERIA:
-        raise DynidentError(
-            f"there is no criterion {choice.name!r}; there are: {', '.join(CRITERIA)}",
-            pointer="/criterion/name",
-            title="Unknown criterion",
-        )
     for name, value in choice.a_priori.items():
         # Variances are divided by the square of these values, so that zero would make one parameter count infinitely.
         if abs(value) < _SMALLEST:

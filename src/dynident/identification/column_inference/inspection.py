@@ -24,6 +24,8 @@ from dynident.recordings.recording_files import compute_digest
 from dynident.robot import Robot
 
 SHOWN_ROWS = 20
+SKETCHED_ROWS = 60
+"""Rows, at even distances, that a small drawing of a column needs."""
 
 ROW_CHECKS = (
     "time_restarts",
@@ -51,6 +53,8 @@ class Inspection:
         Names of its columns.
     rows : (m, columns)
         Its first rows, as they are.
+    sketch : (k, columns)
+        Some of the rows that were read, at even distances.
     n_rows_seen : int
         Number of rows that were read.
     proposal : Proposal or None
@@ -61,6 +65,7 @@ class Inspection:
     format: str
     columns: tuple[str, ...]
     rows: FloatArray
+    sketch: FloatArray
     n_rows_seen: int
     proposal: Proposal | None
 
@@ -98,6 +103,7 @@ def inspect_file(path: Path, robot: Robot | None, rate: float | None = None) -> 
         format=format_of(path),
         columns=sample.names,
         rows=sample.values[:SHOWN_ROWS],
+        sketch=sample.values[:: max(1, len(sample.values) // SKETCHED_ROWS)][:SKETCHED_ROWS],
         n_rows_seen=len(sample.values),
         proposal=None if robot is None else _import_sample(propose(sample, robot), sample, robot),
     )

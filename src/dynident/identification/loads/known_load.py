@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from dynident.schema.fields import declare_field
+from dynident.schema.fields import Request, declare_field
 
 
 @dataclass(frozen=True)
-class KnownLoad:
+class KnownLoad(Request):
     """A known load, from which drive gains are identified."""
 
     mass: float | None = declare_field(

@@ -43,13 +43,22 @@ _FEW = 8
 
 
 class UnexplainedShares(Protocol):
-    """Unexplained shares of a torque, as mean logarithms: held out in each block (blocks,), and inside the fit."""
+    """Unexplained shares of a torque, as mean logarithms: held out in each block (blocks,), and inside the fit.
+
+    `fine` and `fine_inside` are means of both that are not cut off where nearly all is explained.
+    """
 
     @property
     def blocks(self) -> FloatArray: ...  # noqa: D102
 
     @property
     def inside(self) -> float: ...  # noqa: D102
+
+    @property
+    def fine(self) -> float: ...  # noqa: D102
+
+    @property
+    def fine_inside(self) -> float: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -113,8 +122,9 @@ def estimate_delay(
         return replace(motion, tau=torque(np.clip(rows + seconds / period, 0.0, rows[-1])))
 
     unexplained = [left_of(shift_torque(float(seconds))) for seconds in _CANDIDATES]
-    seconds = _find_lowest(np.array([trial.blocks.mean() for trial in unexplained]))
+    seconds = _find_lowest(np.array([trial.fine for trial in unexplained]))
     inside = np.array([trial.inside for trial in unexplained])
+    seconds_inside = _find_lowest(np.array([trial.fine_inside for trial in unexplained]))
     now, then = unexplained[int(np.flatnonzero(_CANDIDATES == 0.0)[0])], left_of(shift_torque(seconds))
     fall = now.blocks - then.blocks
     # A paired comparison over the same blocks.
@@ -123,7 +133,7 @@ def estimate_delay(
     sure = float(fall.mean()) >= least and now.inside - inside.min() >= INSIDE * fall.mean()
     # Both the held-out estimate and that inside the fit have to be outside of what drives do: in short motions one
     # alone is chance.
-    mistaken = sure and not is_possible_delay(seconds) and not is_possible_delay(_find_lowest(inside))
+    mistaken = sure and not is_possible_delay(seconds) and not is_possible_delay(seconds_inside)
     # Tested last, as it needs a second model: made only where all others say yes.
     if mistaken:
         fall_beside_offsets = (left_beside(motion).blocks - left_beside(shift_torque(seconds)).blocks).mean()
@@ -142,8 +152,9 @@ def _find_lowest(unexplained: FloatArray) -> float:
     if best in (0, len(_CANDIDATES) - 1):
         return float(_CANDIDATES[best])
     x, y = (values[best - 1 : best + 2] for values in (_CANDIDATES, unexplained))
-    # A parabola through the best point and its neighbours; it only has a lowest point where it opens upwards.
-    a, b, _ = np.polyfit(x, y, 2)
+    # A parabola through the best point and its neighbours; it only has a lowest point where it opens upwards. Squared
+    # shares grow with the square of the distance, where their logarithms have a corner.
+    a, b, _ = np.polyfit(x, np.exp(2.0 * (y - y.min())), 2)
     return float(np.clip(-0.5 * b / a, x[0], x[-1])) if a > 0 else float(x[1])
 
 

@@ -17,8 +17,8 @@ from dynident.identification.recording_faults.column_faults import (
 from dynident.identification.recording_faults.description_fit import DescriptionUnits, find_description_units
 from dynident.identification.recording_faults.fault_search import (
     ALIKE,
+    CURED,
     MOST_JOINTS,
-    SOUND,
     WORST_EXPLAINED,
     DetectedFault,
     HeldOutFits,
@@ -258,13 +258,21 @@ def _report_compensated(robot: Robot, motion: Motion, tau: Sequence[str]) -> tup
 def _report_mounting(mounting: Mounting, robot: Robot) -> Check:
     direction = ",".join(f"{value:.3g}" for value in mounting.gravity + 0.0)
     worst = robot.joint_names[int(np.argmax(mounting.as_stated.joints))]
+    why = (
+        f"With the given gravity the robot's dynamics leave {mounting.unexplained_as_stated:.0%} of the torque of "
+        f"{worst} unexplained, with this one at most {mounting.unexplained:.0%} for any joint."
+    )
+    if mounting.is_of_masses:
+        why = (
+            f"With the given gravity the masses of the description leave {mounting.unexplained_as_stated:.0%} of an "
+            f"average joint's torque unexplained, with this one {mounting.unexplained:.0%}. (Zeros of the joints that "
+            "are elsewhere look the same.)"
+        )
     return Check(
         GRAVITY,
         "warning",
-        f"Gravity seems to act along ({direction}) m/s² in the base frame, as on a wall, a slope or a ceiling. With "
-        f"the given gravity the robot's dynamics leave {mounting.unexplained_as_stated:.0%} of the torque of {worst} "
-        f'unexplained, with this one at most {mounting.unexplained:.0%} for any joint. State "gravity": [{direction}] '
-        "with the robot.",
+        f"Gravity seems to act along ({direction}) m/s² in the base frame, as on a wall, a slope or a ceiling. {why} "
+        f'State "gravity": [{direction}] with the robot.',
     )
 
 
@@ -275,7 +283,7 @@ def _check_delay(
     if delay is None:
         return ()
     word = "late" if delay.seconds > 0 else "early"
-    if delay.is_at_the_end or delay.left_without > SOUND:
+    if delay.is_at_the_end or delay.left_without > CURED:
         # An elastic arm looks late or early, too, and by more than the delay of any log.
         nothing = (
             "The delay between torque and position cannot be determined: the torque is poorly explained with any delay."

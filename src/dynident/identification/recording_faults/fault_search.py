@@ -34,6 +34,7 @@ from dynident.identification.recording_faults.torque_scale import (
     find_driving_joints,
     find_excess_friction,
     find_heavy_joints,
+    find_joints_of_right_size,
     is_nearer_to_masses,
     is_nearer_to_others,
     refine_factor_by_masses,
@@ -67,7 +68,7 @@ it is more, they do not go with the others, for whatever reason. Of right short 
 order or a sign looked wrong, with what was planted at most 0.5. What comes of it is among the short motions of
 `benchmarks/gross_mistakes.py`."""
 
-_CURED = 0.3
+CURED = 0.3
 """Of what is left without a fault on an average joint: where it is more, something else is wrong."""
 
 _OFF = 0.09
@@ -267,7 +268,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
     described = DescriptionFit(robot, motion, now)
     for best, unexplained in sorted(trials, key=lambda pair: pair[1].score):
         # Sorted by score: where the best one is not clear, the others are not looked at.
-        if not now.is_surely_above(unexplained, best.kind) or unexplained.average_share > _CURED:
+        if not now.is_surely_above(unexplained, best.kind) or unexplained.average_share > CURED:
             return None
         # Scale the torques of these joints down until they have no say in the parameters of the others. Where that
         # explains nearly as much as mending the fault, the joints only do not go with the others, for whatever reason:
@@ -420,7 +421,9 @@ def find_excess_of_motion(robot: Robot, motion: Motion, judges: HeldOutFits | No
 
 
 def _find_excess(judge: HeldOutFit, robot: Robot, motion: Motion) -> dict[int, float]:
-    return find_excess_friction(robot, judge.measure_frictions(motion), find_heavy_joints(robot, motion))
+    excess = find_excess_friction(robot, judge.measure_frictions(motion), find_heavy_joints(robot, motion))
+    right = find_joints_of_right_size(robot, motion)
+    return {joint: times for joint, times in excess.items() if joint not in right}
 
 
 def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits | None = None) -> Delay | None:

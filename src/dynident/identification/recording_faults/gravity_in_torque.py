@@ -133,6 +133,8 @@ _POOR = 0.15
 _ON_AXIS, _BESIDE = 0.9976, 0.9
 """Cosine of 4 degrees to an axis or a slope of 45 degrees between two, within which gravity is taken for along it, and
 of directions that are other ones: 26 degrees away."""
+_NEAR_USUAL = 0.97
+"""Cosine of 14 degrees up to which masses that are not quite right are taken to mean a direction that is usual."""
 _SIMPLEX, _FINE, _MOST_TRIED = np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2]]), 0.01, 40
 """Tangents of the first angles from the best of the usual directions (11 degrees), of those that are told apart at
 last, and of how many."""
@@ -185,6 +187,9 @@ class Mounting:
         Unexplained shares of all joints with this gravity.
     as_stated : UnexplainedTorque
         The same with the stated gravity.
+    is_of_masses : bool
+        Whether the masses of the description tell it, and not the motion: links with other centres of mass explain
+        the torque with either gravity. The unexplained shares are then those that the description leaves.
     """
 
     gravity: FloatArray
@@ -193,6 +198,7 @@ class Mounting:
     is_sure: bool
     explains: UnexplainedTorque
     as_stated: UnexplainedTorque
+    is_of_masses: bool = False
 
 
 def measure_load_shares(robot: Robot, motion: Motion, factor: float = 1.0) -> LoadShares | None:
@@ -295,11 +301,58 @@ def find_other_mounting(robot: Robot, motion: Motion, now: UnexplainedTorque) ->
     """
     if not np.linalg.norm(robot.gravity) > 1.0:
         return None
-    if now.worst_share < _POOR and (not _has_masses(robot) or _is_upright(robot, motion)):
+    if now.worst_share >= _POOR:
+        mounting = find_mounting(robot, motion)
+        if mounting.is_sure and now.is_surely_above(mounting.explains) and mounting.unexplained < _EXPLAINED:
+            return mounting
+    return _find_mounting_by_masses(robot, motion, now) if _has_masses(robot) else None
+
+
+def _find_mounting_by_masses(robot: Robot, motion: Motion, now: UnexplainedTorque) -> Mounting | None:
+    """Find another direction of gravity with which the described masses explain clearly more; else None.
+
+    Motion alone does not tell the direction in the plane of an arm whose axes are parallel, nor up from down: other
+    masses explain the same torque.
+    """
+    size = float(np.linalg.norm(robot.gravity))
+    direction = _find_gravity_of_masses(robot, motion)
+    if direction is None or direction @ robot.gravity > _BESIDE * size:
         return None
-    mounting = find_mounting(robot, motion)
-    better = mounting.is_sure and now.is_surely_above(mounting.explains)
-    return mounting if better and mounting.unexplained < _EXPLAINED else None
+    near = max(_USUAL, key=lambda usual: float(usual @ direction))
+    turned = replace(robot, gravity=size * (near if near @ direction > _NEAR_USUAL else direction))
+    left, left_as_stated = (measure_left_by_description(other, motion) for other in (turned, robot))
+    if left is None or left_as_stated is None or left > left_as_stated - _BORNE_OUT:
+        return None
+    explains = HeldOutFit(turned).measure_unexplained(motion)
+    if explains.is_surely_above(now):
+        return None
+    shares = float(np.exp(left)), float(np.exp(left_as_stated))
+    return Mounting(turned.gravity, *shares, True, explains, now, is_of_masses=True)
+
+
+def _find_gravity_of_masses(robot: Robot, motion: Motion) -> FloatArray | None:
+    """Return the direction (3,) of gravity that goes best with the described masses; None without a load."""
+    every = max(1, len(motion.q) // _STATES)
+    q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
+    # The torque is affine in gravity: one load for each of its three components, and what no gravity is needed for.
+    loads = np.stack([_compute_load(replace(robot, gravity=axis), q) for axis in np.eye(3)], axis=2)
+    rest = compute_described_torque(replace(robot, gravity=np.zeros(3)), q, dq, ddq)
+    size = np.sqrt((loads**2).mean(axis=(0, 2)))
+    rows, torques = [], []
+    for joint in np.flatnonzero(size > _HEAVY * size.max()):
+        speed = dq[:, joint]
+        others = np.column_stack([np.sign(speed), speed, ddq[:, joint], rest[:, joint]])
+        projector = np.linalg.pinv(others)
+        load, torque = (part - others @ (projector @ part) for part in (loads[:, joint], tau[:, joint]))
+        # Joints of any size have the same say.
+        scale = max(float(np.sqrt((torque**2).mean())), np.finfo(float).tiny)
+        rows.append(load / scale)
+        torques.append(torque / scale)
+    if not rows:
+        return None
+    gravity = np.linalg.lstsq(np.concatenate(rows), np.concatenate(torques), rcond=1e-3)[0]
+    length = float(np.linalg.norm(gravity))
+    return gravity / length if length > 0.0 else None
 
 
 def find_mounting(robot: Robot, motion: Motion) -> Mounting:

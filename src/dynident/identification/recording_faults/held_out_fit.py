@@ -41,6 +41,10 @@ _AGAINST = 0.5
 _LEAST, _MOST = 0.02, 3.0
 """Range of the unexplained share: a smaller one is as good as perfect, a larger one as bad as any."""
 
+_LEAST_FINE = 1e-4
+"""The lower end where a lowest point is looked for: near it all shares of a good recording may be as good as perfect,
+and a curve that is cut off flat has its lowest point anywhere."""
+
 
 @dataclass(frozen=True, eq=False)
 class UnexplainedTorque:
@@ -58,6 +62,9 @@ class UnexplainedTorque:
         Which joints move.
     joints : (n,)
         Share of each joint's torque, held out; 0 for joints that do not move.
+    fine : float
+        Mean of the logarithms in `blocks`, and not cut off where nearly all is explained; `fine_inside` is the same
+        of `inside`.
     """
 
     blocks: FloatArray
@@ -65,6 +72,8 @@ class UnexplainedTorque:
     against: int
     moving: BoolArray
     joints: FloatArray
+    fine: float
+    fine_inside: float
 
     @property
     def score(self) -> float:
@@ -152,10 +161,18 @@ class HeldOutFit:
             against[tree.joints] = solution.against
         blocks = compute_log_shares(squares[:-1], measured / BLOCKS)[:, moving]
         whole = compute_log_shares(squares[-1], measured)[moving]
+        fine = compute_log_shares(squares[:-1], measured / BLOCKS, _LEAST_FINE)[:, moving]
+        fine_inside = compute_log_shares(squares[-1], measured, _LEAST_FINE)[moving]
         rest = squares[:-1].sum(axis=0)
         joints = np.where(moving, np.sqrt(rest / np.maximum(measured, np.finfo(float).tiny)), 0.0)
         return UnexplainedTorque(
-            blocks.mean(axis=1), float(whole.mean()), int((against & moving).sum()), moving, joints
+            blocks.mean(axis=1),
+            float(whole.mean()),
+            int((against & moving).sum()),
+            moving,
+            joints,
+            float(fine.mean()),
+            float(fine_inside.mean()),
         )
 
     def measure_frictions(self, motion: Motion) -> FloatArray:
@@ -218,7 +235,7 @@ def _build_observations(
     return tuple(observations)
 
 
-def compute_log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
+def compute_log_shares(squares: FloatArray, measured: FloatArray, least: float = _LEAST) -> FloatArray:
     """Return the logarithm of the unexplained share of a torque.
 
     Parameters
@@ -227,10 +244,12 @@ def compute_log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
         Squared errors.
     measured : (n,)
         Squared torque.
+    least : float
+        Smaller shares count as this one.
     """
     # Clipped: one block that is explained perfectly must not decide a mean of logarithms.
     shares = np.sqrt(np.maximum(squares, 0.0) / np.maximum(measured, np.finfo(float).tiny))
-    return np.asarray(np.log(np.clip(shares, _LEAST, _MOST)))
+    return np.asarray(np.log(np.clip(shares, least, _MOST)))
 
 
 def find_moving_joints(motion: Motion) -> BoolArray:

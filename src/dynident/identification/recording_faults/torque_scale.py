@@ -192,6 +192,9 @@ VOTES, EXPLAINED_OF_VOTES, FAR_OF_VOTES = 3, 0.15, 5.0
 """Joints whose load explains some of their torques, and times the description's load in the middle of them, from which
 on all torques are in another unit: at most 2.4 on the open recordings (`benchmarks/planted_mistakes.py`)."""
 
+BEARING = 0.3
+"""Share of the largest load from which on a joint carries the arm: those are the shoulder and the elbow. Their torques
+are 0.1 to 3 times the load on the open recordings (`benchmarks/planted_mistakes.py`)."""
 
 KNOWN = 3.0
 """Standard errors, among blocks of time, that a joint's factor has to be, or nothing is told of it: where a joint moves
@@ -265,13 +268,27 @@ def find_torque_scales(robot: Robot, motion: Motion, excess: Mapping[int, float]
     driving = find_driving_joints(motion)
     # The masses come first. Friction decides only for joints whose load explains too little of their torque.
     explained = {joint: times for joint, (times, share) in enumerate(factors) if share >= EXPLAINED and times > 0}
-    by_masses = (
-        TorqueScale(joint, times, _round_to_power(times))
+    far = {
+        joint: times
         for joint, times in explained.items()
         if not 1.0 / FAR < times < FAR and (times > 1.0 or driving[joint])
-    )
-    others = {joint: times for joint, times in excess.items() if joint not in explained}
+    }
+    # A joint that carries most of the arm needs little of its load to tell that a torque is far too large: neither
+    # friction nor a load at the flange is several times that. A motor that is off looks too small in any joint.
+    for joint in np.flatnonzero(_find_bearing_joints(robot, motion)):
+        times, share = factors[joint]
+        if share >= EXPLAINED_OF_VOTES and times > FAR_OF_VOTES:
+            far.setdefault(int(joint), times)
+    by_masses = (TorqueScale(joint, times, _round_to_power(times)) for joint, times in sorted(far.items()))
+    others = {joint: times for joint, times in excess.items() if joint not in explained and joint not in far}
     return (*by_masses, *_build_scales_by_friction(others))
+
+
+def _find_bearing_joints(robot: Robot, motion: Motion) -> BoolArray:
+    """Return the joints (n,) that carry the arm, by the masses of the description."""
+    load = compute_described_load(robot, motion)
+    size = np.zeros(robot.n) if load is None else np.sqrt((load**2).mean(axis=0))
+    return np.asarray((size > 0.0) & (size >= BEARING * size.max()))
 
 
 def _agrees_with_masses(times: float, share: float) -> bool:
@@ -291,6 +308,20 @@ def find_heavy_joints(robot: Robot, motion: Motion) -> set[int]:
     """
     factors = _compare_with_masses(robot, motion) or ()
     return {joint for joint, (times, share) in enumerate(factors) if share >= EXPLAINED_OF_VOTES and times > HEAVY}
+
+
+def find_joints_of_right_size(robot: Robot, motion: Motion) -> set[int]:
+    """Return joints whose torque is what the masses of the description need, whatever their friction is.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    """
+    factors = _compare_with_masses(robot, motion) or ()
+    return {joint for joint, factor in enumerate(factors) if _agrees_with_masses(*factor)}
 
 
 def _build_scales_by_friction(excess: Mapping[int, float]) -> tuple[TorqueScale, ...]:

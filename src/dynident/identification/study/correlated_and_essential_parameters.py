@@ -34,7 +34,7 @@ from dynident.identification.shape_constants import linearise_shapes
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
 from dynident.identification.study.result import Estimate, Identification
 from dynident.regressors.phase_errors import compute_moving_errors
-from dynident.schema.fields import check_ranges
+from dynident.schema.fields import check_value
 
 MOST_SENTENCES = 10
 _MOST_PARTS = 5
@@ -216,7 +216,7 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
     EstimationError
         Where the data do not determine the model.
     """
-    check_ranges(EssentialChoices(ratio))
+    check_value(EssentialChoices, "ratio", ratio)
     equations, names = identification.data.equations, [column.name for column in identification.model.kept]
     # The elimination needs a plain least-squares solution, so it is solved anew with the noise and the prior that the
     # identification had, whatever estimator that used.

@@ -13,7 +13,6 @@ from dynident.effects import DEFAULT_EFFECTS, OFFSETS, ReferenceParameters, get_
 from dynident.estimation import (
     LinearisedSolution,
     Reduction,
-    compute_equilibrated_condition_number,
     compute_errors,
     compute_noise_levels,
     find_outlying_spans,
@@ -160,9 +159,7 @@ def _warn_of_other_equations(identification: Identification) -> list[str]:
 
 def _warn_of_excitation(identification: Identification) -> list[str]:
     sentences = []
-    condition = compute_equilibrated_condition_number(
-        identification.data.equations, identification.estimate.solution.noise
-    )
+    condition = identification.equilibrated_condition_number
     # Columns of equal size: otherwise the units of the parameters decide, and not the motion.
     if condition > LARGEST_CONDITION_NUMBER:
         help_is = "Record an exciting trajectory (a design)"
@@ -183,7 +180,7 @@ def _warn_of_excitation(identification: Identification) -> list[str]:
 def _warn_of_uncertain(estimate: Estimate) -> list[str]:
     """Warn of parameters that the data do not determine; those that may as well be zero do no harm by it."""
     parameters = estimate.parameters
-    unsure = [p.name for p in parameters if p.judgement == "uncertain"]
+    unsure = [f"{p.name} ({p.link})" if p.link else p.name for p in parameters if p.judgement == "uncertain"]
     zero = sum(p.judgement == "zero_in_interval" for p in parameters)
     if not unsure:
         return []

@@ -23,6 +23,7 @@ from dynident.estimation import (
     Solution,
     Statistics,
     compute_condition_number,
+    compute_equilibrated_condition_number,
     compute_row_noise,
     count_effective_rows,
 )
@@ -405,8 +406,14 @@ class Identification:
 
     @cached_property
     def condition_number(self) -> float:
-        """Condition number of W of the chosen model."""
+        """Condition number of W of the chosen model, [12.12]; parameters of other units change it."""
         return single_threaded(compute_condition_number)(self.data.equations)
+
+    @cached_property
+    def equilibrated_condition_number(self) -> float:
+        """Condition number of W with rows over their noise and columns of unit norm: units do not change it."""
+        noise = self.estimate.solution.noise
+        return single_threaded(compute_equilibrated_condition_number)(self.data.equations, noise)
 
     @property
     def n_equations(self) -> int:

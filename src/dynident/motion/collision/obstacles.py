@@ -18,7 +18,6 @@ from dynident.robot.json_fields import make_pointer
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.model import Robot
 from dynident.robot.shapes import Block
-from dynident.schema.fields import check_ranges
 
 NOTHING_STATED = "NOTHING AROUND THE ROBOT IS CHECKED"
 FLOOR_ALONE = "NOTHING BUT A FLOOR THROUGH THE BASE IS CHECKED"
@@ -245,7 +244,6 @@ def check_surroundings(surroundings: Surroundings, joint_names: Sequence[str] | 
     joint_names : sequence of str, optional
         Names that the joint of the tool must be among.
     """
-    check_ranges(surroundings, _AT)
     for index, wall in enumerate(surroundings.walls):
         at = make_pointer(index, within=f"{_AT}/walls")
         if np.linalg.norm(wall.normal) < _SHORTEST:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynident.schema.fields import declare_field
+from dynident.schema.fields import Request, declare_field
 
 DEFAULT_CLEARANCE = 0.02
 FARTHEST = 1e4
@@ -14,7 +14,7 @@ Ends = tuple[float | None, float | None, float | None]
 
 
 @dataclass(frozen=True)
-class Box:
+class Box(Request):
     """A box in the base frame.
 
     Parameters
@@ -41,7 +41,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Wall:
+class Wall(Request):
     """A plane that nothing may cross.
 
     Parameters
@@ -60,7 +60,7 @@ class Wall:
 
 
 @dataclass(frozen=True)
-class ToolRange:
+class ToolRange(Request):
     """Where the tool may go, m in the base frame.
 
     Parameters
@@ -92,7 +92,7 @@ class ToolRange:
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class Surroundings(Request):
     """What a motion must not touch.
 
     Parameters

@@ -16,7 +16,7 @@ from dynident.motion.collision.obstacles import Surroundings, check_surroundings
 from dynident.robot import Limits, Robot
 from dynident.robot.joint import WIDEST_RANGE, Joint
 from dynident.robot.json_fields import join_names, make_pointer
-from dynident.robot.settings import check_limits
+from dynident.robot.limits import LARGEST
 
 
 def select_moving_joints(selected: Sequence[str], names: Sequence[str]) -> BoolArray:
@@ -226,14 +226,13 @@ def build_bounds(
         A stated range lies outside the robot's own.
     """
     # Names first: the limits of a misspelt joint would otherwise be ignored.
-    for name, stated in overrides.items():
+    for name in overrides:
         if name not in robot.tree.joint_names:
             raise DynidentError(
                 f"There is no joint '{name}'; joints: {join_names(robot.tree.joint_names)}.",
                 pointer=make_pointer(name, within=at),
                 title="Unknown joint",
             )
-        check_limits(stated, name, make_pointer(name, within=at))
     # Assumptions are collected over all joints, for one note a kind of limit.
     assumed = _Assumptions()
     completed = [_complete_limits(joint, overrides.get(joint.name, Limits()), assumed, at) for joint in robot.joints]
@@ -353,11 +352,11 @@ def _complete_limits(joint: Joint, stated: Limits, assumed: _Assumptions, at: st
         assumed.velocity.append(joint.name)
     acceleration = _pick_tighter(own.acceleration, stated.acceleration)
     if acceleration is None:
-        acceleration = _ACCELERATION_PER_VELOCITY * velocity
+        acceleration = min(_ACCELERATION_PER_VELOCITY * velocity, LARGEST)
         assumed.acceleration.append(joint.name)
     jerk = _pick_tighter(own.jerk, stated.jerk)
     if jerk is None:
-        jerk = _JERK_PER_ACCELERATION * acceleration
+        jerk = min(_JERK_PER_ACCELERATION * acceleration, LARGEST)
         assumed.jerk.append(joint.name)
     effort, power = _pick_tighter(own.effort, stated.effort), _pick_tighter(own.power, stated.power)
     return Limits(position, velocity, acceleration, jerk, effort, power)

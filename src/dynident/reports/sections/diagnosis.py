@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment
-from dynident.diagnosis import Change, Diagnosis, FailureSpot, RankedEffect, UnknownPattern, evidence
+from dynident.diagnosis import Change, Diagnosis, FailureSpot, RankedEffect, evidence
+from dynident.diagnosis.summary import group_patterns
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import Identification
 from dynident.recordings import Recording
@@ -111,7 +112,7 @@ class DiagnosisContent:
     friction_figure: Markup | None
     recommended: tuple[ChoiceText, ...]
     recommended_added: bool
-    unknown: tuple[tuple[UnknownPattern, str], ...]
+    unknown: tuple[tuple[str, str, str], ...]
     invisible: tuple[InvisibleRow, ...]
     spots: tuple[SpotRow, ...]
     next_step: str
@@ -160,9 +161,9 @@ def build_diagnosis_section(
         FRICTION_COLUMNS,
         tuple(format_friction_difference(difference) for difference in diagnosis.friction),
         draw_friction_differences(diagnosis.friction),
-        tuple(_build_choice_text(choice, robot) for choice in diagnosis.recommended),
+        tuple(_build_choice_text(choice, diagnosis, robot) for choice in diagnosis.recommended),
         is_recommendation_added(identification, diagnosis),
-        tuple((pattern, format_percent(pattern.share, 2)) for pattern in diagnosis.unknown),
+        tuple(group_patterns(diagnosis.unknown, robot.joint_names)),
         tuple(_build_invisible_rows(diagnosis, robot)),
         tuple(_build_spot_row(spot, robot) for spot in diagnosis.failure_map[:_MOST_SPOTS]),
         diagnosis.conclusion.next_step if diagnosis.conclusion is not None else "",
@@ -211,7 +212,7 @@ def _draw_evidence(
 def _build_candidate_row(item: RankedEffect, robot: Robot) -> CandidateRow:
     return CandidateRow(
         item,
-        get_effect(item.effect).title,
+        item.title,
         format_joints(item.joints, robot.joint_names),
         format_percent(item.error_before),
         format_percent(item.error_after),
@@ -231,10 +232,12 @@ def _build_change_rows(changes: Sequence[Change], robot: Robot) -> Iterator[Chan
             yield ChangeRow(change, cells, equivalent, place == 0)
 
 
-def _build_choice_text(choice: EffectChoice, robot: Robot) -> ChoiceText:
-    effect = get_effect(choice.effect)
+def _build_choice_text(choice: EffectChoice, diagnosis: Diagnosis, robot: Robot) -> ChoiceText:
     return ChoiceText(
-        effect.title, effect.id, format_joints(choice.joints, robot.joint_names), format_shape_constants(choice)
+        diagnosis.get_title(choice),
+        choice.effect,
+        format_joints(choice.joints, robot.joint_names),
+        format_shape_constants(choice),
     )
 
 
@@ -246,8 +249,15 @@ def _build_invisible_rows(diagnosis: Diagnosis, robot: Robot) -> Iterator[Invisi
         yield InvisibleRow(
             get_effect(effect).title,
             format_joints(joints, robot.joint_names),
-            tuple(dict.fromkeys(item.brief or item.reason for item in items)),
+            _shorten_reasons(list(dict.fromkeys(item.brief or item.reason for item in items))),
         )
+
+
+def _shorten_reasons(reasons: Sequence[str]) -> tuple[str, ...]:
+    """Return a few reasons; a robot with many joints has one for each, and a table with all limits."""
+    if len(reasons) <= _MOST_ROWS:
+        return tuple(reasons)
+    return (*reasons[: _MOST_ROWS - 1], f"and {len(reasons) - _MOST_ROWS + 1} more, as in the table of limits")
 
 
 def _build_spot_row(spot: FailureSpot, robot: Robot) -> SpotRow:

@@ -295,7 +295,31 @@ class LadderContent:
     kind: str
     best: str
     has_floor: bool
+
+
+@dataclass(frozen=True)
+class LadderFigure:
+    """The errors of all models as a figure; `kind` says of which data those by joint are."""
+
     figure: Markup
+    kind: str
+    has_floor: bool
+
+
+def build_ladder_figure(identification: Identification, diagnosis: Diagnosis | None) -> LadderFigure:
+    """Draw the errors of every model, in total and by joint, with the noise floor where a diagnosis tells it."""
+    models = list(identification.ladder())
+    kind, errors = select_comparable_errors(models)
+    floor = _compute_relative_floor(diagnosis, errors[-1])
+    return LadderFigure(draw_models(models, floor), kind, floor is not None)
+
+
+def select_comparable_errors(models: Sequence[Identification]) -> tuple[str, list[Errors]]:
+    """Return "held out" and the held-out errors of all models where each has one, else "fit" and those of the fit."""
+    held_out_errors = [model.held_out_judged for model in models if model.held_out_judged is not None]
+    if len(held_out_errors) == len(models):
+        return "held out", held_out_errors
+    return "fit", [model.fit_judged for model in models]
 
 
 def build_ladder_section(identification: Identification, diagnosis: Diagnosis | None) -> Section:
@@ -314,20 +338,16 @@ def build_ladder_section(identification: Identification, diagnosis: Diagnosis | 
         A row for each model, and their errors by joint.
     """
     models = list(identification.ladder())
-    # Held-out errors are comparable along the ladder only where every model has one.
-    held_out_errors = [model.held_out_judged for model in models if model.held_out_judged is not None]
-    held_out = held_out_errors if len(held_out_errors) == len(models) else None
-    errors = held_out or [model.fit_judged for model in models]
+    kind, errors = select_comparable_errors(models)
     floor = _compute_relative_floor(diagnosis, errors[-1])
     names = identification.model.robot.joint_names
     best = find_best_step(models)
     content = LadderContent(
         tuple(_build_step_row(k, model, get_step_mark(best, k, len(models))) for k, model in enumerate(models)),
         tuple(_build_joint_error_row(name, [e.relative[j] for e in errors], floor, j) for j, name in enumerate(names)),
-        "held out" if held_out else "fit",
+        kind,
         describe_best_step(best, len(models)),
         floor is not None,
-        draw_models(models, floor),
     )
     return Section("ladder", "The ladder of models", "ladder", content)
 

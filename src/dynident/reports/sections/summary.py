@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 from dynident.diagnosis import Diagnosis
 from dynident.identification import Identification
+from dynident.reports.labels import CONDITION_MEANING, format_joints, get_effect_title
 from dynident.reports.number_format import format_count, format_number, format_percent
 from dynident.reports.report_data import ReportedRecording, ReportedValidation, Section
+from dynident.reports.sections.model import (
+    LadderFigure,
+    build_ladder_figure,
+    select_comparable_errors,
+)
 from dynident.verdict import ModelVerdict, Outcome, State, verdict
 
 
@@ -35,8 +42,11 @@ _COLOURS: Mapping[State, str] = {"yes": "ok", "limited": "warning", "no": "error
 
 @dataclass(frozen=True)
 class SummaryContent:
-    """The content of the section: numbers, fitness for use, diagnosis and warnings."""
+    """The content of the section: what, when, from which recordings, how good, and what is doubtful."""
 
+    facts: tuple[tuple[str, str], ...]
+    sentence: str
+    ladder: LadderFigure
     figures: tuple[Figure, ...]
     diagnosis: Diagnosis | None
     recommended_added: bool
@@ -71,6 +81,7 @@ def build_summary_section(
     identification: Identification,
     runs: Sequence[ReportedRecording],
     diagnosis: Diagnosis | None,
+    created: datetime,
     validations: Sequence[ReportedValidation] = (),
 ) -> Section:
     """Return the first section of a report.
@@ -83,6 +94,8 @@ def build_summary_section(
         Recordings to show, each with the model's prediction.
     diagnosis : Diagnosis or None
         The diagnosis, if there is one.
+    created : datetime
+        When the report was made, with its time zone.
     validations : sequence of ReportedValidation
         The results of the model's validations.
 
@@ -92,16 +105,14 @@ def build_summary_section(
         Numbers, fitness for use, diagnosis and warnings.
     """
     content = SummaryContent(
+        _list_facts(identification, created),
+        describe_gain(identification),
+        build_ladder_figure(identification, diagnosis),
         _build_figures(identification),
         diagnosis,
         is_recommendation_added(identification, diagnosis),
         identification.warnings,
-        tuple(
-            f"{run.name}: {check.name.replace('_', ' ')}. {check.detail}"
-            for run in runs
-            for check in run.checks
-            if check.status != "ok"
-        ),
+        _join_data_warnings(runs),
         verdict(
             identification,
             [run.recording for run in runs if not run.held_out],
@@ -111,6 +122,61 @@ def build_summary_section(
         ),
     )
     return Section("summary", "Summary", "summary", content)
+
+
+def _list_facts(identification: Identification, created: datetime) -> tuple[tuple[str, str], ...]:
+    robot, data = identification.model.robot, identification.data
+    effects = dict.fromkeys(get_effect_title(choice.effect) for choice in identification.choices.effects)
+    return (
+        ("robot", f"{robot.name}, {format_count(robot.n, 'joint')}"),
+        ("report made", created.astimezone(UTC).strftime("%Y-%m-%d %H:%M UTC")),
+        ("identified from", ", ".join(data.measurement_names)),
+        ("held-out recordings", ", ".join(data.validation_names) or "none"),
+        ("in the model", ", ".join(effects)),
+    )
+
+
+def describe_gain(identification: Identification) -> str:
+    """Return the model's error in a sentence, beside that of the model that it began from.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model, with its ladder.
+
+    Returns
+    -------
+    str
+        One sentence.
+    """
+    models = list(identification.ladder())
+    kind, errors = select_comparable_errors(models)
+    data = "on held-out data" if kind == "held out" else "in the fit"
+    last = f"Where joints move, the relative error of the torque is {format_percent(errors[-1].relative_total)} {data}"
+    if len(models) == 1:
+        return f"{last}."
+    all_joints = identification.model.robot.joint_names
+    changes = [("with", choice) for model in models for choice in model.step.added]
+    changes += [("without", choice) for model in models for choice in model.step.removed]
+    texts = [f"{word} {get_effect_title(choice.effect)} on {format_joints(choice.joints, all_joints)}"
+             for word, choice in changes]  # fmt: skip
+    first = format_percent(errors[0].relative_total)
+    return f"{last}, {', '.join(texts)}; it was {first} before." if texts else f"{last}; it was {first} before."
+
+
+def _join_data_warnings(runs: Sequence[ReportedRecording]) -> tuple[str, ...]:
+    """Return a sentence for each check that found something; recordings with the same finding share it."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for run in runs:
+        for check in run.checks:
+            if check.status != "ok":
+                found.setdefault(check.name, []).append((run.name, check.detail))
+    sentences = []
+    for name, places in found.items():
+        names = ", ".join(dict.fromkeys(recording for recording, _ in places))
+        more = f" (And {len(places) - 1} more, with the recordings below.)" if len(places) > 1 else ""
+        sentences.append(f"{names}: {name.replace('_', ' ')}. {places[0][1]}{more}")
+    return tuple(sentences)
 
 
 def is_recommendation_added(identification: Identification, diagnosis: Diagnosis | None) -> bool:
@@ -151,8 +217,12 @@ def _build_figures(identification: Identification) -> tuple[Figure, ...]:
         ),
         Figure(
             "condition number",
-            format_number(identification.condition_number),
-            f"{format_count(identification.n_equations, 'equation')}, "
+            format_number(identification.equilibrated_condition_number),
+            CONDITION_MEANING,
+        ),
+        Figure(
+            "equations",
+            str(identification.n_equations),
             f"{format_number(identification.equations_per_parameter)} a parameter",
         ),
         Figure(

@@ -17,6 +17,7 @@ const VIEWS = {
   robots: () => import("./lists/robots_page.js"),
   recordings: () => import("./lists/recordings_page.js"),
   design: () => import("./design/design_page.js"),
+  changes: () => import("./changes_page.js"),
 };
 const main = document.getElementById("main");
 const list = new ModelList(document.getElementById("models"));
@@ -60,7 +61,7 @@ async function firstView(signal) {
 }
 
 function navigation(view) {
-  const links = [["", "Model"], ["models", "Models"], ["new", "New model"], ["design", "Design"], ["robots", "Robots"], ["recordings", "Recordings"], ["jobs", "Jobs"]];
+  const links = [["", "Model"], ["models", "Models"], ["new", "New model"], ["design", "Design"], ["changes", "Changes"], ["robots", "Robots"], ["recordings", "Recordings"], ["jobs", "Jobs"]];
   put(
     document.getElementById("views"),
     links.map(([name, text]) =>

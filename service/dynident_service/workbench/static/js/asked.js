@@ -72,7 +72,9 @@ function choice(schema, value, props, none) {
 }
 
 function number(schema, value, props) {
-  const input = h("input", { type: "number", step: plain(schema).type === "integer" ? "1" : "any", value: value ?? "", ...props });
+  const { type, minimum, exclusiveMinimum, maximum } = plain(schema);
+  const range = { min: minimum ?? exclusiveMinimum, max: maximum, step: type === "integer" ? "1" : "any" };
+  const input = h("input", { type: "number", value: typeof value === "number" ? value : "", ...range, ...props });
   return { input, read: () => (input.value === "" ? (schema.default ?? null) : Number(input.value)) };
 }
 

@@ -1,15 +1,24 @@
 // How to come to a model: a robot, its measurements, an identification.
 
-import { get } from "./api.js";
+import { get, post } from "./api.js";
 import { pictureOf } from "./arm/picture.js";
-import { h, put } from "./dom.js";
+import { field, h, put, select } from "./dom.js";
 import { driveGainsPanel } from "./drive_gains.js";
 import { counted, number } from "./format.js";
+import { awaited } from "./jobs.js";
 import { identificationForm } from "./identification_form.js";
 import { remember } from "./location.js";
 import { measurementForm, measurementsTable } from "./measurement_form.js";
+import { pressed, problemBox } from "./problem.js";
 import { robotForm } from "./robot_form.js";
 import { choicesOf, fieldsOf } from "./schema.js";
+
+// A virtual arm with an effect to be found; both motions are drawn at random.
+const SAMPLE = {
+  robot: "scara",
+  motion: { trajectory: { duration: 10, sampling_rate: 200 }, effects: ["rotor_inertia", "coulomb", "viscous", "stribeck"].map((effect) => ({ effect, ...(effect === "stribeck" ? { joints: ["elbow"] } : {}) })) },
+  runs: [{ name: "sample run 1", role: "identification", seed: 1 }, { name: "sample run 2", role: "validation", seed: 2 }],
+};
 
 /** Three steps on one page; each opens once the one before it is done. */
 export async function beginPage(target, wanted, signal) {
@@ -58,7 +67,7 @@ export async function beginPage(target, wanted, signal) {
     if (state.form.element.isConnected) return;
     put(steps.identification, state.measurements.length ? state.form.element : h("p", { class: "note" }, "First upload a measurement."));
   };
-  const showRobots = () => put(steps.robot, robotChoice(state, choose), state.robot && pictureOf(state.robot, signal), robotForm(choicesOf(description.format), choose, robots.length === 0));
+  const showRobots = () => put(steps.robot, robotChoice(state, choose), state.robot && pictureOf(state.robot, signal), knownRobots(choose, robots.length === 0, signal), robotForm(choicesOf(description.format), choose, robots.length === 0));
 
   put(
     target,
@@ -92,4 +101,28 @@ function gains(robot) {
   const known = robot.joints.filter((joint) => joint.drive_gain !== null);
   const units = [...new Set(known.map((joint) => (joint.type === "revolute" ? "N m/A" : "N/A")))].join(" or ");
   return known.length ? `, drive gains ${known.map((joint) => number(joint.drive_gain, 4)).join(", ")} ${units}` : "";
+}
+
+/** A robot without a file: a well-known arm, for an empty service with recordings of a virtual one to try with. */
+function knownRobots(choose, empty, signal) {
+  const said = h("div");
+  const place = h("div");
+  const fill = async () => {
+    const { items } = await get("/known-robots", {}, signal);
+    const about = h("span", { class: "note" });
+    const tell = (name) => put(about, items.find((one) => one.name === name).source);
+    const arm = select(items.map((one) => [one.name, one.name]), items[0].name, tell, { id: "known-robot" });
+    tell(items[0].name);
+    const made = (name) => post("/robots", { name, description: items.find((one) => one.name === name).description });
+    const create = h("button", { type: "button", id: "create-known", onclick: () => pressed(create, async () => choose(await made(arm.value)), (error) => put(said, problemBox(error)), signal) }, "Use this arm");
+    const sample = h("button", { type: "button", id: "sample-data", onclick: () => pressed(sample, async () => {
+      const robot = await made(SAMPLE.robot);
+      for (const one of SAMPLE.runs) await awaited("/simulations", await post("/simulations", { robot_id: robot.id, ...SAMPLE.motion, ...one }), `Simulating ${one.name}`, said, signal);
+      await choose(robot);
+    }, (error) => put(said, problemBox(error)), signal) }, "Try it with sample data");
+    put(place, h("p", { class: "actions" }, sample, h("span", { class: "note" }, `two simulated recordings of ${SAMPLE.robot}, with an effect that no model is told of`)),
+      h("div", { class: "bar-of-fields" }, field("Well-known arm", arm), create, about), said);
+  };
+  return h("details", { open: empty, id: "known-robots", ontoggle: (event) => { if (event.target.open && !place.childElementCount) fill().catch((error) => put(place, problemBox(error))); } },
+    h("summary", {}, "Sample data, or a well-known arm"), place);
 }

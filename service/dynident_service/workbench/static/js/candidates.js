@@ -19,7 +19,7 @@ export function candidatesTable(model, result, add, signal) {
 
 function candidateRows(model, one, most, result, add, signal) {
   const evidence = h("tr", { class: "evidence", hidden: true }, h("td", { colspan: COLUMNS }));
-  const title = titleOf(model.effects, one.effect);
+  const title = one.question ? one.title : titleOf(model.effects, one.effect);
   const opener = h("button", { type: "button", class: "plain", "aria-expanded": "false", onclick: () => toggle() }, title);
   const toggle = () => {
     const open = evidence.toggleAttribute("hidden") === false;

@@ -4,6 +4,11 @@ import { get, once } from "./api.js";
 import { h } from "./dom.js";
 import { quantity } from "./format.js";
 
+/** A recommended effect in words: what the data show, as long as nobody has said that the robot has such a part. */
+export function findingTitle(model, result, choice) {
+  return (choice.question && result.candidates.find((one) => one.effect === choice.effect && one.question)?.title) || titleOf(model.effects, choice.effect);
+}
+
 /** The catalogue: { items, byId }. */
 export const catalogue = once(async () => {
   const { items } = await get("/effects");

@@ -14,7 +14,7 @@ export function effectCards(model, result, add, signal) {
 }
 
 function card(model, one, add, signal) {
-  const name = titleOf(model.effects, one.effect);
+  const name = one.question ? one.title : titleOf(model.effects, one.effect);
   const title = `${name} on ${placeOf(model.effects, one, model.joints)}`;
   const shape = shapeInWords(model.effects, one);
   const { words, figure, about } = evidenceOf(model, one, signal);

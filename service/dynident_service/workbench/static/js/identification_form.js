@@ -17,7 +17,7 @@ const USES = [["fit", "fit"], ["hold", "hold out"], ["", "leave out"]];
 
 /** A form that identifies a robot and goes to the new model; `update(measurements)` keeps what has been filled in. */
 export async function identificationForm(robot) {
-  const [{ items }, asked, options] = await Promise.all([catalogue(), fieldsOf("IdentificationRequest"), optionsOf("IdentificationRequest", "estimator")]);
+  const [{ items }, asked, options, ofFilters] = await Promise.all([catalogue(), fieldsOf("IdentificationRequest"), optionsOf("IdentificationRequest", "estimator"), fieldsOf("Preprocessing")]);
   const usualEffects = asked.effects.default.map((one) => one.effect);
   const uses = usesOf(USES, { usual: (one) => (revised.has(one.id) ? "" : useOf(one)), called: "Use", about: (one) => counted(one.n_samples, "sample") });
   let revised = new Set();
@@ -28,6 +28,8 @@ export async function identificationForm(robot) {
   strategy.input.addEventListener("change", showSteps);
   showSteps();
   const more = controls(asked, { but: APART, prefix: "identify-" });
+  const filters = controls(ofFilters, { pointer: "/preprocessing", prefix: "filter-" });
+  for (const one of filters) one.input.placeholder = ofFilters[one.id].default;
   const ofEstimator = h("div", { class: "fields", id: "estimator-options" });
   let ownOptions = [];
   const fillOptions = () => {
@@ -58,6 +60,7 @@ export async function identificationForm(robot) {
       ...saidBy(ways),
       estimator: named(estimator.read(), saidBy(ownOptions)),
       ...saidBy(more),
+      ...preprocessing(saidBy(filters)),
     });
     dispatchEvent(new Event("models-changed"));
     go({ identification: made.id });
@@ -67,7 +70,7 @@ export async function identificationForm(robot) {
     h("fieldset", { class: "checks-of", "data-pointer": "/effects" }, h("legend", {}, "Effects in the model"), effects),
     h("p", { class: "note" }, "Begin with the marked effects: the diagnosis names what is missing."),
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" })),
-    h("details", { class: "methods" }, h("summary", {}, "How to identify"), h("div", { class: "fields" }, ways.map((one) => one.element)), ofEstimator, h("div", { class: "fields" }, more.map((one) => one.element))),
+    h("details", { class: "methods" }, h("summary", {}, "How to identify"), h("div", { class: "fields" }, ways.map((one) => one.element)), ofEstimator, h("div", { class: "fields" }, more.map((one) => one.element)), h("h3", {}, "Filters"), h("p", { class: "note" }, "What is left empty is chosen from the data."), h("div", { class: "fields", id: "filters" }, filters.map((one) => one.element))),
     said,
     h("p", {}, submit),
   );
@@ -77,6 +80,11 @@ export async function identificationForm(robot) {
 /** A name, or with options that are not what they usually are an object. */
 function named(name, options) {
   return Object.keys(options).length ? { name, ...options } : name;
+}
+
+/** Filters of which some are stated; nothing where none is. */
+function preprocessing(filters) {
+  return Object.keys(filters).length ? { preprocessing: filters } : {};
 }
 
 function useOf({ role }) {

@@ -43,10 +43,21 @@ export function measurementForm(robot, { forms, metadata, chosen, onStored, onRo
   };
   for (const card of forms.querySelectorAll(":scope > form")) card.dispatchEvent(new Event("robot"));
   const earlier = h("div");
+  const all = h("button", { type: "button", class: "main", id: "confirm-all" }, "Confirm all");
+  const several = h("p", { class: "actions", hidden: true }, all, h("span", { class: "note" }, "stores every file below as it is guessed; a file with an open question stays"));
+  const cards = () => [...forms.querySelectorAll(":scope > form")];
+  all.addEventListener("click", async () => {
+    all.disabled = true;
+    for (const card of cards()) await card.confirm();
+    all.disabled = false;
+  });
+  new MutationObserver(() => { several.hidden = cards().length < 2; }).observe(forms, { childList: true });
+  several.hidden = cards().length < 2;
   lookedAtBefore(earlier, robot, stored, (found) => forms.append(fileCard({ found, role: role() }, hands)));
   return h("div", {},
     dropZone("Drop recordings here, or choose them:", { accept: FORMATS, multiple: true, id: "recordings" }, add),
     h("p", { class: "note" }, `CSV, Parquet, NumPy, MATLAB, HDF5, ROS bags, MCAP: dynident guesses the columns and their units, and shows them before anything is stored. Joints: ${robot.joints.map((one) => one.name).join(", ")}.`),
+    several,
     forms,
     earlier,
     h("details", {}, h("summary", {}, "The recordings have currents: drive gains"), drivesOf(robot, onRobot)),

@@ -1,10 +1,10 @@
 // What is missing in a model: the diagnosis, and adding what it recommends.
 
-import { post } from "./api.js";
+import { get, patch, post } from "./api.js";
 import { addByHand } from "./add_effect.js";
 import { candidatesTable } from "./candidates.js";
 import { changesForm, changesTable } from "./changes.js";
-import { choiceInWords, placeOf, shapeInWords, titleOf } from "./catalogue.js";
+import { choiceInWords, findingTitle, placeOf, shapeInWords, titleOf } from "./catalogue.js";
 import { nextBox } from "./design/proposals.js";
 import { announce, figures, h, listed, put, section } from "./dom.js";
 import { percent } from "./format.js";
@@ -40,7 +40,7 @@ export function missingSection(model, signal) {
   const follow = () => {
     const { diagnosis } = model;
     if (!diagnosis) return;
-    if (diagnosis.status === "succeeded") put(body, whole(model, add, signal));
+    if (diagnosis.status === "succeeded") put(body, whole(model, add, runPressed, signal));
     else runPressed(diagnosis);
   };
   model.addEventListener("diagnosis", follow);
@@ -67,18 +67,18 @@ async function extend(model, effects, said, signal) {
 }
 
 /** The diagnosis of the model itself; that of one that it came from is folded away. */
-function whole(model, add, signal) {
-  if (model.diagnosis.request.identification_id === model.id) return shown(model, add, signal);
+function whole(model, add, run, signal) {
+  if (model.diagnosis.request.identification_id === model.id) return shown(model, add, run, signal);
   return [
     h("p", {}, "Diagnose this model to see what is still missing."),
-    h("details", {}, h("summary", {}, "The diagnosis of its parent model"), shown(model, add, signal)),
+    h("details", {}, h("summary", {}, "The diagnosis of its parent model"), shown(model, add, run, signal)),
   ];
 }
 
-function shown(model, add, signal) {
+function shown(model, add, run, signal) {
   const { result } = model.diagnosis;
   return [
-    verdict(model, result, add),
+    verdict(model, result, add, run),
     changesTable(model, result),
     effectCards(model, result, add, signal),
     candidatesTable(model, result, add, signal),
@@ -89,7 +89,7 @@ function shown(model, add, signal) {
   ];
 }
 
-function verdict(model, result, add) {
+function verdict(model, result, add, run) {
   const said = h("div");
   const left = result.recommended.filter((one) => !model.contains(one));
   const items = result.recommended.map((one) => {
@@ -98,21 +98,42 @@ function verdict(model, result, add) {
     const button = model.contains(one)
       ? h("span", { class: "mark ok" }, "✓ in the model")
       : h("button", { type: "button", class: "small", onclick: () => add([one], said), "aria-label": `Add ${words}` }, "Add");
-    return h("li", {}, h("strong", {}, titleOf(model.effects, one.effect)), ` on ${placeOf(model.effects, one, model.joints)}${shape ? `, ${shape}` : ""} `, button);
+    return h("li", {}, h("strong", {}, findingTitle(model, result, one)), ` on ${placeOf(model.effects, one, model.joints)}${shape ? `, ${shape}` : ""} `, button);
   });
   return h("div", { class: result.verdict === "adequate" && result.conclusion?.code !== "cannot_tell" ? "box good" : "box warning", id: "verdict", "data-verdict": result.verdict, "data-conclusion": result.conclusion?.code ?? "" },
     h("p", {}, h("strong", {}, `${headline(result)} `), result.summary),
     result.conclusion ? h("p", {}, h("strong", {}, "Next: "), result.conclusion.next_step) : null,
     items.length ? [h("p", {}, "Recommended, in this order:"), h("ol", {}, items)] : null,
+    partQuestions(model, result, run),
     left.length ? h("p", {}, h("button", { type: "button", class: "main", id: "add-recommended", onclick: () => add(left, said) }, left.length > 1 ? `Add all ${left.length} recommended effects` : "Add the recommended effect")) : null,
     said,
   );
 }
 
+/** The questions whether the robot has a part; an answer is kept with the robot, and the model diagnosed again. */
+function partQuestions(model, result, run) {
+  const asked = new Map(result.recommended.filter((one) => one.question).map((one) => [one.question, model.effects.byId.get(one.effect)?.hardware]));
+  return [...asked].filter(([, part]) => part).map(([question, part]) => {
+    const said = h("span");
+    const answer = (key) => async (event) => pressed(event.target, async () => {
+      const robot = await get(`/robots/${model.identification.robot_id}`);
+      await patch(`/robots/${robot.id}`, { [key]: [...robot[key], part] });
+      await run(post("/diagnoses", { identification_id: model.id }));
+    }, (error) => put(said, problemBox(error)));
+    return h("p", { class: "actions", "data-part": part }, question.split(" Answer once")[0], " ",
+      h("button", { type: "button", class: "small", onclick: answer("has") }, "Yes"), " ",
+      h("button", { type: "button", class: "small", onclick: answer("has_not") }, "No"), said);
+  });
+}
+
 function unknown(result) {
   if (!result.unknown.length) return null;
-  const columns = [["joint", (one) => one.joint], ["over", (one) => one.variable.replaceAll("_", " ")], figures("share of its variance", (one) => one.share, (value) => percent(value))];
-  return listed("With all recommended effects, the residual still depends on", columns, result.unknown);
+  const columns = [["joints", (one) => one.joints], ["over", (one) => one.variable.replaceAll("_", " ")], figures("share of their variance, at most", (one) => one.share, (value) => percent(value))];
+  const rows = [...new Set(result.unknown.map((one) => one.variable))].map((variable) => {
+    const all = result.unknown.filter((one) => one.variable === variable);
+    return { variable, joints: [...new Set(all.map((one) => one.joint))].join(", "), share: Math.max(...all.map((one) => one.share ?? 0)) };
+  });
+  return listed("With all recommended effects, the residual still depends on", columns, rows);
 }
 
 function nextExperiment(model, result) {
@@ -126,10 +147,16 @@ function nextExperiment(model, result) {
 
 function invisible(model, result) {
   if (!result.not_visible.length) return null;
+  // A row an effect, however many joints the robot has.
+  const groups = [...new Set(result.not_visible.map((one) => one.effect))].map((effect) => {
+    const all = result.not_visible.filter((one) => one.effect === effect);
+    const reasons = [...new Set(all.map((one) => one.reason))];
+    return { effect, joints: [...new Set(all.flatMap((one) => one.joints))], reason: reasons.length > 1 ? `${reasons[0]}; and ${reasons.length - 1} more, as the detection limits show` : reasons[0] };
+  });
   const columns = [["effect", (one) => titleOf(model.effects, one.effect)], ["where", (one) => placeOf(model.effects, one, model.joints)], ["why", (one) => one.reason]];
   return h("details", {},
-    h("summary", {}, `Not visible in this data (${result.not_visible.length})`),
+    h("summary", {}, `Not visible in this data (${groups.length})`),
     h("p", { class: "note" }, "The robot may have these effects: this data cannot show them in their usual size."),
-    listed("Effects that this data cannot show", columns, result.not_visible),
+    listed("Effects that this data cannot show", columns, groups),
   );
 }

@@ -65,7 +65,7 @@ export class Model extends EventTarget {
 
   /** The comparison with a measurement: the newest there is, or a new one that may be on its way; asked for once. */
   async comparedWith(measurement, signal) {
-    const asked = this.#asked.get(measurement) ?? requested(this.id, measurement, signal);
+    const asked = this.#asked.get(measurement) ?? requestedComparison(this.id, measurement, signal);
     this.#asked.set(measurement, asked);
     // What failed, or was given up, is asked for again.
     return asked.catch((error) => {
@@ -138,7 +138,8 @@ export function existingComparison(modelId, measurementId, signal) {
   return newestOf("/comparisons", { identification_id: modelId, limit: 100 }, signal, (one) => one.request.measurement_id === measurementId);
 }
 
-async function requested(modelId, measurementId, signal) {
+/** The newest comparison of a model with a measurement, or a new one. */
+export async function requestedComparison(modelId, measurementId, signal) {
   const body = { identification_id: modelId, measurement_id: measurementId };
   return (await existingComparison(modelId, measurementId, signal)) ?? post("/comparisons", body, { signal });
 }

@@ -18,7 +18,11 @@ export class ModelList {
     this.marked = "";
     this.shown = PART;
     this.robots = new Map();
-    put(target, h("h2", {}, "Identified models"), this.items, this.foot);
+    // Where there is room for one column alone, the list is folded: what was come for stands at the top.
+    const wide = matchMedia("(min-width: 1021px)");
+    const fold = h("details", { open: wide.matches }, h("summary", {}, h("h2", {}, "Identified models")), this.items, this.foot);
+    wide.addEventListener("change", () => { fold.open = wide.matches; });
+    put(target, fold);
     onJobs((job) => MODEL_JOBS.has(job.kind) && this.refresh());
   }
 
@@ -56,7 +60,7 @@ export class ModelList {
   #item(model, effects) {
     const result = model.result;
     const robot = this.robots.get(model.robot_id);
-    const added = [...new Set(model.added.map((one) => titleOf(effects, one.effect)))].join(", ");
+    const added = [...new Set(model.added.map((one) => `${titleOf(effects, one.effect)}${one.joints.length ? ` on ${one.joints.join(", ")}` : ""}`))].join(", ");
     const link = h("a", { href: address({ identification: model.id }), "data-id": model.id },
       h("strong", {}, model.name || robot),
       added ? h("span", {}, `+ ${added}`) : null,

@@ -8,7 +8,7 @@ import { daysSection } from "./days.js";
 import { errorsSection, judged } from "./errors.js";
 import { exportLinks } from "./exports.js";
 import { failureSection } from "./failure.js";
-import { counted, moment, number, percent, quantity } from "./format.js";
+import { counted, grouped, moment, number, percent, quantity } from "./format.js";
 import { awaited, ENDED } from "./jobs.js";
 import { ladderSection, stepInWords } from "./ladder.js";
 import { takeNote } from "./location.js";
@@ -108,7 +108,8 @@ function figures({ result }) {
     ["held-out error", percent(validation && judged(validation).relative_total), validation ? "where joints move" : "no validation data", "tile-held_out"],
     ["error of the fit", percent(judged(residual).relative_total), "where joints move", "tile-fit"],
     ["base parameters", String(result.parameters.length), `${result.parameters.filter((one) => one.well_identified).length} determined by the data`],
-    ["condition number of W", number(result.condition_number), counted(result.n_equations, "equation")],
+    ["condition number of W", number(result.equilibrated_condition_number ?? result.condition_number), result.condition_meaning],
+    ["equations", grouped(result.n_equations), `${number(result.equations_per_parameter)} a parameter`],
   ]);
 }
 
@@ -118,8 +119,7 @@ function filters(used) {
 }
 
 function warnings(result) {
-  const all = [...result.warnings];
-  if (!result.inertia_matrix_positive_definite) all.push("The inertia matrix is not positive definite in every pose that was tried.");
+  const all = result.warnings;
   if (!all.length) return null;
   return h("div", { class: "box warning", id: "warnings" }, h("p", {}, h("strong", {}, "Before you use this model")), h("ul", {}, all.map((one) => h("li", {}, one))));
 }

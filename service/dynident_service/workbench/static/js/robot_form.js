@@ -11,7 +11,7 @@ const MOVING = new Set(["revolute", "continuous", "prismatic"]);
 /** A form that makes a robot from a description in one of the `formats`; `onMade` is given it. */
 export function robotForm(formats, onMade, open) {
   const name = h("input", { name: "name", id: "robot-name", required: true, maxlength: 200 });
-  const content = h("textarea", { id: "robot-description", rows: 8, required: true, spellcheck: "false", oninput: () => described() });
+  const content = h("textarea", { id: "robot-description", rows: 8, required: true, spellcheck: "false", oninput: () => { if (content.value.trim()) format.value = formatOf(content.value); described(); } });
   const format = select(formats, "urdf", () => described(), { id: "robot-format" });
   const gains = h("div");
   const places = h("details", { hidden: true }, h("summary", {}, "Joints are locked, or the base is not upright"));
@@ -20,7 +20,13 @@ export function robotForm(formats, onMade, open) {
 
   const placed = h("div");
   places.append(placed);
+  let named = ""; // what the name was filled in with, and may be replaced by
+  const callIt = (words) => {
+    if (!words || (name.value && name.value !== named)) return;
+    name.value = named = words.slice(0, 200);
+  };
   const described = () => {
+    callIt(ownName(content.value, format.value));
     const joints = jointsIn(content.value, format.value);
     const before = h("div");
     before.append(...gains.childNodes, ...placed.childNodes);
@@ -32,7 +38,7 @@ export function robotForm(formats, onMade, open) {
   const read = async ([file]) => {
     content.value = await file.text();
     format.value = formatOf(content.value);
-    name.value ||= file.name.replace(/\.[^.]*$/, "");
+    callIt(file.name.replace(/\.[^.]*$/, ""));
     described();
   };
   const send = sending(submit, said, async (form) => {
@@ -56,6 +62,17 @@ function formatOf(text) {
   const start = text.trimStart();
   if (start.startsWith("<")) return xml(text).documentElement.tagName === "mujoco" ? "mjcf" : "urdf";
   return start.startsWith("{") || start.startsWith("[") ? "modified_dh" : "dh";
+}
+
+/** The name that a description gives its robot; "" where it gives none. */
+function ownName(text, format) {
+  if (format === "urdf" || format === "mjcf") return xml(text).documentElement.getAttribute(format === "urdf" ? "name" : "model") ?? "";
+  if (format === "dh") return "";
+  try {
+    return JSON.parse(text).name ?? "";
+  } catch {
+    return "";
+  }
 }
 
 /** What was typed for joints that are still there stays. */

@@ -1,24 +1,27 @@
 // All identified models in one table; two that are ticked are compared.
 
 import { get } from "../api.js";
-import { catalogue, titleOf } from "../catalogue.js";
+import { catalogue, choiceInWords, titleOf } from "../catalogue.js";
 import { h } from "../dom.js";
 import { judged } from "../errors.js";
-import { percent } from "../format.js";
+import { percent, quantity } from "../format.js";
 import { MODEL_JOBS } from "../jobs.js";
 import { address, go } from "../location.js";
 import { dateColumn, figureColumn, labelColumns, plainColumn } from "./columns.js";
 import { pairSection } from "./pair.js";
 import { robotNames } from "./reading.js";
+import { fieldsOf } from "../schema.js";
 import { resourcesPage } from "./resources.js";
 
+let usual = new Set(); // effects that an identification has by itself
 const verdicts = new Map(); // model's id -> what was said of it when it was asked for
 
 /** The table of models, or with `pair` two of them side by side. */
 export async function page(target, wanted, signal) {
   document.title = "Models: dynident";
   if (wanted.pair) return pairSection(target, wanted.pair.split(","), signal);
-  const [effects, robots] = await Promise.all([catalogue(), robotNames(signal)]);
+  const [effects, robots, asked] = await Promise.all([catalogue(), robotNames(signal), fieldsOf("IdentificationRequest")]);
+  usual = new Set(asked.effects.default.map((one) => one.effect));
   const ticked = new Set();
   const compare = h("button", { type: "button", class: "main", id: "compare-two", disabled: true, onclick: () => go({ view: "models", pair: [...ticked].join(",") }) }, "Compare the two");
   const hint = h("span", { class: "note", role: "status" }, "Tick two models to see how they differ.");
@@ -38,9 +41,14 @@ export async function page(target, wanted, signal) {
     return [
       { id: "tick", name: "two", control: true, cell: (one) => h("input", { type: "checkbox", "aria-label": `Compare ${nameOf(one, robots)}`, checked: ticked.has(one.id), disabled: !one.result, onchange: (event) => tick(one, event.target) }) },
       { id: "name", name: "name", value: (one) => nameOf(one, robots), cell: (one) => h("a", { href: address({ identification: one.id }) }, nameOf(one, robots)) },
-      plainColumn("robot", "robot", (one) => robots.get(one.robot_id) ?? ""),
+      { ...plainColumn("robot", "robot", (one) => robots.get(one.robot_id) ?? ""), folded: robots.size < 2 },
       dateColumn(),
-      plainColumn("effects", "effects", (one) => effectsOf(one, effects)),
+      plainColumn("effects", "effects besides the usual", (one) => effectsOf(one, effects)),
+      plainColumn("recordings", "recordings", (one) => recordingsOf(one, "identification", "measurement_ids")),
+      { ...plainColumn("held-out", "held out", (one) => recordingsOf(one, "validation", "validation_ids")), folded: true },
+      plainColumn("estimator", "estimator", (one) => wordOf(one.request.estimator)),
+      { ...plainColumn("model", "equation", (one) => wordOf(one.request.model)), folded: true },
+      { ...plainColumn("filters", "filters", filtersOf), folded: true },
       { id: "error", name: "held-out error", right: true, value: (one) => (one.result?.validation ? judged(one.result.validation).relative_total : null), text: () => "", cell: (one) => errorOf(one) },
       figureColumn("fit", "error of the fit", (one) => (one.result ? judged(one.result.residual).relative_total : null), percent),
       tags,
@@ -78,8 +86,29 @@ function nameOf(model, robots) {
   return model.name || robots.get(model.robot_id) || model.id;
 }
 
+/** The effects that an identification does not have by itself, each with its joints. */
 function effectsOf(model, effects) {
-  return [...new Set((model.result?.effects ?? model.request.effects).map((one) => titleOf(effects, one.effect)))].join(", ");
+  const all = model.result?.effects ?? model.request.effects;
+  const joints = model.result?.joints ?? [];
+  const own = all.filter((one) => !usual.has(one.effect) || (one.joints.length && one.joints.length < joints.length));
+  const left = [...usual].filter((id) => !all.some((one) => one.effect === id)).map((id) => `without ${titleOf(effects, id)}`);
+  return [...own.map((one) => choiceInWords(effects, one, joints)), ...left].join(", ") || "none";
+}
+
+function recordingsOf({ result, request }, role, ids) {
+  const names = (result?.measurements ?? []).filter((one) => one.role === role).map((one) => one.name ?? one.id);
+  return (names.length ? names : request[ids]).join(", ") || "none";
+}
+
+function wordOf(choice) {
+  return (choice?.name ?? choice ?? "").replaceAll("_", " ");
+}
+
+function filtersOf({ result }) {
+  if (!result) return "";
+  const { position_cutoff: q, torque_cutoff: tau, decimation } = result.preprocessing;
+  const words = (value) => (value === null ? "none" : quantity(value, "Hz"));
+  return `position ${words(q)}, torque ${words(tau)}, decimation ${decimation}`;
 }
 
 function errorOf({ result }) {

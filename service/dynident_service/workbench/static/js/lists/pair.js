@@ -8,6 +8,7 @@ import { exportLinks } from "../exports.js";
 import { interval, moment, number, percent, quantity } from "../format.js";
 import { address } from "../location.js";
 import { methodInWords, methods } from "../methods.js";
+import { overlaySection } from "./overlay.js";
 
 /** Show two models, given by their ids. */
 export async function pairSection(target, ids, signal) {
@@ -24,7 +25,7 @@ export async function pairSection(target, ids, signal) {
     put(target, head, h("div", { class: "box warning" }, "Choose two finished models in the list of all models."));
     return;
   }
-  put(target, head, settings(models, robots, names, effects, ways), errors(models, names), parameters(models, names), exported(models, names, ways));
+  put(target, head, settings(models, robots, names, effects, ways), errors(models, names), overlaySection(models, names, signal), parameters(models, names), exported(models, names, ways));
 }
 
 function settings(models, robots, names, effects, ways) {

@@ -1,10 +1,11 @@
 // The first rows of a file, column by column, and what each column is: a drop-down filled with the guess.
 
-import { h, put, row, table } from "../dom.js";
-import { number } from "../format.js";
+import { h, put, row, svg, table } from "../dom.js";
+import { counted, number } from "../format.js";
 import { signalInWords } from "./edits.js";
 
-const SHOWN = 4; // values of each column
+const SHOWN = 3; // values of each column
+const [WIDTH, HEIGHT] = [110, 22]; // px of a small drawing
 const KINDS = ["q", "tau", "current", "dq", "q_command", "ddq", "temperature"];
 const WRENCH = ["base_fx", "base_fy", "base_fz", "base_mx", "base_my", "base_mz"];
 
@@ -25,6 +26,12 @@ export class ColumnsTable extends EventTarget {
   /** What was chosen by hand, in the same form. */
   get byHand() {
     return Object.fromEntries([...this.chosen].filter(([, ours]) => ours).map(([theirs, ours]) => [ours, theirs]));
+  }
+
+  /** How many columns there are and how many are used. */
+  get inWords() {
+    const used = [...this.ours.values()].filter(Boolean).length;
+    return `${counted(this.ours.size, "column")} of the file, ${used} used`;
   }
 
   /** Kinds of signals that there are: "q", "tau", … */
@@ -73,8 +80,8 @@ export class ColumnsTable extends EventTarget {
   #draw(focused = null) {
     const { columns, rows } = this.preview;
     const values = (index) => rows.slice(0, SHOWN).map((one) => ({ class: "n", text: one[index] === null ? "–" : number(one[index], 5) }));
-    const lines = columns.map((theirs, index) => row([theirs, this.#picker(theirs), ...values(index)], { class: this.ours.get(theirs) ? "pick" : null }));
-    const head = ["column of the file", "is", ...rows.slice(0, SHOWN).map((_, index) => ({ text: `row ${index + 1}`, class: "n" }))];
+    const lines = columns.map((theirs, index) => row([theirs, this.#picker(theirs), sparkline(this.preview.sketch.map((one) => one[index])), ...values(index)], { class: this.ours.get(theirs) ? "pick" : null }));
+    const head = ["column of the file", "is", "over time", ...rows.slice(0, SHOWN).map((_, index) => ({ text: `row ${index + 1}`, class: "n" }))];
     put(this.element, table("What the columns are", head, lines, { class: "columns" }));
     if (focused !== null) [...this.element.querySelectorAll("select")].find((one) => one.dataset.column === focused)?.focus();
   }
@@ -92,4 +99,15 @@ export class ColumnsTable extends EventTarget {
       h("optgroup", { label: "of the whole robot" }, option("segment", "number of the run"), WRENCH.map((one) => option(one, `${one.replace("base_", "")} on the base`))),
     );
   }
+}
+
+/** A small drawing of a column's values over time. */
+function sparkline(values) {
+  const there = values.filter((one) => one !== null);
+  const [low, high] = [Math.min(...there), Math.max(...there)];
+  if (!there.length) return "";
+  const x = (index) => ((WIDTH - 2) * index) / Math.max(1, values.length - 1) + 1;
+  const y = (value) => (high > low ? HEIGHT - 2 - ((HEIGHT - 4) * (value - low)) / (high - low) : HEIGHT / 2);
+  const points = values.map((one, index) => (one === null ? "" : `${x(index).toFixed(1)},${y(one).toFixed(1)}`)).filter(Boolean).join(" ");
+  return svg("svg", { class: "sparkline", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, width: WIDTH, height: HEIGHT, role: "img", "aria-label": `from ${number(low)} to ${number(high)}` }, svg("polyline", { points }));
 }

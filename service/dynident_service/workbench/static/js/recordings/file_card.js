@@ -61,10 +61,12 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     const joints = robot.joints.map((one) => one.name);
     columns.fill(found, joints);
     guesses.fill(found, columns.kinds, joints);
-    looked.hidden = false;
+    looked.hidden = table.hidden = false;
     submit.disabled = false;
     askOfRobot(robot);
     const { questions } = found;
+    put(columnsTitle, columns.inWords);
+    table.open = questions.some((one) => one.field.startsWith("columns/"));
     announce(`${nameOfFile()} is inspected: ${questions.length ? `${questions.length} to answer` : "nothing to answer"}`);
   };
   // Where the file lacks what only the robot can tell, its fields stand here.
@@ -135,12 +137,15 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
 
   guesses.addEventListener("effort", ({ detail }) => (detail === "motor_current" ? columns.rename("tau", "current") : columns.rename("current", "tau")));
   columns.addEventListener("change", () => {
+    put(columnsTitle, columns.inWords);
     guesses.follow(columns.kinds);
     askOfRobot(chosen());
   });
   const applied = h("p", { class: "note" });
   const size = file ? ` (${number(file.size / 1e6, 2)} MB)` : " (inspected before)";
-  put(looked, h("h3", {}, "What the file seems to contain"), guesses.element, robotsFacts, columns.element, h("p", { class: "note" }, "Change a guess if it is wrong. Two columns cannot be the same signal: if you choose a signal twice, the two columns are exchanged."));
+  const columnsTitle = h("summary");
+  const table = h("details", { hidden: true }, columnsTitle, columns.element, h("p", { class: "note" }, "Change a guess if it is wrong. Two columns cannot be the same signal: if you choose a signal twice, the two columns are exchanged."));
+  put(looked, h("h3", {}, "What the file seems to contain"), guesses.element, robotsFacts);
   const form = h("form", { class: "card", onsubmit: send },
     h("p", {}, h("strong", {}, nameOfFile()), size),
     fields.element,
@@ -149,7 +154,10 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     applied,
     said,
     h("p", { class: "actions" }, submit, h("button", { type: "button", onclick: leave }, "Leave it out")),
+    table,
   );
+  // For a button that confirms several: whether all that is asked for is answered, and then whether it was stored.
+  form.confirm = async () => !submit.disabled && form.reportValidity() && send();
   // Another robot: its joints and gains are what the file is to be looked at for.
   form.addEventListener("robot", () => (file ? look() : show(chosen())));
   if (found) show(chosen());

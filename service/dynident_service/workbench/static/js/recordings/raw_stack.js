@@ -2,7 +2,7 @@
 
 import { get, lastAsked } from "../api.js";
 import { armBeside } from "../arm/beside.js";
-import { h, put } from "../dom.js";
+import { field, h, put, select } from "../dom.js";
 import { grouped, number, quantity } from "../format.js";
 import { axis, colour, onColours, timeAxis } from "../plots.js";
 import { orSay } from "../problem.js";
@@ -12,6 +12,7 @@ import { TimeView, askedStretch, rememberStretch, timeButtons, timeGroup } from 
 
 const BUCKETS = 300; // stretches of the screen whose extremes are kept
 const HEIGHT = 128;
+const MORE = [["dq", "velocity"], ["ddq", "acceleration"], ["q_command", "commanded position"], ["temperature", "temperature"], ["current", "current"]];
 
 export class RawStack {
   constructor(measurement, windows, signal) {
@@ -23,7 +24,9 @@ export class RawStack {
     this.trouble = h("div");
     this.group = timeGroup(this.view, "Positions and torques of all joints over time.");
     this.arm = armBeside({ robotId: measurement.robot_id, view: this.view, motion: () => this.#motion() }, signal);
-    this.element = h("div", {}, timeButtons(this.view), this.trouble, this.group, this.said, this.arm.element);
+    this.more = h("div", { class: "bar-of-fields" });
+    this.also = "";
+    this.element = h("div", {}, timeButtons(this.view), this.more, this.trouble, this.group, this.said, this.arm.element);
     this.view.addEventListener("stretch", () => this.#move(), { signal });
     this.view.addEventListener("settled", () => this.#settled(), { signal });
     windows.addEventListener("change", () => this.plots.forEach(({ plot }) => plot.redraw(false, true)), { signal });
@@ -51,7 +54,7 @@ export class RawStack {
   async #read(stretch) {
     const until = this.asking();
     if (!stretch && this.full) return this.#fill(this.full);
-    const signals = this.joints.flatMap((joint) => [`q_${joint}`, `tau_${joint}`]);
+    const signals = this.joints.flatMap((joint, index) => [`q_${joint}`, `tau_${joint}`, this.#nameOf(this.also, index)]).filter(Boolean);
     const query = { signals: signals.join(","), points: 2 * BUCKETS * signals.length, ...(stretch ?? {}) };
     return orSay(this.trouble, async () => {
       const found = ordered(await get(`/measurements/${this.measurement.id}/raw`, query, until));
@@ -60,9 +63,31 @@ export class RawStack {
       if (!stretch) {
         this.full = found;
         this.view.setWhole(found.t[0] ?? 0, found.t.at(-1) ?? 1);
+        if (!this.more.childElementCount) this.#offer(found);
       }
       this.#fill(found);
     }, until, () => this.#read(stretch));
+  }
+
+  /** Let one kind of signal more be chosen, of those that the file has. */
+  #offer({ available }) {
+    const has = (kind) => this.joints.some((_, index) => (kind === "current" ? this.#nameOf(kind, index) : available.includes(this.#nameOf(kind, index))));
+    const there = MORE.filter(([kind]) => has(kind));
+    const show = (kind) => {
+      this.also = kind;
+      this.full = null;
+      for (const { plot, extra } of this.plots.splice(0)) [plot, extra].forEach((one) => one?.destroy());
+      this.#read(null).then(() => this.view.stretch && this.#read(this.view.stretch));
+    };
+    if (there.length) put(this.more, field("Also show", select([["", "nothing more"], ...there], this.also, show, { id: "also-show" })));
+  }
+
+  /** What a signal of a joint is asked for by: a current by its column, as it stands in the file. */
+  #nameOf(kind, index) {
+    if (!kind) return null;
+    if (kind !== "current") return `${kind}_${this.joints[index]}`;
+    const { columns = {} } = this.measurement.request;
+    return columns[`current${index + 1}`] ?? columns[`current_${this.joints[index]}`] ?? null;
   }
 
   /** Where the joints were, in rad or m. */
@@ -81,22 +106,29 @@ export class RawStack {
   #fill(found) {
     this.found = found;
     if (!this.plots.length) this.#draw();
-    for (const { plot, joint } of this.plots) redraw(plot, this.view, dataOf(found, joint));
+    this.#redraw();
     const { from, to } = this.view.range;
     const all = found.t.length === found.n_samples;
     put(this.said, `${number(from, 4)} s to ${number(to, 4)} s: ${grouped(found.n_samples)} samples as recorded, ${all ? "all drawn" : `${grouped(found.t.length)} drawn, with all extremes`}. On grey ground a joint stands still.${found.turned ? " Time runs backwards in the file: the runs are drawn in the order of time." : ""}`);
   }
 
   #move() {
-    for (const { plot } of this.plots) redraw(plot, this.view);
+    for (const { plot, extra } of this.plots) [plot, extra].forEach((one) => one && redraw(one, this.view));
+  }
+
+  #redraw() {
+    for (const { plot, extra, joint, more } of this.plots) {
+      redraw(plot, this.view, dataOf(this.found, joint));
+      if (extra) redraw(extra, this.view, [this.found.t, this.found.signals[more]]);
+    }
   }
 
   #draw() {
     if (!this.found) return;
-    for (const { plot } of this.plots) plot.destroy();
+    for (const { plot, extra } of this.plots) [plot, extra].forEach((one) => one?.destroy());
     this.plots = this.joints.map((joint, index) => this.#row(joint, index === this.joints.length - 1));
     put(this.group, this.plots.map((one) => one.element));
-    for (const { plot, joint } of this.plots) redraw(plot, this.view, dataOf(this.found, joint));
+    this.#redraw();
   }
 
   #row(joint, last) {
@@ -125,7 +157,19 @@ export class RawStack {
     let taken = () => false;
     const plot = timePlot(target, this.view, { options, data: series.map(() => []), linked: "raw", taken: (event) => taken(event) }, this.signal);
     taken = this.windows.holdIn(plot, this.signal);
-    return { joint, element, plot };
+    const more = this.#nameOf(this.also, this.joints.indexOf(joint));
+    return { joint, element, plot, more, extra: this.found.signals[more] ? this.#extra(element, more) : null };
+  }
+
+  /** A figure of one signal more, under those of its joint. */
+  #extra(element, name) {
+    const target = h("div", { class: "chart", "data-signal": name });
+    element.append(target);
+    const words = MORE.find(([kind]) => kind === this.also)[1];
+    const unit = this.found.units[name] || (this.also === "current" ? (this.measurement.request.units?.current ?? "A") : "");
+    const series = [{}, { label: words, stroke: colour("measured"), width: 1.2, points: { show: false }, spanGaps: false }];
+    const options = { height: HEIGHT - 40, series, axes: [timeAxis(""), { ...axis(`${words}${unit ? ` (${unit})` : ""}`, 3), space: 20 }], legend: { show: false } };
+    return timePlot(target, this.view, { options, data: [[], []], linked: "raw" }, this.signal);
   }
 }
 

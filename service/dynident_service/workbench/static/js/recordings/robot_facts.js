@@ -11,13 +11,26 @@ export function gainFields(joints) {
   if (!joints.length) return null;
   const rows = joints.map((joint) => {
     const unit = joint.type === "prismatic" ? "N/A" : "N m/A";
-    const input = h("input", { type: "number", step: "any", "data-gain-of": joint.name, value: joint.drive_gain ?? "", "aria-label": `Drive gain of ${joint.name} in ${unit}` });
+    const input = h("input", { type: "number", step: "any", "data-gain-of": joint.name, value: joint.drive_gain ?? "", "aria-label": `Drive gain of ${joint.name} in ${unit}`, onpaste: fillRow });
     return row([joint.name, joint.type, h("div", { "data-pointer": `/drives/${joint.name}` }, input, ` ${unit}`)]);
   });
   return [
     table("Drive gains: torque = drive gain × current [12.17]", ["joint", "type", "drive gain"], rows, { class: "narrow" }),
-    h("p", { class: "note" }, "Needed only where recordings have currents instead of torques."),
+    h("p", { class: "note" }, "Needed only where recordings have currents instead of torques. A pasted row of numbers fills the fields from here on."),
   ];
+}
+
+/** Several numbers that are pasted into a field go into it and those after it. */
+function fillRow(event) {
+  const numbers = event.clipboardData.getData("text").split(/[\s,;[\]]+/).filter(Boolean);
+  if (numbers.length < 2 || numbers.some((one) => Number.isNaN(Number(one)))) return;
+  event.preventDefault();
+  const all = [...event.target.closest("table").querySelectorAll("[data-gain-of]")];
+  const first = all.indexOf(event.target);
+  all.slice(first, first + numbers.length).forEach((input, index) => {
+    input.value = numbers[index];
+    input.dispatchEvent(new Event("input", { bubbles: true }));
+  });
 }
 
 /** Fields for joints that are held where they are, and for gravity; `joints` are [{ name, type, locked }]. */

@@ -1,0 +1,212 @@
+"""Arguments of the tools: files of the folder, and the requests of the library as the contract states them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+
+import dynident as dy
+from dynident.diagnosis.request import DiagnosisChoices
+from dynident.excitation.request import DesignRequest
+from dynident.export.request import ExportChoices
+from dynident.identification.choices import IdentificationChoices
+from dynident.progress import Progress, scale_progress
+from dynident.recordings import Filters, RecordingMetadata
+from dynident.validation import LARGEST_ERROR
+from dynident_service.adapters.conversion import from_wire_choice, to_request
+from dynident_service.agents.folder import Folder
+from dynident_service.wire_types.common import MOST_EFFECTS, EffectChoice, RequestModel
+from dynident_service.wire_types.designs import Criterion, Trajectory
+from dynident_service.wire_types.identifications import Preprocessing
+from dynident_service.wire_types.request_bodies import derive_body
+from dynident_service.wire_types.robots import Limits
+
+if TYPE_CHECKING:
+    from dynident.robot import Robot
+
+_LONGEST = 1000
+_Path = Annotated[str, Field(min_length=1, max_length=_LONGEST)]
+
+
+def _list_fields(science: type, *but: str) -> tuple[str, ...]:
+    return tuple(request_field.name for request_field in fields(science) if request_field.name not in but)
+
+
+@derive_body(RecordingMetadata, only=_list_fields(RecordingMetadata, "name", "format"))
+class RecordingFile(RequestModel):
+    """A recording, and how its file is read."""
+
+    path: _Path = Field(description="Files of one recording are joined by +: q.csv+tau.csv")
+    cure: bool = Field(default=False, description="Read what would be refused as its checks propose")
+
+
+Recordings = Annotated[list[_Path | RecordingFile], Field(max_length=100)]
+Effects = Annotated[
+    list[str | EffectChoice],
+    Field(
+        max_length=MOST_EFFECTS,
+        description='Texts such as "default" (links, rotors, Coulomb and viscous friction) and "stribeck@joint2", or '
+        "objects as a diagnosis recommends them",
+    ),
+]
+
+
+class RobotSource(RequestModel):
+    """A robot, and what its description does not state."""
+
+    source: _Path = Field(
+        description="URDF, MJCF, a Denavit-Hartenberg table, a robot as JSON, or the name of a well-known arm"
+    )
+    drive_gains: dict[str, float] = Field(
+        default={}, description="By joint: torque per unit of current [12.17], for recordings of currents"
+    )
+    locked_joints: dict[str, float] = Field(default={}, description="By joint that no recording has: its position")
+    gravity: tuple[float, float, float] | None = Field(default=None, description="In the base frame, m/s²")
+
+
+SomeRobot = _Path | RobotSource
+
+
+class InspectArguments(RequestModel):
+    """A file to inspect."""
+
+    file: _Path
+    robot: SomeRobot | None = Field(default=None, description="Without it, columns are only listed")
+    rate: float | None = Field(default=None, gt=0, le=1e6, description="Hz of the rows, where the file has no time")
+
+
+@derive_body(IdentificationChoices, only=_list_fields(IdentificationChoices, "effects", "preprocessing", "tolerance"))
+class IdentifyArguments(RequestModel):
+    """What to identify, from which recordings, and how."""
+
+    robot: SomeRobot
+    recordings: Recordings = Field(min_length=1)
+    validation: Recordings = Field(default=[], description="Held-out recordings: no parameter is fitted to them")
+    effects: Effects | None = None
+    preprocessing: Preprocessing | Literal["auto"] = "auto"
+    out: _Path = Field(description="The model to write, .npz; other tools take it as `model`")
+
+
+@derive_body(DiagnosisChoices, only=_list_fields(DiagnosisChoices))
+class DiagnoseArguments(RequestModel):
+    """A model, and the recordings that it was identified from."""
+
+    model: _Path
+    recordings: Recordings = Field(min_length=1)
+    next_experiment: bool = Field(default=False, description="Look also for the motion that would show more")
+    out: _Path = Field(description="The diagnosis to write, .json; why_not and design take it as `diagnosis`")
+
+
+class WhyNotArguments(RequestModel):
+    """A stored diagnosis, and the effect that is asked about."""
+
+    diagnosis: _Path
+    effect: str = Field(max_length=_LONGEST)
+    joint: str = Field(default="", max_length=_LONGEST, description="By default, where it explains most")
+
+
+@derive_body(DesignRequest, only=_list_fields(DesignRequest, "model"))
+class DesignArguments(RequestModel):
+    """The experiment to design."""
+
+    robot: SomeRobot | None = Field(default=None, description="Or a model of it")
+    model: _Path | None = Field(
+        default=None, description="An identified model of the robot, by which torque is predicted for its limits"
+    )
+    diagnosis: _Path | None = Field(
+        default=None, description="Design its next experiment; other options but limits and surroundings are ignored"
+    )
+    earlier: Recordings = Field(default=[], description="Recordings that the motion is to complement")
+    effects: Effects | None = None
+    criterion: Criterion = Field(default_factory=Criterion)
+    trajectory: Trajectory = Field(default_factory=Trajectory)
+    limits: dict[str, Limits] = Field(default={})
+    out: _Path = Field(description="The trajectory to write: .csv, .parquet, or .yaml for ROS 2")
+
+
+class ChangesArguments(RequestModel):
+    """A model, and two sets of recordings of its robot."""
+
+    model: _Path
+    before: Recordings = Field(min_length=1)
+    after: Recordings = Field(min_length=1)
+    candidates: list[str] | None = Field(default=None, max_length=MOST_EFFECTS, description="Only these are tried")
+
+
+class ValidateArguments(RequestModel):
+    """A model, and recordings to test it by."""
+
+    model: _Path
+    recordings: Recordings = Field(default=[], description="Those that the model was identified from")
+    validation: Recordings = Field(default=[], description="Recordings that it has not seen")
+    limit: float = Field(default=LARGEST_ERROR, gt=0, le=1, description="Largest relative error that passes")
+
+
+@derive_body(ExportChoices, only=_list_fields(ExportChoices, "format"))
+class ExportArguments(RequestModel):
+    """A model, and the file to write."""
+
+    model: _Path
+    out: _Path = Field(description=".urdf, .xml or .mjcf (MuJoCo), .c, .casadi or .json")
+
+
+def load_robot(folder: Folder, robot: SomeRobot) -> Robot:
+    """Return the robot that an argument names; `DynidentError` where it cannot be read."""
+    stated = RobotSource(source=robot) if isinstance(robot, str) else robot
+    return dy.load_robot(
+        folder.find_robot(stated.source, "/robot"),
+        drive_gains=stated.drive_gains or None,
+        locked_joints=stated.locked_joints,
+        gravity=stated.gravity,
+    )
+
+
+def read_recordings(
+    folder: Folder, robot: Robot, recordings: Sequence[str | RecordingFile], place: str, progress: Progress
+) -> dy.Recordings:
+    """Return the recordings of an argument, read and checked.
+
+    Parameters
+    ----------
+    folder : Folder
+        The folder that they lie in.
+    robot : Robot
+        The robot that was recorded.
+    recordings : sequence of str or RecordingFile
+        The argument.
+    place : str
+        Its name, for messages.
+    progress : function
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Recordings
+        In their order; empty where the argument is.
+    """
+    stated = [RecordingFile(path=item) if isinstance(item, str) else item for item in recordings]
+    # All of them are looked for before the first is read, which may take minutes.
+    paths = [folder.find_recording(item.path, f"/{place}/{index}") for index, item in enumerate(stated)]
+    runs = dy.Recordings(())
+    for index, (item, path) in enumerate(zip(stated, paths, strict=True)):
+        runs += dy.read_recordings(
+            path,
+            robot=robot,
+            metadata=to_request(item, RecordingMetadata),
+            cure=item.cure,
+            progress=scale_progress(progress, index / len(paths), (index + 1) / len(paths)),
+        )
+    return runs
+
+
+def to_effects(effects: Iterable[str | EffectChoice] | None) -> list[str | dy.EffectChoice] | None:
+    """Return effects of an argument as the library takes them."""
+    return None if effects is None else [item if isinstance(item, str) else from_wire_choice(item) for item in effects]
+
+
+def to_filters(preprocessing: Preprocessing | Literal["auto"]) -> Filters | None:
+    """Return the filters that an argument states; None where the data decide on them."""
+    return None if preprocessing == "auto" else to_request(preprocessing, Filters)

@@ -1,0 +1,118 @@
+"""From an empty service to stored recordings with few clicks: names, gains, columns, several files at once."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.two_link_arm import URDF
+from support.workbench_page import STORED, ask, the_robot
+
+expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
+
+PASTE = """([field, text]) => {
+  const clipboardData = new DataTransfer();
+  clipboardData.setData("text", text);
+  field.dispatchEvent(new ClipboardEvent("paste", { clipboardData, bubbles: true, cancelable: true }));
+}"""
+
+
+def paste(page: Any, selector: str, text: str) -> None:
+    page.evaluate(PASTE, [page.locator(selector).element_handle(), text])
+
+
+def test_a_robot_is_called_by_its_own_name_and_a_pasted_row_fills_its_gains(first_page: Any, heard: Any) -> None:
+    page = first_page
+    page.goto("/?view=new")
+    page.fill("#robot-description", URDF)
+    expect(page.locator("#robot-name")).to_have_value("two_links")
+    # A name that somebody gave stays.
+    page.fill("#robot-name", "mine")
+    page.fill("#robot-description", URDF.replace("two_links", "other"))
+    expect(page.locator("#robot-name")).to_have_value("mine")
+    paste(page, "[data-gain-of=shoulder]", "14.9, 13.3")
+    gains = [page.input_value(f"[data-gain-of={joint}]") for joint in ("shoulder", "elbow")]
+    assert gains == ["14.9", "13.3"]
+    page.click("#create-robot")
+    page.locator("#recordings").wait_for()
+    (robot,) = ask(page, "/robots")["items"]
+    assert [joint["drive_gain"] for joint in robot["joints"]] == [14.9, 13.3]
+    assert heard.complaints == []
+
+
+def test_what_is_pasted_into_a_gain_and_is_no_row_of_numbers_is_left_to_the_browser(page: Any) -> None:
+    page.goto("/?view=new")
+    page.locator("#new-robot").wait_for()
+    if page.locator("#new-robot[open]").count() == 0:
+        page.locator("#new-robot > summary").click()
+    page.fill("#robot-description", URDF)
+    paste(page, "[data-gain-of=shoulder]", "about 14 and 13")
+    paste(page, "[data-gain-of=shoulder]", "1, 2, 3, 4")
+    # More numbers than joints fill what there is.
+    assert [page.input_value(f"[data-gain-of={joint}]") for joint in ("shoulder", "elbow")] == ["1", "2"]
+
+
+@pytest.mark.slow
+def test_all_files_are_confirmed_at_once_above_their_folded_columns(
+    page: Any, heard: Any, recordings: tuple[Path, Path]
+) -> None:
+    the_robot(page)
+    page.set_input_files("#recordings", [str(path) for path in recordings])
+    confirm = page.get_by_role("button", name="Confirm and store")
+    expect(confirm).to_have_count(2)
+    expect(confirm.last).to_be_enabled()
+    card = page.locator("form.card").first
+    expect(card.locator("table.columns")).to_be_hidden()
+    columns = card.locator("details", has=page.locator("table.columns"))
+    expect(columns.locator("summary")).to_have_text("5 columns of the file, 5 used")
+    assert confirm.first.bounding_box()["y"] < columns.bounding_box()["y"]
+    columns.locator("summary").click()
+    expect(card.locator("svg.sparkline")).to_have_count(5)
+    # What is chosen there counts.
+    card.locator("[data-column=tau_elbow]").select_option("")
+    expect(columns.locator("summary")).to_have_text("5 columns of the file, 4 used")
+    card.locator("[data-column=tau_elbow]").select_option("tau2")
+    page.click("#confirm-all")
+    for path in recordings:
+        expect(page.locator(STORED).get_by_text(path.stem, exact=True)).to_be_visible()
+    expect(page.locator("#confirm-all")).to_be_hidden()
+    assert heard.complaints == []
+
+
+@pytest.mark.slow
+def test_a_filter_is_stated_and_the_others_are_chosen_from_the_data(
+    page: Any, heard: Any, recordings: tuple[Path, Path]
+) -> None:
+    the_robot(page)
+    page.set_input_files("#recordings", str(recordings[0]))
+    page.get_by_role("button", name="Confirm and store").click()
+    expect(page.locator(STORED).get_by_text(recordings[0].stem, exact=True)).to_be_visible()
+    page.locator(".methods > summary").click()
+    page.locator("#filters").get_by_label("Torque cutoff").fill("7.5")
+    with page.expect_request(lambda asked: asked.method == "POST" and "identifications" in asked.url) as sent:
+        page.click("#run")
+    assert json.loads(sent.value.post_data)["preprocessing"] == {"torque_cutoff": 7.5}
+    page.locator("#error-table").wait_for()
+    used = ask(page, "/identifications")["items"][0]["result"]["preprocessing"]
+    assert used["torque_cutoff"] == 7.5
+    assert used["position_cutoff"] > 7.5
+    assert heard.complaints == []
+
+
+@pytest.mark.slow
+def test_an_empty_service_offers_sample_data_and_well_known_arms(first_page: Any, heard: Any) -> None:
+    page = first_page
+    page.goto("/")
+    arms = page.locator("#known-robot option")
+    expect(arms).to_contain_text(["dual_arm", "franka_panda", "scara", "ur10"])
+    page.click("#sample-data")
+    for number in (1, 2):
+        expect(page.locator(STORED).get_by_text(f"sample run {number}", exact=True)).to_be_visible(timeout=120_000)
+    expect(page.locator("select[aria-label^='Use of sample run 2']")).to_have_value("hold")
+    page.locator("#known-robots > summary").click()
+    page.locator("#known-robot").select_option("ur10")
+    page.click("#create-known")
+    expect(page.locator("label", has=page.locator("input[name=robot]:checked"))).to_contain_text("ur10")
+    assert heard.complaints == []
