@@ -4,9 +4,10 @@
 
 Calibrates `least_gain_over_noise` and `least_reach` of `diagnosis/decision_rules.py`. The arms of `hidden_effects.py`
 are diagnosed, and what is recommended is added one after the other, in its order. A line a name: `gain`, the squared
-error where joints move that it takes away, over the square of the sensors' noise in the band, on the joint where that is
-most; `reach`, the share of its column that is left beside the model, times the t of what it gains; the error of the runs that no parameter saw, with it over without it. A
-name is `right` where it is hidden, or an equivalent of what is; the others are `extra`.
+error where joints move that it takes away, over the square of the sensors' noise in the band, on the joint where that
+is most; `reach`, the share of its column that is left beside the model, times the t of what it gains; the error of
+the runs that no parameter saw, with it over without it. A name is `right` where it is hidden, or an equivalent of
+what is; the others are `extra`.
 """
 
 from __future__ import annotations

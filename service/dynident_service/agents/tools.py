@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from dynident.encoding import encode_text
 from pydantic import BaseModel, Field
 
 import dynident as dy
@@ -20,13 +19,14 @@ from dynident.export import ExportChoices
 from dynident.identification.choices import IdentificationChoices
 from dynident.progress import Progress, scale_progress
 from dynident.robot.json_fields import parse_json
+from dynident.text_encoding import encode_text
 from dynident_service.adapters.conversion import to_request, to_view
 from dynident_service.adapters.designs import describe_design
 from dynident_service.adapters.diagnoses import describe_diagnosis, restore_diagnosis
 from dynident_service.adapters.identifications import describe_identification, show_verdict
 from dynident_service.adapters.measurements import describe_inspection
 from dynident_service.agents import arguments
-from dynident_service.agents.folder import Folder
+from dynident_service.agents.arguments import Folder
 from dynident_service.wire_types.common import ViewModel
 from dynident_service.wire_types.designs import DesignResult
 from dynident_service.wire_types.diagnoses import DiagnosisResult, Reason
