@@ -337,7 +337,7 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
     }
     for joint, stated_limits in stated["limits"].items():
         # Limits that are not stated are None and must not wipe out those of the file.
-        limits[joint] = replace(limits.get(joint, Limits()), **stated_limits.known)
+        limits[joint] = replace(limits.get(joint, Limits()), **stated_limits.known_values)
     drives = {
         joint: _parse_drive(value, f"/drives/{joint}") for joint, value in _get_object(document, "drives").items()
     }

@@ -62,7 +62,7 @@ class Limits(Request):
             )
 
     @property
-    def known(self) -> dict[str, Any]:
+    def known_values(self) -> dict[str, Any]:
         """The limits that are known, by name."""
         return {item.name: value for item in fields(self) if (value := getattr(self, item.name)) is not None}
 

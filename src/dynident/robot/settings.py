@@ -173,7 +173,7 @@ def merge_limits(described: Limits, stated: Limits | None) -> Limits:
     Limits
         None where neither knows a limit.
     """
-    return described if stated is None else replace(described, **stated.known)
+    return described if stated is None else replace(described, **stated.known_values)
 
 
 def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] = ()) -> None:
