@@ -259,8 +259,8 @@ def starts(one: Made, rate: float, smeared: float) -> Starts:
     finally:
         row_phases._SMEARED = before
     floor = noise * float(np.sqrt((low_pass(recording.sampling_rate, found.preprocessing.torque_cutoff) ** 2).sum()))
-    beside = [equation.rest_rows for equation in found.data.training.equations]
-    partial = [(0.0, 0) if b is None else (b.starting.sum_squares(found.values[e.columns]), b.starting.count)
+    beside = [equation.separate_rows for equation in found.data.training.equations]
+    partial = [(0.0, 0) if b is None else (b.counted.sum_squares(found.values[e.columns]), b.counted.count)
                for b, e in zip(beside, found.data.training.equations, strict=True)]  # fmt: skip
     squares, count = (np.array(column, dtype=np.float64) for column in zip(*partial, strict=True))
     peaks = {p.link: p for p in found.parameters if p.effect == "stribeck"}

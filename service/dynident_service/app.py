@@ -18,7 +18,7 @@ from dynident_service import tracing
 from dynident_service.api_keys import KeyRing
 from dynident_service.docs_page import mount_docs_page as mount_documentation
 from dynident_service.fair_queue import name_address_party
-from dynident_service.jobs.fork_server import ForkServer
+from dynident_service.jobs.pool import ForkServer
 from dynident_service.metrics import Metrics
 from dynident_service.middleware import AccessControl, AccessLog, AuditLog, RequestTiming
 from dynident_service.problem_responses import REQUEST_ID

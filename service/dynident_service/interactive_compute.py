@@ -15,9 +15,8 @@ from fastapi import Request
 
 from dynident_service.fair_queue import SharedPlaces, SharedQueue, Ticket
 from dynident_service.jobs.confinement import ComputationLimits, Confinement
-from dynident_service.jobs.fork_server import ForkServer, ProcessExit
 from dynident_service.jobs.messages import Answer, Call
-from dynident_service.jobs.pool import ChildPool, ChildProcess
+from dynident_service.jobs.pool import ChildPool, ChildProcess, ForkServer, ProcessExit
 from dynident_service.jobs.supervisor import measure_processor_time
 from dynident_service.problems import ProblemError
 from dynident_service.request_limits import find_request_party, mark_long

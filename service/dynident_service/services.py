@@ -17,7 +17,7 @@ from dynident_service.interactive_compute import InteractiveCompute
 from dynident_service.job_events import JobEventNotifier
 from dynident_service.jobs.confinement import REQUEST_MEMORY, AllowedFolders, Confinement
 from dynident_service.jobs.engine import Engine
-from dynident_service.jobs.fork_server import ForkServer
+from dynident_service.jobs.pool import ForkServer
 from dynident_service.lru_cache import LruCache
 from dynident_service.readiness import Readiness
 from dynident_service.settings import Settings

@@ -27,7 +27,7 @@ from dynident.recordings import Recording
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.text_encoding import escape_surrogates
 from dynident_service.adapters.designs import trajectory_as_csv, write_trajectory
-from dynident_service.adapters.exports import build_file_response
+from dynident_service.adapters.identifications import build_file_response
 from dynident_service.cli.table_files import build_comparison_table, build_courses_table, write_table
 from dynident_service.cli.table_files import write_trajectory as write_trajectory_of_command
 

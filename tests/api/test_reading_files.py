@@ -89,6 +89,7 @@ def test_what_is_said_beside_the_file_wins(tmp_path: Path) -> None:
         ('{"description": {"format": "modified_dh", "content": [{"d": "x"}]}}', "arm.json: /description/content/0/d: "),
         ('{"description": {"format": "sdf", "content": "…"}}', "arm.json: /description/format: Expected urdf"),
         ('{"description": {}, "joints": 3}', "arm.json: /joints: Unknown field 'joints'"),
+        ('{"description": {}, "base_parameters_tolerance": 1e-6}', "leave it out here"),
         (
             '{"description": {"format": "urdf", "content": "x"}, "drives": {"a": {"gain": 2}}}',
             "/drives/a/gain: Unknown",

@@ -246,7 +246,7 @@ def test_choosing_stretches_is_the_fit_on_those_rows():
         ordinary(reduction.select_blocks([1, 2])).values, np.linalg.lstsq(w, y, rcond=None)[0], rtol=1e-9
     )
     without = reduction.equations[0].factor_without_blocks([0, 3])
-    chosen = reduction.select_blocks([1, 2]).equations[0].joint_factor
+    chosen = reduction.select_blocks([1, 2]).equations[0].whole_factor
     np.testing.assert_allclose(without.T @ without, chosen.T @ chosen, rtol=1e-9, atol=1e-9)
 
 

@@ -12,14 +12,15 @@ from hypothesis import strategies as st
 from dynident.estimation import (
     BlockRows,
     FactorAccumulator,
+    IntervalRows,
     Reduction,
-    RestRows,
     RowGroup,
+    SeparateRows,
     compute_errors,
     compute_row_noise,
     concatenate_reductions,
-    estimate_reversal_weights,
-    merge_phase_equations,
+    estimate_group_weights,
+    merge_row_groups,
     ordinary,
     weighted,
 )
@@ -46,7 +47,7 @@ def reduction(found: list[np.ndarray], turns: np.ndarray) -> Reduction:
     starts = ~turns & (np.arange(N_ROWS) % 4 == 0)[:, None]
     accumulator = FactorAccumulator(3 * COLUMNS, N_COLUMNS, N_ROWS / STRETCHES)
     accumulator.push(np.arange(N_ROWS, dtype=float), 3 * found, np.hstack([~turns & ~starts, turns, starts]))
-    return merge_phase_equations(accumulator.finish())
+    return merge_row_groups(accumulator.finish())
 
 
 def by_rows(found: list[np.ndarray], turns: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -64,33 +65,33 @@ def by_rows(found: list[np.ndarray], turns: np.ndarray, weights: np.ndarray) -> 
 def test_a_solution_is_that_of_rows_divided_by_their_noise_whatever_they_were_weighed_by_before(seed, given_weights):
     found, turns = rows(seed, (0.1, 0.5))
     weights = np.array(given_weights)
-    once = reduction(found, turns).weight_reversals(weights)
-    again = reduction(found, turns).weight_reversals(np.array([0.3, 0.02])).weight_reversals(weights)
+    once = reduction(found, turns).weight_groups(weights)
+    again = reduction(found, turns).weight_groups(np.array([0.3, 0.02])).weight_groups(weights)
     expected = by_rows(found, turns, weights)
     np.testing.assert_allclose(ordinary(once).values, expected, rtol=1e-9, atol=1e-10)
     np.testing.assert_allclose(ordinary(again).values, expected, rtol=1e-9, atol=1e-10)
 
 
 def test_weights_are_what_the_noise_of_either_kind_of_rows_says():
-    weights = estimate_reversal_weights(reduction(*rows(1, (0.1, 0.5))))
+    weights = estimate_group_weights(reduction(*rows(1, (0.1, 0.5))))
     assert weights == pytest.approx([1 / 25] * 2, rel=0.4)
 
 
 def test_rows_that_are_quieter_where_a_joint_turns_round_count_as_the_others_do():
-    assert (estimate_reversal_weights(reduction(*rows(1, (0.5, 0.1)))) == 1.0).all()
+    assert (estimate_group_weights(reduction(*rows(1, (0.5, 0.1)))) == 1.0).all()
 
 
 def test_estimates_come_nearer_to_the_truth_than_with_all_rows_alike():
     drawn = [reduction(*rows(seed, (0.1, 2.0))) for seed in range(20)]
     alike = [weighted(one).values - TRUTH for one in drawn]
-    weighed = [weighted(one.weight_reversals(estimate_reversal_weights(one))).values - TRUTH for one in drawn]
+    weighed = [weighted(one.weight_groups(estimate_group_weights(one))).values - TRUTH for one in drawn]
     assert np.linalg.norm(weighed) < 0.4 * np.linalg.norm(alike)
 
 
 def test_errors_are_told_of_all_rows_alike_whatever_they_count_for():
     found, turns = rows(2, (0.1, 0.5))
     data = reduction(found, turns)
-    weighed = data.weight_reversals(np.array([0.1, 0.0]))
+    weighed = data.weight_groups(np.array([0.1, 0.0]))
     values = TRUTH + 0.1
     rests = [own[:, -1] - own[:, :-1] @ values[columns] for own, columns in zip(found, COLUMNS, strict=True)]
     for one in (data, weighed):
@@ -105,8 +106,8 @@ def test_fewer_columns_and_combinations_of_them_keep_what_is_told_apart(picked):
     weights = np.array([0.04, 0.2])
     change = np.eye(N_COLUMNS)[:, picked]
     for smaller in (reduction(found, turns).select_columns(picked), reduction(found, turns).combine_columns(change)):
-        expected = reduction(found, turns).weight_reversals(weights).select_columns(picked)
-        np.testing.assert_allclose(ordinary(smaller.weight_reversals(weights)).values, ordinary(expected).values)
+        expected = reduction(found, turns).weight_groups(weights).select_columns(picked)
+        np.testing.assert_allclose(ordinary(smaller.weight_groups(weights)).values, ordinary(expected).values)
 
 
 def test_recordings_behind_one_another_are_told_apart_where_all_of_them_are():
@@ -114,45 +115,45 @@ def test_recordings_behind_one_another_are_told_apart_where_all_of_them_are():
     both = concatenate_reductions([reduction(*one) for one in drawn])
     stacked = [np.concatenate([one[0][k] for one in drawn]) for k in range(2)]
     turns = np.concatenate([one[1] for one in drawn])
-    assert [e.reversal_rows.counts.sum() for e in both.equations] == turns.sum(axis=0).tolist()
+    assert [e.weighted_rows.counts.sum() for e in both.equations] == turns.sum(axis=0).tolist()
     rest = stacked[0][turns[:, 0]]
-    assert both.equations[0].reversal_rows.sum_squares(TRUTH[COLUMNS[0]]) == pytest.approx(
+    assert both.equations[0].weighted_rows.sum_squares(TRUTH[COLUMNS[0]]) == pytest.approx(
         float(((rest[:, -1] - rest[:, :-1] @ TRUTH[COLUMNS[0]]) ** 2).sum())
     )
     plain = reduction(*drawn[0])
     mixed = concatenate_reductions([plain, plain.select_columns(range(N_COLUMNS)).select_blocks(range(3))])
-    assert mixed.equations[0].reversal_rows is None
+    assert mixed.equations[0].weighted_rows is None
 
 
 def test_of_recordings_that_are_not_all_told_apart_it_is_known_all_the_same_which_rows_turn():
     nothing = BlockRows(np.zeros((0, 0, len(COLUMNS[0]) + 1)), np.zeros(0, dtype=int))
     standing = np.zeros((0, len(COLUMNS[0])))
-    beside = RestRows(None, nothing, standing, standing, np.zeros(0), np.zeros(0))
-    told = replace(reduction(*rows(4, (0.1, 0.5))).equations[0], rest_rows=beside)
+    beside = SeparateRows(None, nothing, IntervalRows(standing, standing, np.zeros(0), np.zeros(0)))
+    told = replace(reduction(*rows(4, (0.1, 0.5))).equations[0], separate_rows=beside)
     mixed = concatenate_reductions(
         [Reduction(N_COLUMNS, (one,), np.zeros((0, 2))) for one in (told, told.with_fixed_weights)]
     )
-    turning = mixed.equations[0].rows_at_reversals
+    turning = mixed.equations[0].group_rows
     assert isinstance(turning, RowGroup)
-    assert turning.count == 2 * told.reversal_rows.count
+    assert turning.count == 2 * told.weighted_rows.count
     assert turning.sum_squares(TRUTH[COLUMNS[0]]) == pytest.approx(
-        2 * told.reversal_rows.sum_squares(TRUTH[COLUMNS[0]])
+        2 * told.weighted_rows.sum_squares(TRUTH[COLUMNS[0]])
     )
 
 
 def test_where_no_joint_turns_round_nothing_changes():
     found, _ = rows(6, (0.1, 0.5))
     data = reduction(found, np.zeros((N_ROWS, 2), dtype=bool))
-    assert (estimate_reversal_weights(data) == 1.0).all()
-    np.testing.assert_array_equal(ordinary(data.weight_reversals(np.full(2, 0.5))).values, ordinary(data).values)
+    assert (estimate_group_weights(data) == 1.0).all()
+    np.testing.assert_array_equal(ordinary(data.weight_groups(np.full(2, 0.5))).values, ordinary(data).values)
 
 
 def test_a_zero_row_among_others_loses_none_of_them() -> None:
     factors = np.zeros((2, 4, 4))
     factors[:, 0, :] = 1.0
     factors[:, 2, 2:] = 3.0
-    rows_at_reversals = BlockRows.from_factors(factors, np.array([5, 7]))
+    group_rows = BlockRows.from_factors(factors, np.array([5, 7]))
     np.testing.assert_array_equal(
-        np.einsum("sri,srj->sij", rows_at_reversals.rows, rows_at_reversals.rows),
+        np.einsum("sri,srj->sij", group_rows.rows, group_rows.rows),
         np.einsum("sri,srj->sij", factors, factors),
     )

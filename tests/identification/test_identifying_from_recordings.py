@@ -234,7 +234,7 @@ def coverage(count: int) -> tuple[float, float]:
         one_stretch = Reduction(
             found.data.training.n_columns,
             tuple(
-                EquationFactors(e.columns, e.joint_factor[None], np.array([e.counts.sum()]))
+                EquationFactors(e.columns, e.whole_factor[None], np.array([e.counts.sum()]))
                 for e in found.data.training.equations
             ),
             np.array([[0.0, 30.0]]),

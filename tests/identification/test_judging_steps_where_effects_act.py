@@ -9,7 +9,7 @@ import pytest
 from regressors.test_rows_beside_halts import EXACT, NAMES, PEAK, PLAIN, ROBOT, resting
 
 from dynident.effects import EffectChoice
-from dynident.estimation import compute_errors, compute_errors_by_phase, compute_moving_errors
+from dynident.estimation import compute_errors
 from dynident.estimation.errors import compute_evenness
 from dynident.identification import Identification, IdentificationChoices, extend, identify
 from dynident.identification.study import held_out_gain
@@ -22,6 +22,7 @@ from dynident.identification.study.held_out_gain import (
 )
 from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Recording, recording_from_arrays
+from dynident.regressors.phase_errors import compute_errors_by_phase, compute_moving_errors, compute_phase_squares
 
 
 def noisy(run: Recording, seed: int) -> Recording:
@@ -51,7 +52,7 @@ def test_every_row_is_of_one_kind_and_blocks_add_up_to_all_of_them(grown: Identi
     assert errors.starting.counts[0] > 0
     assert not errors.starting.counts[1:].any()
     for rows in ("moving", "reversing", "starting"):
-        blocks = [equation.sum_phase_squares(rows, values).sum() for equation in data.equations]
+        blocks = compute_phase_squares(data, values, rows).sum(axis=1)
         np.testing.assert_allclose(blocks, getattr(errors, rows).squares, rtol=1e-6, atol=1e-6)
     np.testing.assert_array_equal(compute_moving_errors(data, values).squares, errors.moving.squares)
     np.testing.assert_array_equal(compute_errors(data, values).squares, errors.all_rows.squares)

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import ReversalRows
+from dynident.estimation import WeightedRows
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
 from dynident.identification.study import result
 from dynident.recordings import Preprocessing
@@ -132,15 +132,15 @@ def test_held_out_data_tell_the_rows_where_joints_turn_round_by_blocks_and_count
     kept = FIRST.data.held_out
     assert kept is not None
     for one in kept.equations:
-        assert isinstance(one.rows_at_reversals, ReversalRows)
-        assert one.rows_at_reversals.count
-        assert one.rows_at_reversals.weight == 1.0
+        assert isinstance(one.group_rows, WeightedRows)
+        assert one.group_rows.count
+        assert one.group_rows.weight == 1.0
 
 
 def test_a_file_of_a_version_that_kept_rows_where_joints_turn_round_twice_is_read_with_its_own_errors() -> None:
     arrays = dict(np.load(io.BytesIO(to_bytes(FIRST))))
     equations = FIRST.data.training.equations
-    turned = [one.reversal_rows for one in equations]
+    turned = [one.weighted_rows for one in equations]
     for joint, own in enumerate(turned):
         factor = own.row_group.factor
         arrays[f"0/training_{joint}_beside_turning"] = 0.5 * factor[*np.triu_indices(len(factor))]

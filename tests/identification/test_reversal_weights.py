@@ -44,7 +44,7 @@ def alike() -> Identification:
 
 
 def weights(found: Identification) -> np.ndarray:
-    return np.array([equation.reversal_rows.weight for equation in found.data.training.equations])
+    return np.array([equation.weighted_rows.weight for equation in found.data.training.equations])
 
 
 def test_moving_rows_of_another_run_are_predicted_better_and_friction_is_nearer_to_the_truth(weighed, alike):

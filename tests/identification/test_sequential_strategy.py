@@ -88,7 +88,7 @@ def test_the_first_step_is_the_terminal_joints_equation_alone():
     last = data.equations.equations[5]
     k = len(last.columns)
     alone = np.zeros(MODEL.n_parameters)
-    alone[last.columns] = np.linalg.lstsq(last.joint_factor[:, :k], last.joint_factor[:, k])[0]
+    alone[last.columns] = np.linalg.lstsq(last.whole_factor[:, :k], last.whole_factor[:, k])[0]
     found = step_of(data, 5, StepEstimates.empty(MODEL.n_parameters)).findings
     assert len(found.values) == k
     np.testing.assert_allclose(found.values, found.functions @ alone, rtol=1e-6, atol=1e-9)
@@ -145,7 +145,7 @@ def _held_for_exact(data) -> np.ndarray:
     for joint in reversed(range(UR10.n)):
         equation = data.equations.equations[joint]
         k = len(equation.columns)
-        w, y = equation.joint_factor[:, :k], equation.joint_factor[:, k]
+        w, y = equation.whole_factor[:, :k], equation.whole_factor[:, k]
         new = ~known[equation.columns]
         rest = y - w[:, ~new] @ values[equation.columns[~new]]
         values[equation.columns[new]] = np.linalg.lstsq(w[:, new], rest, rcond=1e-10)[0]

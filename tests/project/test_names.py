@@ -143,3 +143,22 @@ def test_every_word_of_the_glossary_stands_once() -> None:
     rows = re.findall(r"(?m)^\| ([^|]+) \| [^|]+ \|", (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8"))
     words = Counter(row.strip() for row in rows if row.strip() not in ("word", "---"))
     assert [word for word, count in words.items() if count > 1] == []
+
+
+def test_estimation_knows_no_joints() -> None:
+    """It has rows with weights and groups; which joint stands or reverses in them, those know that make the rows."""
+    banned = {"joint", "joints", "robot", "friction", "halt", "halts", "reversal", "reversals", "reversing", "standing"}
+    named = {
+        f"{path.name}: {name}"
+        for path, tree in parse_modules().items()
+        if path.parent == ROOT / "src/dynident/estimation"
+        for node in ast.walk(tree)
+        for name in (
+            getattr(node, "name", None),
+            getattr(node, "id", None),
+            getattr(node, "attr", None),
+            getattr(node, "arg", None),
+        )
+        if isinstance(name, str) and banned & set(re.findall(r"[a-z]+", name.lower()))
+    }
+    assert named == set()

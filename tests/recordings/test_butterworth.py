@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from dynident.expressions.section_filter import filter_sections
-from dynident.recordings.butterworth import compute_steady_state, design_butterworth
 from dynident.recordings.parallel_filter import ATTENUATION, low_pass
+from dynident.recordings.position_filter import compute_steady_state, design_butterworth
 
 
 @settings(max_examples=60, deadline=None)

@@ -7,12 +7,13 @@ import pytest
 from support.oracles import arm, pinocchio_torque
 
 from dynident.effects import EffectChoice, ReferenceParameters
-from dynident.estimation import Errors, compute_errors, compute_moving_errors, weighted
+from dynident.estimation import Errors, compute_errors, weighted
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.recordings.phases import find_phases
 from dynident.regressors.model import build_model
+from dynident.regressors.phase_errors import compute_moving_errors
 from dynident.regressors.row_cache import reduce_and_cache
 
 ROBOT = arm("scara")
@@ -59,15 +60,15 @@ def test_rows_beside_halts_are_exact_whatever_the_joint_is_held_by_at_rest():
     run = resting(40.0, 1)
     model = build_model(ROBOT, (*PLAIN, PEAK))
     reduction, _ = reduce_and_cache(model, [run], EXACT, ReferenceParameters.massless(ROBOT))
-    (beside,) = (e.rest_rows for e in reduction.equations[:1])
+    (beside,) = (e.separate_rows for e in reduction.equations[:1])
     assert beside is not None
-    assert beside.starting.count > 100
+    assert beside.counted.count > 100
     values = weighted(reduction).values
     places = {(c.effect, c.link): k for k, c in enumerate(model.kept)}
     assert values[places["stribeck", NAMES[0]]] == pytest.approx(EXCESS, rel=1e-6)
     assert values[places["coulomb", NAMES[0]]] == pytest.approx(COULOMB, rel=1e-6)
     own = values[reduction.equations[0].columns]
-    assert np.sqrt(beside.starting.sum_squares(own) / beside.starting.count) < 1e-8
+    assert np.sqrt(beside.counted.sum_squares(own) / beside.counted.count) < 1e-8
 
 
 def test_only_joints_whose_friction_shows_there_use_them_and_every_row_is_counted_once():
@@ -77,7 +78,8 @@ def test_only_joints_whose_friction_shows_there_use_them_and_every_row_is_counte
         for effects in ((*PLAIN, PEAK), PLAIN)
     )
     counts = [
-        [e.rest_rows.starting.count for e in one.equations if e.rest_rows is not None] for one in (with_peak, without)
+        [e.separate_rows.counted.count for e in one.equations if e.separate_rows is not None]
+        for one in (with_peak, without)
     ]
     assert counts[0][0] > 0
     assert not any(counts[0][1:])

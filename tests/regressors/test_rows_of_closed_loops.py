@@ -203,7 +203,7 @@ def test_nothing_is_felt_of_what_happens_where_the_sign_of_a_passive_joints_fric
     reference = ReferenceParameters.massless(robot)
     of_still, of_shaken = (reduce_recordings(model.observation, [r], filters, reference) for r in (still, shaken))
     for one, other in zip(of_still.equations, of_shaken.equations, strict=True):
-        np.testing.assert_array_equal(one.joint_factor, other.joint_factor)
+        np.testing.assert_array_equal(one.whole_factor, other.whole_factor)
     # And rows beside these instants are equations.
     moving = (phases.phases_at(0, t[:: filters.decimation]) == Phase.MOVING).sum(axis=0)
     assert (np.array([one.counts.sum() for one in of_still.equations]) > 1.1 * moving).all()

@@ -194,7 +194,7 @@ def test_block_borders_leave_no_trace_in_the_equations_of_the_wrench(monkeypatch
     cut = by_wrench(arm("scara"), [run]).data.equations
     assert cut.n_rows == whole.n_rows
     for one, other in zip(cut.equations, whole.equations, strict=True):
-        grams = [equation.joint_factor.T @ equation.joint_factor for equation in (one, other)]
+        grams = [equation.whole_factor.T @ equation.whole_factor for equation in (one, other)]
         np.testing.assert_allclose(grams[0], grams[1], atol=1e-7 * np.abs(grams[1]).max())
 
 

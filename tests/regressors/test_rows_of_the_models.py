@@ -161,7 +161,7 @@ def test_filtered_rows_are_those_of_a_dense_computation():
         mine = np.zeros_like(gram)
         for equation in found.equations:
             index = np.append(equation.columns, model.n_parameters)
-            mine[np.ix_(index, index)] += equation.joint_factor.T @ equation.joint_factor
+            mine[np.ix_(index, index)] += equation.whole_factor.T @ equation.whole_factor
         fits.append(np.abs(mine - gram).max() / np.abs(gram).max())
     assert min(fits) < 1e-9
 
@@ -179,9 +179,9 @@ def test_the_energy_of_an_interval_is_the_work_done_in_it():
     # Simpson's rule over 1 s at every phase; the reduction takes intervals every 1/8 s.
     wanted = np.mean((work[500:] - work[:-500]) ** 2)
     equation = found.equations[0]
-    assert np.sum(equation.joint_factor[:, -1] ** 2) / equation.counts.sum() == pytest.approx(wanted, rel=0.05)
-    rest = equation.joint_factor[:, -1] - equation.joint_factor[:, :-1] @ truth_of(model)[equation.columns]
-    assert np.linalg.norm(rest) < 1e-4 * np.linalg.norm(equation.joint_factor[:, -1])
+    assert np.sum(equation.whole_factor[:, -1] ** 2) / equation.counts.sum() == pytest.approx(wanted, rel=0.05)
+    rest = equation.whole_factor[:, -1] - equation.whole_factor[:, :-1] @ truth_of(model)[equation.columns]
+    assert np.linalg.norm(rest) < 1e-4 * np.linalg.norm(equation.whole_factor[:, -1])
 
 
 @pytest.mark.parametrize("which", ["filtered", "energy", "power"])
@@ -199,8 +199,8 @@ def test_block_borders_leave_no_trace_in_any_model(which, read, monkeypatch):
     assert cut.n_rows == whole.n_rows
     np.testing.assert_array_equal(cut.spans, whole.spans)
     for one, other in zip(cut.equations, whole.equations, strict=True):
-        size = np.abs(other.joint_factor).max()
-        np.testing.assert_allclose(np.abs(one.joint_factor), np.abs(other.joint_factor), atol=1e-9 * size)
+        size = np.abs(other.whole_factor).max()
+        np.testing.assert_allclose(np.abs(one.whole_factor), np.abs(other.whole_factor), atol=1e-9 * size)
 
 
 @pytest.mark.parametrize("which", ["filtered", "energy", "power"])
@@ -222,8 +222,8 @@ def test_nothing_is_filtered_or_integrated_from_one_run_into_the_next(which):
     apart = [reductions(model, run, preprocessing=often)[which] for run in (one, two)]
     assert together.n_rows == sum(part.n_rows for part in apart)
     for k, equation in enumerate(together.equations):
-        whole = equation.joint_factor
-        grams = [part.equations[k].joint_factor.T @ part.equations[k].joint_factor for part in apart]
+        whole = equation.whole_factor
+        grams = [part.equations[k].whole_factor.T @ part.equations[k].whole_factor for part in apart]
         np.testing.assert_allclose(whole.T @ whole, sum(grams), atol=1e-8 * np.abs(sum(grams)).max())
     assert error(together, truth_of(model)) < LIMITS[which]
 

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from dynident_service.jobs import child, engine, fork_server_main
-from dynident_service.jobs.fork_server import ForkServer
+from dynident_service.jobs.pool import ForkServer
 
 HEARTBEAT = 0.4
 """Seconds from one to the next, so that one who has none is found out soon."""

@@ -10,10 +10,9 @@ import pytest
 from sqlalchemy import select
 from sqlalchemy.exc import OperationalError
 
-from dynident_service.storage import checkpoints
-from dynident_service.storage.checkpoints import MAX_CHECKPOINT_BYTES, CheckpointStore, JobCheckpoints
+from dynident_service.storage import job_queue
 from dynident_service.storage.database import Database
-from dynident_service.storage.job_queue import JobQueue
+from dynident_service.storage.job_queue import MAX_CHECKPOINT_BYTES, CheckpointStore, JobCheckpoints, JobQueue
 from dynident_service.storage.records import NewJob
 from dynident_service.storage.tables import CheckpointRow
 
@@ -62,7 +61,7 @@ def test_checkpoints_are_kept_from_time_to_time_and_never_stop_the_work(
     for _ in range(100):
         seldom.save(make)
     assert made == []
-    monkeypatch.setattr(checkpoints, "CHECKPOINT_INTERVAL", 0.0)
+    monkeypatch.setattr(job_queue, "CHECKPOINT_INTERVAL", 0.0)
     broken = CheckpointStore(database)
     monkeypatch.setattr(broken, "save", _away)
     JobCheckpoints(broken, claim).save(make)

@@ -9,9 +9,8 @@ from typing import Any, cast
 import pytest
 
 from dynident_service.jobs.confinement import Confinement
-from dynident_service.jobs.fork_server import ProcessExit
 from dynident_service.jobs.messages import Call
-from dynident_service.jobs.pool import ChildProcess
+from dynident_service.jobs.pool import ChildProcess, ProcessExit
 
 
 class Orphanage:

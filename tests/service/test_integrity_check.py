@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from dynident_service.cli import stored_resource_checks
 from dynident_service.cli.app import app
-from dynident_service.jobs.fork_server import ForkServer
+from dynident_service.jobs.pool import ForkServer
 from dynident_service.storage.database import migrate
 from dynident_service.storage.deletion import sweep_objects
 from dynident_service.storage.integrity_check import Defect, check_storage, repair

@@ -160,7 +160,7 @@ class Spoiling(Weighted):
 
     def solve(self, problem):
         for equation in problem.data.equations.equations:
-            equation.joint_factor[:] *= 2.0
+            equation.whole_factor[:] *= 2.0
         return super().solve(problem)
 
 

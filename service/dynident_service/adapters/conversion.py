@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 from dynident.effects import CATALOGUE, Effect
 from dynident.reports.report_tables import ReportedTable
-from dynident_service.wire_types import effects as wire
+from dynident_service.wire_types import common as wire
 from dynident_service.wire_types.common import Table, TableColumn
 
 

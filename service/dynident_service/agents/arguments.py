@@ -1,23 +1,27 @@
-"""Arguments of the tools: files of the folder, and the requests of the library as the contract states them."""
+"""Arguments of an agent's tools: files of its one folder, and requests of the library as the contract states them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 import dynident as dy
+from dynident.api.robot_files import needs_xacro
 from dynident.diagnosis.request import DiagnosisChoices
+from dynident.errors import DynidentError
 from dynident.excitation.request import DesignRequest
 from dynident.export.request import ExportChoices
 from dynident.identification.choices import IdentificationChoices
+from dynident.known_robots import list_library_arms, list_stock_robots
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Filters, RecordingMetadata
+from dynident.recordings.recording_files import JOINT, split_path
 from dynident.validation import LARGEST_ERROR
 from dynident_service.adapters.conversion import from_wire_choice, to_request
-from dynident_service.agents.folder import Folder
 from dynident_service.wire_types.common import MOST_EFFECTS, EffectChoice, RequestModel
 from dynident_service.wire_types.designs import Criterion, Trajectory
 from dynident_service.wire_types.identifications import Preprocessing
@@ -26,6 +30,96 @@ from dynident_service.wire_types.robots import Limits
 
 if TYPE_CHECKING:
     from dynident.robot import Robot
+
+
+_TITLE = "Outside of the folder"
+
+
+class Folder:
+    """A folder, as far as tools may reach: files in it, and none that a link, `..` or an absolute path leads to.
+
+    Parameters
+    ----------
+    root : Path
+        The folder; the process works in it, so that paths of messages are relative to it.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self._root = root.resolve(strict=True)
+
+    def find_recording(self, text: str, pointer: str) -> Path:
+        """Return the path of a recording, whose files may be joined by +.
+
+        Raises
+        ------
+        DynidentError
+            Where a file is outside of the folder, or is not there.
+        """
+        # Parts are looked at one by one before any is opened: the second of `a.csv+../b.csv` could lead outside.
+        for part in text.split(JOINT):
+            self._check_inside(Path(part), pointer)
+        for path in split_path(Path(text)):
+            self._check_file(path, pointer)
+        return Path(text)
+
+    def find_file(self, text: str, pointer: str) -> Path:
+        """Return the path of a file; `DynidentError` where it is outside of the folder or not there."""
+        self._check_file(Path(text), pointer)
+        return Path(text)
+
+    def find_robot(self, text: str, pointer: str) -> str:
+        """Return a robot's source: a file of the folder, or the name of a well-known arm."""
+        if text in list_library_arms() or text in list_stock_robots():
+            return text
+        path = self.find_file(text, pointer)
+        # Expanding would read whatever files it names, and evaluate its expressions.
+        if needs_xacro(path.read_text(encoding="utf-8", errors="replace")):
+            raise DynidentError(
+                f"{text} is xacro, which can read files outside of the folder; expand it first "
+                "(xacro robot.xacro > robot.urdf)",
+                pointer=pointer,
+                title="Unusable xacro",
+            )
+        return text
+
+    def find_new_file(self, text: str, pointer: str) -> Path:
+        """Return the path of a file to write.
+
+        Raises
+        ------
+        DynidentError
+            Where it is outside of the folder, or would replace a file: recordings lie there, too.
+        """
+        path = Path(text)
+        self._check_inside(path, pointer)
+        if path.is_symlink() or path.exists():
+            raise DynidentError(f"there is already a file {text}; give another name", pointer=pointer, title="Exists")
+        if not path.parent.is_dir():
+            raise DynidentError(f"there is no folder {path.parent}", pointer=pointer, title="No such folder")
+        return path
+
+    def _check_file(self, path: Path, pointer: str) -> None:
+        # Where it leads comes first: whether there is something outside is nobody's business.
+        self._check_inside(path, pointer)
+        if not path.is_file():
+            raise DynidentError(f"there is no file {path}", pointer=pointer, title="No such file")
+
+    def _check_inside(self, path: Path, pointer: str) -> None:
+        try:
+            target = (self._root / path).resolve()
+            is_inside = target.is_relative_to(self._root)
+            if is_inside:
+                target.exists()  # raises for a name that no file can have
+        # A NUL character, a loop of links, a name that is too long.
+        except (OSError, RuntimeError, ValueError):
+            is_inside = False
+        if not is_inside:
+            raise DynidentError(
+                f"{str(path)!r:.200} does not lie in the folder that these tools work in; give a path relative to it",
+                pointer=pointer,
+                title=_TITLE,
+            )
+
 
 _LONGEST = 1000
 _Path = Annotated[str, Field(min_length=1, max_length=_LONGEST)]

@@ -26,7 +26,7 @@ from dynident_service.adapters.diagnoses import describe_diagnosis, restore_diag
 from dynident_service.adapters.identifications import describe_identification, show_verdict
 from dynident_service.adapters.measurements import describe_inspection
 from dynident_service.agents import arguments
-from dynident_service.agents.folder import Folder
+from dynident_service.agents.arguments import Folder
 from dynident_service.wire_types.common import ViewModel
 from dynident_service.wire_types.designs import DesignResult
 from dynident_service.wire_types.diagnoses import DiagnosisResult, Reason

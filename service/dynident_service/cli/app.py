@@ -71,6 +71,7 @@ _MODULES = {
     "simulate": "design",
     **dict.fromkeys(("restore", "export_robot", "import_robot", "doctor"), "backup"),
     "currents": "gains",
+    "mcp": "serve",
 }
 """Modules of `dynident_service.cli.commands`, for commands that do not stand in the one with their name."""
 

@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from types import TracebackType
 
 from dynident_service.jobs.confinement import REQUEST_MEMORY, AllowedFolders, Confinement
-from dynident_service.jobs.fork_server import ForkServer
 from dynident_service.jobs.messages import Answer, Call
-from dynident_service.jobs.pool import ChildProcess
+from dynident_service.jobs.pool import ChildProcess, ForkServer
 from dynident_service.problems import ProblemError
 from dynident_service.routes import batches, jobs
 from dynident_service.routes.crud import SHOW_FUNCTIONS

@@ -40,10 +40,9 @@ from dynident_service.jobs.task import PATIENCE, JobEnvironment, JobFunction, Ob
 from dynident_service.logs import set_log_context
 from dynident_service.problems import Problem, ProblemError, make_problem, to_problem
 from dynident_service.settings import LogSettings
-from dynident_service.storage.checkpoints import CheckpointStore, JobCheckpoints
 from dynident_service.storage.data_directory import is_disk_full
 from dynident_service.storage.database import Database
-from dynident_service.storage.job_queue import JobQueue, LostClaim
+from dynident_service.storage.job_queue import CheckpointStore, JobCheckpoints, JobQueue, LostClaim
 from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.resource_rows import insert_dependencies, insert_objects, insert_resource

@@ -16,9 +16,8 @@ from distributed import Client, Worker, WorkerPlugin, fire_and_forget, get_worke
 
 from dynident.version import __version__
 from dynident_service.jobs.confinement import Confinement
-from dynident_service.jobs.fork_server import ForkServer
 from dynident_service.jobs.messages import Answer, Call
-from dynident_service.jobs.pool import ChildPool
+from dynident_service.jobs.pool import ChildPool, ForkServer
 from dynident_service.jobs.supervisor import PATIENCE, supervise_job
 from dynident_service.jobs.task import ClusterAddresses, JobEnvironment, JobPart, PartFailed
 from dynident_service.logs import set_log_context

@@ -14,8 +14,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
 from dynident_service.jobs.confinement import Confinement
-from dynident_service.jobs.fork_server import ForkServer
-from dynident_service.jobs.pool import ChildPool
+from dynident_service.jobs.pool import ChildPool, ForkServer
 from dynident_service.jobs.supervisor import supervise_job
 from dynident_service.jobs.task import JobEnvironment
 from dynident_service.logs import set_log_context

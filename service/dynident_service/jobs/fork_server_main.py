@@ -1,7 +1,7 @@
 """The process that child processes are forked from: it has imported the science once, so a new child starts at once.
 
 It is single-threaded (except for Arrow's own thread, which Arrow handles at a fork) and does nothing else: it forks on
-request and reports how a child ended. `fork_server` starts it and talks to it.
+request and reports how a child ended. `pool` starts it and talks to it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import warnings
 
 from dynident_service.environment_secrets import take_secrets
 from dynident_service.jobs import child
-from dynident_service.jobs.fork_server import FORK, MESSAGE, REAP, RUNNING, ProcessExit, receive_exactly
+from dynident_service.jobs.pool import FORK, MESSAGE, REAP, RUNNING, ProcessExit, receive_exactly
 from dynident_service.logs import configure_logging
 from dynident_service.settings import LogSettings
 

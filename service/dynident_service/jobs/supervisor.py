@@ -12,9 +12,8 @@ import time
 from pathlib import Path
 from typing import Literal
 
-from dynident_service.jobs.fork_server import ProcessExit
 from dynident_service.jobs.messages import End, JobOrder, Receipt, make_memory_problem
-from dynident_service.jobs.pool import ChildPool, ChildProcess
+from dynident_service.jobs.pool import ChildPool, ChildProcess, ProcessExit
 from dynident_service.jobs.task import JobEnvironment
 from dynident_service.problems import make_problem
 from dynident_service.storage.job_queue import JobQueue

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from dynident_service.preload import hold_import_lock
-from dynident_service.wire_types.effects import Catalogue
+from dynident_service.wire_types.common import Catalogue
 
 router = APIRouter(prefix="/v1/effects", tags=["effects"])
 

@@ -235,7 +235,7 @@ async def export_identification(
     """Give the identified model in a format that other programs read."""
     with hold_import_lock():
         from dynident.export import ExportedFile
-        from dynident_service.adapters.exports import build_file_response
+        from dynident_service.adapters.identifications import build_file_response
 
     def collect_shown() -> dict[str, Any]:
         identification = require_succeeded(services.resources.get("identification", identification_id))

@@ -1,11 +1,13 @@
 """The queue of jobs in the database: what is to be computed, by whom, until when, and how far it is.
 
 A worker holds a job by a lease. Every write of a worker names the job and the attempt, so a worker that was taken for
-dead and comes back cannot overwrite what its successor writes.
+dead and comes back cannot overwrite what its successor writes. A long job saves checkpoints, from which the next
+attempt continues; they are kept until the job ends.
 """
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -21,7 +23,8 @@ from dynident_service.storage.database import AT_ONCE, Database, get_database_ti
 from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.records import FINAL, Job, JobEvent, NewJob, State
 from dynident_service.storage.resource_rows import JOB_COLUMNS
-from dynident_service.storage.tables import EVENTS, JOBS, JobRow
+from dynident_service.storage.retry import INFRASTRUCTURE_ERRORS, describe_error
+from dynident_service.storage.tables import EVENTS, JOBS, CheckpointRow, JobRow
 
 LEASE = timedelta(seconds=30)
 """How long a claim holds without renewal, by the clock of the database; longer than anybody waits for a lock."""
@@ -388,3 +391,63 @@ def _count_running(connection: Connection, own: Collection[str] | None) -> int:
     if own is None:
         return int(connection.execute(_RUNNING).scalar_one())
     return int(connection.execute(_OUR_RUNNING, {"own": list(own)}).scalar_one()) if own else 0
+
+
+CHECKPOINT_INTERVAL = 3.0
+"""Seconds between checkpoints: at most about as much work is lost when a worker is killed."""
+MAX_CHECKPOINT_SHARE = 0.05
+"""Upper limit for the share of time that checkpoints take; one that takes long is written less often."""
+log = logging.getLogger("dynident.job")
+
+
+class JobCheckpoints:
+    """Checkpoints of one attempt at a job; the attempt continues from the last checkpoint of any earlier one."""
+
+    def __init__(self, storage: CheckpointStore, claim: Claim) -> None:
+        self._storage = storage
+        self._claim = claim
+        self._next = time.monotonic() + CHECKPOINT_INTERVAL
+
+    def load_last(self) -> bytes | None:
+        """Return the last checkpoint of earlier attempts, or None."""
+        # A first attempt has nothing to continue from, and need not ask.
+        return self._storage.find(self._claim.job_id) if self._claim.attempt > 1 else None
+
+    def save(self, make: Callable[[], bytes]) -> None:
+        """Write a checkpoint if it is time; a database that is away costs only the checkpoint."""
+        began = time.monotonic()
+        if began < self._next:
+            return
+        try:
+            self._storage.save(self._claim, make())
+        except INFRASTRUCTURE_ERRORS as error:
+            log.warning("job %s: a checkpoint could not be stored: %s", self._claim.job_id, describe_error(error))
+        ended = time.monotonic()
+        self._next = ended + max(CHECKPOINT_INTERVAL, (ended - began) / MAX_CHECKPOINT_SHARE)
+
+
+MAX_CHECKPOINT_BYTES = 20_000_000
+"""Upper limit in bytes; a larger checkpoint is not worth its place in the database."""
+
+
+class CheckpointStore:
+    """Store with the last checkpoint of each job."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def find(self, job_id: str) -> bytes | None:
+        """Return the last checkpoint of a job, or None."""
+        with self._database.read() as session:
+            return session.scalar(select(CheckpointRow.content).where(CheckpointRow.job_id == job_id))
+
+    def save(self, claim: Claim, content: bytes) -> None:
+        """Replace the checkpoint of a job, unless the worker has lost its claim or the checkpoint is too large."""
+        if len(content) > MAX_CHECKPOINT_BYTES:
+            return
+        with self._database.write() as session:
+            # The lock on the job's row keeps it from ending in between, which would leave a checkpoint of a job that
+            # has ended.
+            held = select(JobRow.id).where(JobRow.id == claim.job_id, JobRow.attempt == claim.attempt)
+            if session.scalar(held.where(JobRow.state == "running").with_for_update()) is not None:
+                session.merge(CheckpointRow(job_id=claim.job_id, content=content))

@@ -17,8 +17,7 @@ from dynident.validation import ValidationOutcome, Verdict
 from dynident.verdict import Outcome, verdict
 from dynident_service.adapters.conversion import to_view
 from dynident_service.adapters.designs import compute_clearances
-from dynident_service.adapters.exports import export_file
-from dynident_service.adapters.identifications import SeenMeasurement, describe_essential, show_verdict
+from dynident_service.adapters.identifications import SeenMeasurement, describe_essential, export_file, show_verdict
 from dynident_service.adapters.measurements import (
     describe_file_problem,
     describe_recording,

@@ -324,6 +324,14 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
     """Return a robot from the body of a request; the stated arguments take precedence."""
     # An unknown field is refused: a misspelt "drives" would otherwise be ignored in silence.
     expect_mapping(document, _FIELDS, "", _ROBOT_TITLE)
+    # A robot that was saved from a request may hold the field without a value.
+    if document.get("base_parameters_tolerance") is not None:
+        raise DynidentError(
+            "base_parameters_tolerance is for the list of base parameters that POST /v1/robots returns; leave it out "
+            "here, and state that of an identification as choices=IdentificationChoices(tolerance=…)",
+            pointer="/base_parameters_tolerance",
+            title=_ROBOT_TITLE,
+        )
     limits = {
         joint: _parse_limits(value, f"/limits/{joint}") for joint, value in _get_object(document, "limits").items()
     }

@@ -4,18 +4,16 @@ from dynident.estimation.backward_elimination import Elimination, EliminationPat
 from dynident.estimation.block_bootstrap import Bootstrap, Drawing, bootstrap_estimates
 from dynident.estimation.errors import (
     Errors,
-    ErrorsByPhase,
+    ErrorsByGroup,
     compute_errors,
-    compute_errors_by_phase,
-    compute_moving_errors,
-    select_judged_errors,
+    compute_errors_by_group,
 )
 from dynident.estimation.factors import (
     EquationFactors,
     FactorAccumulator,
     Reduction,
     concatenate_reductions,
-    merge_phase_equations,
+    merge_row_groups,
 )
 from dynident.estimation.instrumental_variables import InstrumentalSolution, solve_instrumental
 from dynident.estimation.least_squares import (
@@ -34,15 +32,16 @@ from dynident.estimation.least_squares import (
 from dynident.estimation.outlying_spans import OutlyingSpan, OutlyingSpans, find_outlying_spans
 from dynident.estimation.prior_information import PriorInformation, build_prior
 from dynident.estimation.residual_correlation import compute_correlation_factor, count_effective_rows
-from dynident.estimation.rest_and_reversal_rows import (
+from dynident.estimation.row_groups import (
     BlockRows,
-    RestRowAccumulator,
-    RestRows,
-    ReversalRows,
+    IntervalRowAccumulator,
+    IntervalRows,
     RowGroup,
+    SeparateRows,
+    WeightedRows,
     compute_band_distance,
 )
-from dynident.estimation.row_weights import estimate_reversal_weights
+from dynident.estimation.row_weights import estimate_group_weights
 from dynident.estimation.shape_constant_uncertainty import LinearisedSolution, linearise_constants
 from dynident.estimation.uncertainty import CovarianceName, Statistics, compute_row_freedom, statistics
 
@@ -55,21 +54,22 @@ __all__ = [
     "EliminationPath",
     "EquationFactors",
     "Errors",
-    "ErrorsByPhase",
+    "ErrorsByGroup",
     "EstimationError",
     "FactorAccumulator",
     "InstrumentalSolution",
+    "IntervalRowAccumulator",
+    "IntervalRows",
     "LinearisedSolution",
     "OutlyingSpan",
     "OutlyingSpans",
     "PriorInformation",
     "Reduction",
-    "RestRowAccumulator",
-    "RestRows",
-    "ReversalRows",
     "RowGroup",
+    "SeparateRows",
     "Solution",
     "Statistics",
+    "WeightedRows",
     "bootstrap_estimates",
     "build_prior",
     "build_weighted_factor",
@@ -78,8 +78,7 @@ __all__ = [
     "compute_correlation_factor",
     "compute_equilibrated_condition_number",
     "compute_errors",
-    "compute_errors_by_phase",
-    "compute_moving_errors",
+    "compute_errors_by_group",
     "compute_noise_levels",
     "compute_relative_change",
     "compute_row_freedom",
@@ -87,12 +86,11 @@ __all__ = [
     "concatenate_reductions",
     "count_effective_rows",
     "eliminate_parameters",
-    "estimate_reversal_weights",
+    "estimate_group_weights",
     "find_outlying_spans",
     "linearise_constants",
-    "merge_phase_equations",
+    "merge_row_groups",
     "ordinary",
-    "select_judged_errors",
     "solve",
     "solve_instrumental",
     "statistics",

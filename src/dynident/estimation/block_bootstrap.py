@@ -151,7 +151,7 @@ class _BlockSums:
 
     def draw_wild(self, rng: np.random.Generator, reweigh: bool) -> FloatArray | None:
         """Return the change d (f,) in one draw of random weights for the residuals of all blocks."""
-        # One weight for a block across all equations, so that the correlation between joints is kept.
+        # One weight for a block across all equations, so that the correlation between them is kept.
         v = rng.choice(np.concatenate([-_WEBB, _WEBB]), size=len(self.squares))
         squares = v**2 @ self.straight_squares
         usual = self.straight_squares.sum(axis=0)

@@ -1,9 +1,8 @@
-"""How well parameters explain a data set: the one definition of which rows count, and what counts at rest.
+"""How well parameters explain a data set: which rows count, and what an error is.
 
-Every row of every joint's equation is of one kind. Where the joint *moves*, its row is an equation, and its residual is
-the error. At a *reversal* it is one as well, but friction jumps there, at an instant that is known only roughly.
-*Beside a halt* it is one only for friction that shows where a joint starts. *At rest* static friction holds the joint,
-and the row says that the torque lies in a band. Models are judged and compared where joints move.
+The rows of an equation form groups (`row_groups`). The residual of a row in the fit is its error. The error of an
+interval row is the distance of the measured value to its interval. Every row that was counted by itself has an interval
+row as well, and counts once in the errors on all rows.
 """
 
 from __future__ import annotations
@@ -67,126 +66,101 @@ class Errors:
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorsByPhase:
-    """Errors by what the joint of a row does.
+class ErrorsByGroup:
+    """Errors on the groups of rows of every equation.
 
     Parameters
     ----------
-    moving : Errors
-        Where each joint moves. An equation that does not keep its rows at rest counts all its rows as moving.
-    reversing : Errors
-        Where each joint reverses without sticking.
-    starting : Errors
-        Beside halts, of the motion alone: rows of joints whose model has friction that shows there.
-    standing : Errors
-        Where each joint stands or is so near to a halt that the filter mixes both: the distance of the torque to the
-        band that the static friction of the model holds.
+    plain : Errors
+        Rows of no group. An equation without separate rows counts all its rows as plain.
+    weighted : Errors
+        Rows with a weight of their own, each counting alike here.
+    counted : Errors
+        Rows in the fit that are counted by themselves.
+    interval : Errors
+        Interval rows: the distance of the measured value to the interval.
     """
 
-    moving: Errors
-    reversing: Errors
-    starting: Errors
-    standing: Errors
+    plain: Errors
+    weighted: Errors
+    counted: Errors
+    interval: Errors
 
     @property
     def all_rows(self) -> Errors:
-        """Errors on all rows, each once: rows beside a halt count as standing."""
-        return self.moving + self.reversing + self.standing
+        """Errors on all rows, each once: rows that are counted by themselves have interval rows as well."""
+        return self.plain + self.weighted + self.interval
 
 
-def select_judged_errors(moving: Errors, all_rows: Errors) -> Errors:
-    """Select the errors that a model is judged and compared by.
-
-    Parameters
-    ----------
-    moving, all_rows : Errors
-        Errors where each joint moves, and on all rows.
-
-    Returns
-    -------
-    Errors
-        Those where each joint moves; those on all rows where no joint ever moves, as in poses at rest.
-    """
-    return moving if moving.counts.any() else all_rows
-
-
-def compute_errors_by_phase(reduction: Reduction, values: FloatArray) -> ErrorsByPhase:
-    """Return the residual of parameters on the rows of a data set, by what the joint does.
+def compute_errors_by_group(reduction: Reduction, values: FloatArray) -> ErrorsByGroup:
+    """Compute the residual of parameters on the rows of a data set, by groups of rows.
 
     Parameters
     ----------
-    reduction, values : Reduction, (c,)
-        The equations as triangular factors, and parameters χ.
+    reduction : Reduction
+        The equations as triangular factors.
+    values : (c,)
+        Parameters χ.
 
     Returns
     -------
-    ErrorsByPhase
+    ErrorsByGroup
         Sums of squares and numbers of rows of every equation.
     """
     fitted = compute_fitted_errors(reduction, values)
-    reversing, starting, standing = (np.zeros((3, len(reduction.equations))) for _ in range(3))
+    weighted, counted, interval = (np.zeros((3, len(reduction.equations))) for _ in range(3))
     for k, equation in enumerate(reduction.equations):
-        rest_rows, own = equation.rest_rows, values[equation.columns]
-        if rest_rows is None:
+        separate_rows, own = equation.separate_rows, values[equation.columns]
+        if separate_rows is None:
             continue
-        for sums, rows in ((reversing, equation.rows_at_reversals), (starting, rest_rows.starting)):
+        groups = (
+            (weighted, equation.group_rows),
+            (counted, separate_rows.counted),
+            (interval, separate_rows.interval),
+        )
+        for sums, rows in groups:
             if rows is not None:
                 sums[:, k] = rows.sum_squares(own), rows.measured_squares, rows.count
-        standing[:, k] = rest_rows.sum_standing_squares(own), rest_rows.standing_measured_squares, rest_rows.n_standing
     # Differences of sums of squares may fall below zero by rounding.
-    moving = np.maximum(np.array([fitted.squares, fitted.measured, fitted.counts]) - reversing - starting, 0.0)
-    return ErrorsByPhase(Errors(*moving), Errors(*reversing), Errors(*starting), Errors(*standing))
+    plain = np.maximum(np.array([fitted.squares, fitted.measured, fitted.counts]) - weighted - counted, 0.0)
+    return ErrorsByGroup(Errors(*plain), Errors(*weighted), Errors(*counted), Errors(*interval))
 
 
 def compute_errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """Return the residual of parameters on all rows of a data set, at rest the distance to the band.
+    """Compute the residual of parameters on all rows of a data set, of interval rows the distance to the interval.
 
     Parameters
     ----------
-    reduction, values : Reduction, (c,)
-        The equations as triangular factors, and parameters χ.
+    reduction : Reduction
+        The equations as triangular factors.
+    values : (c,)
+        Parameters χ.
 
     Returns
     -------
     Errors
-        Sums of squares and numbers of rows of every equation, as in `ErrorsByPhase.all_rows`.
+        Sums of squares and numbers of rows of every equation, as in `ErrorsByGroup.all_rows`.
     """
-    return compute_errors_by_phase(reduction, values).all_rows
-
-
-def compute_moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """Return the residual of parameters on the rows of every equation where its joint moves.
-
-    Parameters
-    ----------
-    reduction, values : Reduction, (c,)
-        The equations as triangular factors, and parameters χ.
-
-    Returns
-    -------
-    Errors
-        Sums of squares and numbers of rows of every equation, as in `ErrorsByPhase.moving`.
-    """
-    return compute_errors_by_phase(reduction, values).moving
+    return compute_errors_by_group(reduction, values).all_rows
 
 
 def compute_fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
     """Return the residual of parameters χ (c,) on all rows that take part in the fit, each counting alike."""
     squares, measured = compute_weighted_squares(reduction, values), []
     for k, equation in enumerate(reduction.equations):
-        own = float(equation.joint_factor[:, -1] @ equation.joint_factor[:, -1])
-        if equation.reversal_rows is not None:
-            # The factor holds rows at reversals with their weight; add what is missing to a weight of one.
-            lacks = 1.0 - equation.reversal_rows.weight
-            squares[k] += lacks * equation.reversal_rows.sum_squares(values[equation.columns])
-            own += lacks * equation.reversal_rows.measured_squares
+        own = float(equation.whole_factor[:, -1] @ equation.whole_factor[:, -1])
+        if equation.weighted_rows is not None:
+            # The factor holds the weighted rows with their weight; add what is missing to a weight of one.
+            lacks = 1.0 - equation.weighted_rows.weight
+            squares[k] += lacks * equation.weighted_rows.sum_squares(values[equation.columns])
+            own += lacks * equation.weighted_rows.measured_squares
         measured.append(own)
     return Errors(squares, np.array(measured), reduction.row_counts)
 
 
 def compute_weighted_squares(reduction: Reduction, values: FloatArray) -> FloatArray:
     """Return the squared residual (n,) of parameters χ (c,) in every equation, its rows as they are weighted there."""
-    rests = (e.joint_factor[:, -1] - e.joint_factor[:, :-1] @ values[e.columns] for e in reduction.equations)
+    rests = (e.whole_factor[:, -1] - e.whole_factor[:, :-1] @ values[e.columns] for e in reduction.equations)
     return np.array([float(rest @ rest) for rest in rests])
 
 

@@ -1,4 +1,4 @@
-"""W and Y reduced to triangular factors, one per equation (joint) and block of time: all that later steps need.
+"""W and Y reduced to triangular factors, one per equation and block of time: all that later steps need.
 
 The QR factor R of [W | Y] keeps every inner product of the columns without squaring their condition number, so
 solving, weighting an equation, leaving a block out and choosing fewer columns are all small algebra on R.
@@ -15,7 +15,10 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.estimation.qr import WhitenedColumns, compute_r_factor, join_factors, pad_to_square, whiten_columns
-from dynident.estimation.rest_and_reversal_rows import BlockRows, RestRows, ReversalRows, RowGroup, join_rest_rows
+from dynident.estimation.row_groups import BlockRows, RowGroup, SeparateRows, WeightedRows, join_separate_rows
+
+RowGroupName = Literal["plain", "weighted", "counted"]
+"""Groups of the rows that take part in a fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,37 +33,37 @@ class EquationFactors:
         Triangular factor of [W | Y] of every block of time, Y last.
     counts : (s,)
         Number of rows that each factor stands for.
-    rest_rows : RestRows, optional
-        Rows of the equation that are not fitted to, or whose residual is counted separately.
-    reversal_rows : ReversalRows, optional
-        Rows at reversals, which are in the factors with the weight that they have there.
+    separate_rows : SeparateRows, optional
+        Rows of the equation that are not fitted to, or whose residual is counted by itself.
+    weighted_rows : WeightedRows, optional
+        Rows with a weight of their own, which are in the factors with this weight.
     """
 
     columns: IndexArray
     factors: FloatArray
     counts: IndexArray
-    rest_rows: RestRows | None = None
-    reversal_rows: ReversalRows | None = None
+    separate_rows: SeparateRows | None = None
+    weighted_rows: WeightedRows | None = None
 
     def __repr__(self) -> str:
         rows = int(self.counts.sum())
         return f"EquationFactors({len(self.columns)} columns, {rows} rows in {len(self.counts)} blocks)"
 
     @cached_property
-    def joint_factor(self) -> FloatArray:
+    def whole_factor(self) -> FloatArray:
         """Factor (p + 1, p + 1) of all blocks together."""
         return join_factors(self.factors)
 
     @cached_property
     def whitened_columns(self) -> WhitenedColumns | None:
         """Columns without Y, whitened over all blocks; None where the equation excites none of them."""
-        return whiten_columns(self.factors[:, :, :-1], self.joint_factor[:, :-1])
+        return whiten_columns(self.factors[:, :, :-1], self.whole_factor[:, :-1])
 
     @property
     def own_noise(self) -> float:
         """Noise that is left when the equation is fitted by itself: a first guess, before any parameter is known."""
         freedom = max(float(self.counts.sum()) - len(self.columns), 1.0)
-        return abs(float(self.joint_factor[-1, -1])) / float(np.sqrt(freedom))
+        return abs(float(self.whole_factor[-1, -1])) / float(np.sqrt(freedom))
 
     def factor_without_blocks(self, stretches: Sequence[int]) -> FloatArray:
         """Return the factor (p + 1, p + 1) of all blocks but these."""
@@ -78,42 +81,45 @@ class EquationFactors:
         where = {int(column): position for position, column in enumerate(self.columns)}
         chosen = [(new, where[int(old)]) for new, old in enumerate(columns) if int(old) in where]
         picked = [position for _, position in chosen] + [len(self.columns)]
-        rest_rows = None if self.rest_rows is None else self.rest_rows.select([position for _, position in chosen])
+        separate_rows = (
+            None if self.separate_rows is None else self.separate_rows.select([position for _, position in chosen])
+        )
         numbers = np.array([new for new, _ in chosen], dtype=np.intp)
-        if self.reversal_rows is not None:
-            return self._rebuild(numbers, self.reversal_rows.select(picked), rest_rows)
+        if self.weighted_rows is not None:
+            return self._rebuild(numbers, self.weighted_rows.select(picked), separate_rows)
         # Columns that are taken out of a triangular factor leave it no longer triangular: one more QR decomposition, of
         # a few rows, restores it. No data is read again.
         factors = compute_r_factor(self.factors[:, :, picked]) if len(self.factors) else self.factors
-        return EquationFactors(numbers, pad_to_square(factors), self.counts, rest_rows)
+        return EquationFactors(numbers, pad_to_square(factors), self.counts, separate_rows)
 
-    def weight_reversals(self, weight: float) -> EquationFactors:
-        """Return the same rows with squared residuals at reversals weighted by `weight` relative to the others."""
-        if self.reversal_rows is None or self.reversal_rows.weight == weight:
+    def weight_group(self, weight: float) -> EquationFactors:
+        """Return the same rows, with squared residuals of the weighted rows multiplied by `weight`."""
+        if self.weighted_rows is None or self.weighted_rows.weight == weight:
             return self
-        return self._rebuild(self.columns, replace(self.reversal_rows, weight=weight), self.rest_rows)
+        return self._rebuild(self.columns, replace(self.weighted_rows, weight=weight), self.separate_rows)
 
     @property
-    def rows_at_reversals(self) -> RowGroup | ReversalRows | None:
-        """Rows at reversals, each counting alike; None where they are not known."""
-        separate_rows = None if self.rest_rows is None else self.rest_rows.turning
-        return self.reversal_rows if separate_rows is None else separate_rows
+    def group_rows(self) -> RowGroup | WeightedRows | None:
+        """The rows that have or had a weight of their own, each counting alike; None where they are not known."""
+        fixed = None if self.separate_rows is None else self.separate_rows.fixed
+        return self.weighted_rows if fixed is None else fixed
 
     @property
     def with_fixed_weights(self) -> EquationFactors:
-        """The same rows, where those at reversals can no longer be weighted, only counted separately."""
-        if self.reversal_rows is None:
+        """The same rows, where none can be weighted any more, only counted by themselves."""
+        if self.weighted_rows is None:
             return self
-        rest_rows = self.rest_rows
-        if rest_rows is not None and rest_rows.turning is None:
-            # The rows at reversals stay known as a group over all blocks, so that errors can still be counted without
-            # them.
-            rest_rows = replace(rest_rows, turning=self.reversal_rows.row_group)
-        return EquationFactors(self.columns, self.factors, self.counts, rest_rows)
+        separate_rows = self.separate_rows
+        if separate_rows is not None and separate_rows.fixed is None:
+            # The weighted rows stay known as a group over all blocks, so that errors can still be counted without them.
+            separate_rows = replace(separate_rows, fixed=self.weighted_rows.row_group)
+        return EquationFactors(self.columns, self.factors, self.counts, separate_rows)
 
-    def _rebuild(self, columns: IndexArray, turned: ReversalRows, rest_rows: RestRows | None) -> EquationFactors:
-        """Build the equation from its rows at reversals and the others, with these numbers of columns."""
-        return EquationFactors(columns, turned.weighted_factors, self.counts, rest_rows, turned)
+    def _rebuild(
+        self, columns: IndexArray, weighted_rows: WeightedRows, separate_rows: SeparateRows | None
+    ) -> EquationFactors:
+        """Build the equation from its weighted rows and the others, with these numbers of columns."""
+        return EquationFactors(columns, weighted_rows.weighted_factors, self.counts, separate_rows, weighted_rows)
 
     def combine_columns(self, weights: FloatArray) -> EquationFactors:
         """Return the same rows with combined columns; `weights` (c, c') lead from all columns to the new ones."""
@@ -124,16 +130,16 @@ class EquationFactors:
         whole = np.zeros((k + 1, len(chosen) + 1))
         # The last column is Y, which every combination leaves as it is.
         whole[:k, :-1], whole[k, -1] = own[:, chosen], 1.0
-        rest_rows = None if self.rest_rows is None else self.rest_rows.combine_columns(whole)
-        if self.reversal_rows is not None:
-            return self._rebuild(chosen.astype(np.intp), self.reversal_rows.combine_columns(whole), rest_rows)
+        separate_rows = None if self.separate_rows is None else self.separate_rows.combine_columns(whole)
+        if self.weighted_rows is not None:
+            return self._rebuild(chosen.astype(np.intp), self.weighted_rows.combine_columns(whole), separate_rows)
         factors = compute_r_factor(self.factors @ whole) if len(self.factors) else np.zeros((0, *whole.shape[1:] * 2))
-        return EquationFactors(chosen.astype(np.intp), pad_to_square(factors), self.counts, rest_rows)
+        return EquationFactors(chosen.astype(np.intp), pad_to_square(factors), self.counts, separate_rows)
 
     def mix_columns(self, change: FloatArray, columns: IndexArray) -> EquationFactors:
         """Return the rows of [W | Y] change, with Y and W mixed.
 
-        Rows at rest are dropped: a band about Y is none about a combination of Y and columns.
+        Interval rows are dropped: an interval for Y is none for a combination of Y and columns.
 
         Parameters
         ----------
@@ -144,22 +150,22 @@ class EquationFactors:
         factors = compute_r_factor(self.factors @ change) if len(self.factors) else np.zeros((0, *change.shape[1:] * 2))
         return EquationFactors(np.asarray(columns, dtype=np.intp), pad_to_square(factors), self.counts)
 
-    def sum_phase_squares(self, rows: Literal["moving", "reversing", "starting"], values: FloatArray) -> FloatArray:
-        """Return the sum of squared residuals of parameters χ (c,) in every block (s,), on one kind of rows.
+    def sum_group_squares(self, group: RowGroupName, values: FloatArray) -> FloatArray:
+        """Return the sum of squared residuals of parameters χ (c,) in every block (s,), on one group of fitted rows.
 
-        Rows at reversals and beside halts that are not known by blocks of time count as moving.
+        Weighted and counted rows that are not known by blocks of time count as plain.
         """
         own, whole = values[self.columns], self.sum_squares(values)
-        reversing, starting = np.zeros_like(whole), np.zeros_like(whole)
+        weighted, counted = np.zeros_like(whole), np.zeros_like(whole)
         weight = 1.0
-        if self.rest_rows is not None and self.reversal_rows is not None:
-            reversing, weight = self.reversal_rows.sum_block_squares(own), self.reversal_rows.weight
-        if self.rest_rows is not None and len(self.rest_rows.starting.counts) == len(whole):
-            starting = self.rest_rows.starting.sum_block_squares(own)
-        if rows == "moving":
+        if self.separate_rows is not None and self.weighted_rows is not None:
+            weighted, weight = self.weighted_rows.sum_block_squares(own), self.weighted_rows.weight
+        if self.separate_rows is not None and len(self.separate_rows.counted.counts) == len(whole):
+            counted = self.separate_rows.counted.sum_block_squares(own)
+        if group == "plain":
             # Differences of sums of squares may fall below zero by rounding.
-            return np.maximum(whole - weight * reversing - starting, 0.0)
-        return reversing if rows == "reversing" else starting
+            return np.maximum(whole - weight * weighted - counted, 0.0)
+        return weighted if group == "weighted" else counted
 
     def sum_squares(self, values: FloatArray) -> FloatArray:
         """Return the sum of squared residuals of parameters χ (c,) in every block (s,)."""
@@ -178,7 +184,7 @@ class Reduction:
     n_columns : int
         Number of parameters c.
     equations : tuple of EquationFactors
-        One per equation (joint), all of them by the same blocks of time.
+        One per equation, all of them by the same blocks of time.
     spans : (s, 2)
         First and last time of every block, in s.
     """
@@ -217,15 +223,15 @@ class Reduction:
         """Return the same data with combined columns: W' = W weights, weights (c, c')."""
         return Reduction(weights.shape[1], tuple(e.combine_columns(weights) for e in self.equations), self.spans)
 
-    def weight_reversals(self, weights: FloatArray) -> Reduction:
-        """Return the same data with squared residuals at reversals weighted by `weights` (n,), one per equation."""
+    def weight_groups(self, weights: FloatArray) -> Reduction:
+        """Return the same data, with squared residuals of weighted rows multiplied by `weights` (n,), by equation."""
         pairs = zip(self.equations, weights, strict=True)
-        return replace(self, equations=tuple(equation.weight_reversals(float(weight)) for equation, weight in pairs))
+        return replace(self, equations=tuple(equation.weight_group(float(weight)) for equation, weight in pairs))
 
     @property
     def equally_weighted(self) -> Reduction:
         """The same data, every row counting alike."""
-        return self.weight_reversals(np.ones(len(self.equations)))
+        return self.weight_groups(np.ones(len(self.equations)))
 
     def select_blocks(self, indices: Sequence[int]) -> Reduction:
         """Return only the blocks of time with these indices."""
@@ -255,48 +261,50 @@ def concatenate_reductions(parts: Sequence[Reduction]) -> Reduction:
 
 
 def _concatenate_equations(parts: Sequence[EquationFactors]) -> EquationFactors:
-    """Concatenate one equation of several data sets; reversals stay weightable only where all of them know them."""
-    weighted_rows = [part.reversal_rows for part in parts if part.reversal_rows is not None]
-    # A part that does not know its reversals has them among its other rows, where no weight can reach them. Then no
-    # part may be weighted, so that rows of one kind count alike everywhere.
+    """Concatenate one equation of several data sets; rows can be weighted only where all data sets know them."""
+    weighted_rows = [part.weighted_rows for part in parts if part.weighted_rows is not None]
+    # A part that does not know which rows have a weight of their own has them among its other rows, where no weight can
+    # reach them. Then no part may be weighted, so that rows of one kind count alike everywhere.
     if len(weighted_rows) < len(parts):
         parts = [part.with_fixed_weights for part in parts]
     return EquationFactors(
         parts[0].columns,
         np.concatenate([part.factors for part in parts]),
         np.concatenate([part.counts for part in parts]),
-        join_rest_rows([part.rest_rows for part in parts]),
-        ReversalRows.join(weighted_rows) if len(weighted_rows) == len(parts) else None,
+        join_separate_rows([part.separate_rows for part in parts]),
+        WeightedRows.join(weighted_rows) if len(weighted_rows) == len(parts) else None,
     )
 
 
-def merge_phase_equations(split: Reduction) -> Reduction:
-    """Merge 3 n equations into n whose rows at reversals can be weighted, and whose rows beside halts are known.
+def merge_row_groups(split: Reduction) -> Reduction:
+    """Merge 3 n equations into n with groups of rows: those that can be weighted, and those that are counted.
 
     Parameters
     ----------
     split : Reduction
-        The n equations of the rows where the joint moves, the n of the rows at its reversals, and the n of those beside
-        its halts.
+        The n equations of plain rows, the n of the same equations' rows with a weight of their own, and the n of their
+        rows that are counted by themselves.
 
     Returns
     -------
     Reduction
-        One equation per joint.
+        The n equations, each with all its rows.
     """
     n = len(split.equations) // 3
     equations = []
     for j in range(n):
-        moving, turning, starting = split.equations[j::n]
-        reversals = BlockRows.from_factors(turning.factors, turning.counts)
-        starts = BlockRows.from_factors(starting.factors, starting.counts)
-        others = moving.factors
-        if starts.count:
-            others = pad_to_square(compute_r_factor(np.concatenate([others, starts.rows], axis=1)))
-        turned = ReversalRows(reversals.rows, reversals.counts, others)
-        rest_rows = None if moving.rest_rows is None else replace(moving.rest_rows, starting=starts)
-        counts = moving.counts + turning.counts + starting.counts
-        equations.append(EquationFactors(moving.columns, turned.weighted_factors, counts, rest_rows, turned))
+        plain, own, counted = split.equations[j::n]
+        group = BlockRows.from_factors(own.factors, own.counts)
+        counted_rows = BlockRows.from_factors(counted.factors, counted.counts)
+        others = plain.factors
+        if counted_rows.count:
+            others = pad_to_square(compute_r_factor(np.concatenate([others, counted_rows.rows], axis=1)))
+        weighted_rows = WeightedRows(group.rows, group.counts, others)
+        separate_rows = None if plain.separate_rows is None else replace(plain.separate_rows, counted=counted_rows)
+        counts = plain.counts + own.counts + counted.counts
+        equations.append(
+            EquationFactors(plain.columns, weighted_rows.weighted_factors, counts, separate_rows, weighted_rows)
+        )
     return replace(split, equations=tuple(equations))
 
 

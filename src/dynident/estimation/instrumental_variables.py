@@ -134,8 +134,8 @@ def _solve_weighted(both: Reduction, noise: FloatArray, twice: PriorInformation 
     if strength < WEAKEST:
         raise EstimationError(
             f"the correlation of the simulated with the measured motion is only {strength:.2g} in the weakest "
-            "direction: its rows are too weak as instruments for these parameters. Use wls, or data in which the "
-            "robot moves more",
+            "direction: its rows are too weak as instruments for these parameters. Use wls, or data with more "
+            "motion",
             pointer="/estimator",
             title="Weak instruments",
         )
@@ -170,7 +170,7 @@ def _compute_statistics(
     meat = np.zeros((c, c))
     for j, equation in enumerate(both.equations):
         k = len(equation.columns) // 2
-        z = equation.joint_factor[:, :k]
+        z = equation.whole_factor[:, :k]
         where = equation.columns[:k]
         meat[np.ix_(where, where)] += (noise[j] ** 2 * counted[j] / solution.noise[j] ** 4) * (z.T @ z)
     if solution.known is not None:

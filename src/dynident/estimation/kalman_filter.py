@@ -136,8 +136,8 @@ class KalmanSample:
         Rows of [W | Y] with white noise of size one if it is as assumed: first those of the torques, then the
         positions.
     surprise : float
-        Mean square of the innovation over the joints, in units of what the filter expected; one where the assumed noise
-        is right.
+        Mean square of the innovation over the equations, in units of what the filter expected; one where the assumed
+        noise is right.
     """
 
     rows: FloatArray
@@ -197,7 +197,7 @@ class KalmanFilter:
         q, tau, acceleration : (n,)
             Position, torque and rough acceleration of the second sample.
         doubt : (n,), optional
-            Factor on the usual torque noise of each joint at this sample; one where it is left out.
+            Factor on the usual torque noise of each equation at this sample; one where it is left out.
         """
         n, variance = self._n, self._noise.position**2
         # The velocity is that of the half period before this sample: the difference of the two positions.
@@ -287,7 +287,7 @@ class KalmanFilter:
 def _compute_whitening(spread: FloatArray) -> FloatArray:
     """Return a matrix (m, m) that whitens noise with this covariance, each row as near to its own as can be."""
     size = np.sqrt(np.diag(spread))
-    # The symmetric root of the correlation matrix, unlike a Cholesky factor, does not mix joints by their order.
+    # The symmetric root of the correlation matrix, unlike a Cholesky factor, does not mix equations by their order.
     eigenvalues, vectors = np.linalg.eigh(spread / np.outer(size, size))
     if not eigenvalues[0] > 0:
         raise EstimationError("the filter's covariance is not positive any more")

@@ -106,8 +106,8 @@ def build_weighted_factor(reduction: Reduction, noise: FloatArray, known: PriorI
         if not len(equation.counts):
             continue
         wide = np.zeros((k + 1, c + 1))
-        wide[:, equation.columns] = equation.joint_factor[:, :k] / sigma
-        wide[:, c] = equation.joint_factor[:, k] / sigma
+        wide[:, equation.columns] = equation.whole_factor[:, :k] / sigma
+        wide[:, c] = equation.whole_factor[:, k] / sigma
         parts.append(wide)
     stacked = np.concatenate(parts)
     # Too few rows still give a square factor, so that the rank check reports the problem.
@@ -173,9 +173,9 @@ def compute_relative_change(reduction: Reduction, change: FloatArray) -> float:
     squares = measured = 0.0
     for equation in reduction.equally_weighted.equations:
         k = len(equation.columns)
-        moved = equation.joint_factor[:, :k] @ change[equation.columns]
+        moved = equation.whole_factor[:, :k] @ change[equation.columns]
         squares += float(moved @ moved)
-        measured += float(equation.joint_factor[:, k] @ equation.joint_factor[:, k])
+        measured += float(equation.whole_factor[:, k] @ equation.whole_factor[:, k])
     return float(np.sqrt(squares / measured)) if measured > 0 else 0.0
 
 
@@ -311,7 +311,7 @@ def _iterate_weights(
 
 def are_weights_settled(reduction: Reduction, before: FloatArray, after: FloatArray) -> bool:
     """Return whether noise (n,) has stopped changing, or is no more than rounding of exact data."""
-    measured = [float(np.linalg.norm(equation.joint_factor[:, -1])) for equation in reduction.equations]
+    measured = [float(np.linalg.norm(equation.whole_factor[:, -1])) for equation in reduction.equations]
     rounding = _ROUNDING * np.array(measured) / np.sqrt(np.maximum(reduction.row_counts, 1.0))
     return bool(np.all(np.abs(after - before) <= np.maximum(WEIGHTS_SETTLED * before, rounding)))
 

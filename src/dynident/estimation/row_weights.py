@@ -1,4 +1,4 @@
-"""Weights of rows: of outliers in robust regression, and of rows at reversals by their noise.
+"""Weights of rows: of outliers in robust regression, and of a group of rows by its noise.
 
 Robust regression has weight functions by Huber and Tukey, and a scale that ignores outliers.
 Huber's function has one minimum whatever the first estimate, but a gross outlier still pulls with a constant force.
@@ -20,7 +20,7 @@ from dynident.estimation.factors import EquationFactors, Reduction
 from dynident.estimation.least_squares import EstimationError, weighted
 from dynident.estimation.prior_information import PriorInformation
 from dynident.estimation.qr import join_factors
-from dynident.estimation.rest_and_reversal_rows import ReversalRows
+from dynident.estimation.row_groups import WeightedRows
 
 # The usual constants, in standard deviations: an efficiency of 95 % where residuals are normal.
 _HUBER, _BISQUARE = 1.345, 4.685
@@ -81,11 +81,11 @@ _SETTLED = 0.01
 """Largest relative change of any noise in the last round: its effect is far below the estimates' own deviations."""
 
 
-def estimate_reversal_weights(reduction: Reduction, known: PriorInformation | None = None) -> FloatArray:
-    """Return the weights of rows at reversals: the variance of the other rows over theirs, 1 at most.
+def estimate_group_weights(reduction: Reduction, known: PriorInformation | None = None) -> FloatArray:
+    """Estimate the weights of rows with a weight of their own: the variance of the other rows over theirs, 1 at most.
 
     Both variances are residuals of the fit that weights all rows so. The weights are one where the equations do not
-    know their reversals, and where they cannot be solved: whoever solves them reports why.
+    know which rows these are, and where they cannot be solved: whoever solves them reports why.
 
     Parameters
     ----------
@@ -97,11 +97,11 @@ def estimate_reversal_weights(reduction: Reduction, known: PriorInformation | No
     Returns
     -------
     (n,) array
-        Weight of a squared residual at a reversal relative to one of the other rows, in (0, 1].
+        Weight of a squared residual of these rows relative to one of the other rows, in (0, 1].
     """
     weights = np.ones(len(reduction.equations))
     if not any(
-        equation.reversal_rows is not None and equation.reversal_rows.counts.any() for equation in reduction.equations
+        equation.weighted_rows is not None and equation.weighted_rows.counts.any() for equation in reduction.equations
     ):
         return weights
     # Blocks of time do not matter for the weights; one block makes every round cheaper.
@@ -109,7 +109,7 @@ def estimate_reversal_weights(reduction: Reduction, known: PriorInformation | No
     # Fixed point: weights give estimates, estimates give residuals of either kind of rows, and these give weights.
     for _ in range(_MOST_ROUNDS):
         try:
-            values = weighted(coarse.weight_reversals(weights), known).values
+            values = weighted(coarse.weight_groups(weights), known).values
         except EstimationError:
             return np.ones(len(weights))
         before, weights = weights, _compute_weights(coarse, values)
@@ -120,25 +120,25 @@ def estimate_reversal_weights(reduction: Reduction, known: PriorInformation | No
 
 
 def _merge_blocks(equation: EquationFactors) -> EquationFactors:
-    """Return the same equation in one block, all rows counting alike, without its rows at rest."""
+    """Return the same equation in one block, all rows counting alike, without its interval rows."""
     counts = np.array([equation.counts.sum()])
-    if equation.reversal_rows is None:
-        return EquationFactors(equation.columns, equation.joint_factor[None], counts)
-    turned = equation.reversal_rows
-    own = ReversalRows(turned.row_group.factor[None], np.array([turned.count]), join_factors(turned.others)[None])
+    if equation.weighted_rows is None:
+        return EquationFactors(equation.columns, equation.whole_factor[None], counts)
+    rows = equation.weighted_rows
+    own = WeightedRows(rows.row_group.factor[None], np.array([rows.count]), join_factors(rows.others)[None])
     return EquationFactors(equation.columns, own.weighted_factors, counts, None, own)
 
 
 def _compute_weights(coarse: Reduction, values: FloatArray) -> FloatArray:
-    """Return the ratio (n,) of the mean squared residual of the other rows to that at reversals, 1 at most."""
-    # With a weight of zero at reversals, only the squares of the other rows remain.
-    alike = compute_weighted_squares(coarse.weight_reversals(np.zeros(len(coarse.equations))), values)
+    """Return the ratio (n,) of the mean squared residual of the other rows to that of the weighted ones, 1 at most."""
+    # With a weight of zero for the group, only the squares of the other rows remain.
+    alike = compute_weighted_squares(coarse.weight_groups(np.zeros(len(coarse.equations))), values)
     weights = []
     for equation, squares in zip(coarse.equations, alike, strict=True):
-        turns = 0 if equation.reversal_rows is None else int(equation.reversal_rows.counts.sum())
-        others = int(equation.counts.sum()) - turns
-        own = 0.0 if equation.reversal_rows is None else equation.reversal_rows.sum_squares(values[equation.columns])
-        # One at most: rows at reversals are never better than the others, and a smaller residual there is chance.
-        has_both_kinds = turns and others and squares > 0.0
-        weights.append(min(1.0, (squares / others) / (own / turns)) if has_both_kinds and own > 0.0 else 1.0)
+        grouped = 0 if equation.weighted_rows is None else int(equation.weighted_rows.counts.sum())
+        others = int(equation.counts.sum()) - grouped
+        own = 0.0 if equation.weighted_rows is None else equation.weighted_rows.sum_squares(values[equation.columns])
+        # One at most: these rows are never better than the others, and a smaller residual of theirs is chance.
+        has_both_kinds = grouped and others and squares > 0.0
+        weights.append(min(1.0, (squares / others) / (own / grouped)) if has_both_kinds and own > 0.0 else 1.0)
     return np.array(weights)

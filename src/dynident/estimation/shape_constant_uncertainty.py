@@ -58,9 +58,9 @@ class LinearisedSolution:
     @property
     def parameter_statistics(self) -> Statistics:
         """Statistics of the parameters alone, the uncertainty of the constants included."""
-        b, joint_statistics = self.n_own, self.statistics
+        b, whole_statistics = self.n_own, self.statistics
         return replace(
-            joint_statistics, covariance=joint_statistics.covariance[:b, :b], freedom=joint_statistics.freedom[:b]
+            whole_statistics, covariance=whole_statistics.covariance[:b, :b], freedom=whole_statistics.freedom[:b]
         )
 
 

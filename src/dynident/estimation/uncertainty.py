@@ -94,7 +94,7 @@ def estimate_cluster_covariance(
     informations = _compute_informations(reduction, solution, root)
     if scores is None:
         scores = _compute_scores(reduction, solution) @ root
-    # A block in which all joints stood has no score. It would only raise the number of clusters.
+    # A block in which no equation has rows has no score. It would only raise the number of clusters.
     filled = find_occupied_blocks(reduction)
     scores, informations = scores[filled], informations[filled]
     count, size = scores.shape
@@ -125,7 +125,7 @@ def estimate_cluster_covariance(
 
 
 def find_occupied_blocks(reduction: Reduction) -> BoolArray:
-    """Return (s,): which blocks of time have any row in them; in the others all joints stood still."""
+    """Return (s,): which blocks of time have any row in them; the others are empty."""
     counts = [equation.counts for equation in reduction.equations if len(equation.counts)]
     return np.asarray(np.sum(counts, axis=0) > 0) if counts else np.zeros(reduction.n_blocks, dtype=bool)
 
@@ -388,7 +388,7 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
     meat = np.zeros((c, c))
     weights = noise**2 * counted / solution.noise**4
     for equation, weight in zip(reduction.equations, weights, strict=True):
-        w = equation.joint_factor[:, :-1]
+        w = equation.whole_factor[:, :-1]
         meat[np.ix_(equation.columns, equation.columns)] += weight * (w.T @ w)
     if solution.known is not None:
         # Rows of prior knowledge are in units of their own deviation, so their variance is one.

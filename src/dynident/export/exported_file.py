@@ -11,10 +11,11 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice, ReferenceParameters, Role, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, compute_moving_errors
+from dynident.estimation import Errors
 from dynident.export.feasible_completion import Completion, complete_parameters
 from dynident.export.summary import describe_effect
 from dynident.identification import Identification, reidentify
+from dynident.regressors.phase_errors import compute_moving_errors
 from dynident.robot.model import Robot
 from dynident.robot.pinocchio_model import compute_described_torque
 

@@ -410,7 +410,7 @@ def _describe_torque_difference(identification: Identification, values: FloatArr
     change = values - identification.values
     words = []
     for joint, equation in zip(identification.model.robot.joints, identification.data.training.equations, strict=True):
-        moved = equation.joint_factor[:, : len(equation.columns)] @ change[equation.columns]
+        moved = equation.whole_factor[:, : len(equation.columns)] @ change[equation.columns]
         rms = float(np.linalg.norm(moved)) / np.sqrt(max(float(equation.counts.sum()), 1.0))
         words.append(f"{joint.name} {rms:.3g} {joint.effort_unit}")
     return ", ".join(words)

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dynident.estimation import CovarianceName, PriorInformation, Solution, Statistics, estimate_reversal_weights
+from dynident.estimation import CovarianceName, PriorInformation, Solution, Statistics, estimate_group_weights
 from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.reduce_data import Data
 from dynident.identification.problem_options import DescriptionTrust
@@ -106,8 +106,6 @@ class Problem:
         trust = choices.trust
         known = build_prior(model, trust)
         weights = (
-            estimate_reversal_weights(data.torque, known)
-            if choices.weighs_turns
-            else np.ones(len(data.torque.equations))
+            estimate_group_weights(data.torque, known) if choices.weighs_turns else np.ones(len(data.torque.equations))
         )
         return cls(model, data.weighing_turns(weights), known, choices.covariance, trust)

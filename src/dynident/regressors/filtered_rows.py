@@ -10,7 +10,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.effects import ReferenceParameters, RunSignal
 from dynident.effects.hysteresis_states import MemoryStates
-from dynident.estimation import Reduction, merge_phase_equations
+from dynident.estimation import Reduction, merge_row_groups
 from dynident.parallel import prefetch
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
@@ -419,7 +419,7 @@ def reduce_recordings(
         3 if splits_phases else 1
     )
     reduction = accumulate_equations(rows_of, columns, observation.n_columns, recordings, progress, keeps_rest_rows)
-    return merge_phase_equations(reduction) if splits_phases else reduction
+    return merge_row_groups(reduction) if splits_phases else reduction
 
 
 @dataclass(frozen=True, eq=False)

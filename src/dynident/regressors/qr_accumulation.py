@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.estimation import FactorAccumulator, Reduction, RestRowAccumulator, concatenate_reductions
+from dynident.estimation import FactorAccumulator, IntervalRowAccumulator, Reduction, concatenate_reductions
 from dynident.parallel import map_in_threads, map_sequentially
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
@@ -162,7 +162,7 @@ class EquationAccumulator:
     def __call__(self, recording: Recording, progress: Progress) -> Reduction:
         """Return the factors of a recording."""
         accumulator = FactorAccumulator(self.columns, self.n_columns, self.stretch)
-        rest_accumulators = [RestRowAccumulator(len(own)) for own in self.columns] if self.beside else []
+        rest_accumulators = [IntervalRowAccumulator(len(own)) for own in self.columns] if self.beside else []
         segment, start = -1, recording.segments[0].start_time
         duration = recording.n_samples * recording.period
         for part in self.rows_of(recording):
@@ -178,11 +178,11 @@ class EquationAccumulator:
         return _attach_rest_rows(accumulator.finish(), rest_accumulators)
 
 
-def _attach_rest_rows(reduction: Reduction, rest_accumulators: Sequence[RestRowAccumulator]) -> Reduction:
+def _attach_rest_rows(reduction: Reduction, rest_accumulators: Sequence[IntervalRowAccumulator]) -> Reduction:
     """Return the reduction with the rows at rest of every equation."""
     if not rest_accumulators:
         return reduction
     equations = tuple(
-        replace(e, rest_rows=b.finish()) for e, b in zip(reduction.equations, rest_accumulators, strict=True)
+        replace(e, separate_rows=b.finish()) for e, b in zip(reduction.equations, rest_accumulators, strict=True)
     )
     return replace(reduction, equations=equations)

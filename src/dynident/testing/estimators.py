@@ -58,14 +58,14 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
     data = _reduce_data(start, trial)
     problem = _build_problem(start, chosen, data)
     # Factors are shared by all estimators of a comparison: one that changes them would spoil the others.
-    rows_before = [equation.joint_factor.copy() for equation in data.equations.equations]
+    rows_before = [equation.whole_factor.copy() for equation in data.equations.equations]
     fit = estimator.solve(problem)
     report = [
         _check_values(start.model, fit, data, _compute_true_parameters(start.model, trial)),
         _check_statistics(start.model, fit),
     ]
     changed = [
-        not np.array_equal(a, e.joint_factor) for a, e in zip(rows_before, data.equations.equations, strict=True)
+        not np.array_equal(a, e.whole_factor) for a, e in zip(rows_before, data.equations.equations, strict=True)
     ]
     require(not any(changed), "the estimator has changed the data that it was given")
     again = estimator.solve(problem)
@@ -106,7 +106,7 @@ def _check_values(model: Model, fit: Fit, data: Data, truth: FloatArray) -> str:
     require(np.isfinite(values).all(), "some estimates are not finite")
     squares = whole = 0.0
     for equation in data.torque.equations:
-        rows, k = equation.joint_factor, len(equation.columns)
+        rows, k = equation.whole_factor, len(equation.columns)
         squares += float(np.linalg.norm(rows[:, :k] @ (values - truth)[equation.columns]) ** 2)
         whole += float(np.linalg.norm(rows[:, k]) ** 2)
     off = float(np.sqrt(squares / whole))

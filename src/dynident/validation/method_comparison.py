@@ -11,14 +11,7 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
-from dynident.estimation import (
-    Errors,
-    Reduction,
-    compute_errors,
-    compute_moving_errors,
-    compute_relative_change,
-    select_judged_errors,
-)
+from dynident.estimation import Errors, Reduction, compute_errors, compute_relative_change
 from dynident.identification import Identification
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.reduce_data import Data, reduce_to_rows, reduce_torque
@@ -27,6 +20,7 @@ from dynident.identification.problem_options import ModelName
 from dynident.identification.strategies.dispatch import solve_by_strategy
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
+from dynident.regressors.phase_errors import compute_moving_errors, select_judged_errors
 from dynident.validation.outcome import ValidationOutcome
 from dynident.validation.request import Method, available_methods
 
@@ -266,9 +260,9 @@ def _compute_torque_deviation(reduction: Reduction, covariance: FloatArray) -> f
     for equation in reduction.equations:
         k = len(equation.columns)
         # The factor stands for all rows: W C Wᵀ and R C Rᵀ have the same trace.
-        w = equation.joint_factor[:, :k]
+        w = equation.whole_factor[:, :k]
         squares += float(np.einsum("ij,jk,ik->", w, covariance[np.ix_(equation.columns, equation.columns)], w))
-        measured += float(equation.joint_factor[:, k] @ equation.joint_factor[:, k])
+        measured += float(equation.whole_factor[:, k] @ equation.whole_factor[:, k])
     return float(np.sqrt(max(squares, 0.0) / measured)) if measured > 0 else 0.0
 
 

@@ -9,12 +9,13 @@ import numpy as np
 
 from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, compute_errors_by_phase, select_judged_errors
+from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.equations.reduce_data import reduce_torque
 from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, OVERFIT
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
+from dynident.regressors.phase_errors import compute_errors_by_phase, select_judged_errors
 from dynident.schema.fields import check_value
 from dynident.validation.outcome import ValidationOutcome
 from dynident.validation.request import LimitedTrial

@@ -10,7 +10,6 @@ import numpy as np
 
 from dynident.effects import LINKS
 from dynident.errors import DynidentError
-from dynident.estimation import compute_moving_errors
 from dynident.identification.estimators.feasible import find_nearest_feasible
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
 from dynident.identification.study.identifying import describe_slow_motion
@@ -22,6 +21,7 @@ from dynident.identification.thresholds import (
     NOTABLE_DRIFT,
     NOTABLE_OF_JOINT,
 )
+from dynident.regressors.phase_errors import compute_moving_errors
 from dynident.validation.simulation import AFTER, Drift, compute_open_loop_drift
 from dynident.verdict.detectable_loads import FALSE_ALARMS_AN_HOUR, FEWEST_BLOCKS, SEEN, DetectableForce
 from dynident.verdict.evidence import HeldOutEvidence

@@ -1,4 +1,4 @@
-"""`dynident serve`."""
+"""`dynident serve` and `dynident mcp`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from dynident_service.cli.files import READABLE_FOLDER
 
 
 def serve(
@@ -27,3 +29,18 @@ def serve(
 
     options = {"host": host, "port": port, "data_dir": data_dir, "workers": workers}
     run(load_settings(**{name: value for name, value in options.items() if value is not None}))
+
+
+def mcp(
+    folder: Annotated[
+        Path,
+        typer.Option(
+            "--folder", metavar="DIR", help="The folder whose files the agent may use; nothing outside of it."
+        ),
+        READABLE_FOLDER,
+    ],
+) -> None:
+    """Serve the library's functions to an agent, by the Model Context Protocol over stdin and stdout."""
+    from dynident_service.agents.server import serve_folder
+
+    serve_folder(folder)

@@ -462,5 +462,5 @@ def _find_nonzero_columns(reduction: Reduction) -> IndexArray:
     """Return the columns that are not zero: a change on the day that is left out has none on the others."""
     size = np.zeros(reduction.n_columns)
     for equation in reduction.equations:
-        size[equation.columns] += np.linalg.norm(equation.joint_factor[:, :-1], axis=0)
+        size[equation.columns] += np.linalg.norm(equation.whole_factor[:, :-1], axis=0)
     return np.flatnonzero(size > 0)

@@ -76,7 +76,7 @@ def build_earlier_rows(
         k = len(equation.columns)
         # A joint's equation has some of the columns only. The last column of its factor is the torque, which a design
         # does not use.
-        rows[: k + 1, joint, equation.columns] = equation.joint_factor[:, :k]
+        rows[: k + 1, joint, equation.columns] = equation.whole_factor[:, :k]
     seconds = sum(compute_used_duration(recording) for recording in recordings)
     per_second = reduction.n_rows / n / seconds
     equivalent_rows: FloatArray = rows.reshape(-1, b) / np.sqrt(compute_planned_seconds(request) * per_second)

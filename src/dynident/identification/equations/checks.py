@@ -54,7 +54,7 @@ def find_undetermined_parameters(
 def _get_row_unit(equation: EquationFactors, known: PriorInformation | None) -> float:
     """Return the unit that rows are counted in: 1 N m where nothing stands beside them, else the size of the torque."""
     # Rms of the torque: the norm of its column of the factor over the root of the number of rows.
-    size = float(np.linalg.norm(equation.joint_factor[:, -1])) / max(float(equation.counts.sum()), 1.0) ** 0.5
+    size = float(np.linalg.norm(equation.whole_factor[:, -1])) / max(float(equation.counts.sum()), 1.0) ** 0.5
     return 1.0 if known is None or size == 0 else size
 
 
@@ -242,7 +242,7 @@ def check_torque(model: Model, torque: Reduction) -> None:
     dead = [
         name
         for name, equation in zip(model.robot.joint_names, torque.equations, strict=True)
-        if equation.joint_factor[:, :-1].any() and not equation.joint_factor[:, -1].any()
+        if equation.whole_factor[:, :-1].any() and not equation.whole_factor[:, -1].any()
     ]
     if dead:
         raise EstimationError(
@@ -276,7 +276,7 @@ def check_reduction(model: Model, reduction: Reduction, known: PriorInformation 
             pointer="/measurement_ids",
             title="Too few samples",
         )
-    if not any(equation.joint_factor[:, -1].any() for equation in reduction.equations):
+    if not any(equation.whole_factor[:, -1].any() for equation in reduction.equations):
         raise EstimationError(
             "the torque is zero everywhere: it was not recorded, or the motors were off. From a robot that swings "
             "freely only ratios can be identified, inertia and friction over "

@@ -54,11 +54,11 @@ class Data:
     @property
     def reversal_weights(self) -> FloatArray:
         """Weights (n,) of the rows at reversals; 1 for a joint whose reversals are not told apart."""
-        return np.array([1.0 if e.reversal_rows is None else e.reversal_rows.weight for e in self.torque.equations])
+        return np.array([1.0 if e.weighted_rows is None else e.weighted_rows.weight for e in self.torque.equations])
 
     def weighing_turns(self, weights: FloatArray) -> Data:
         """Return the same data with these weights (n,) of the rows at reversals."""
-        torque = self.torque.weight_reversals(weights)
+        torque = self.torque.weight_groups(weights)
         # The dynamic model's equations are the torques, and stay the same object: others test for that.
         return replace(self, torque=torque, equations=torque if self.equations is self.torque else self.equations)
 
@@ -225,7 +225,7 @@ class ReducedData:
     def has_equal_weights(self) -> bool:
         """Whether the equations are rows of the joints' torques, of which none counts for less than others."""
         reversals = [
-            equation.reversal_rows for equation in self.training.equations if equation.reversal_rows is not None
+            equation.weighted_rows for equation in self.training.equations if equation.weighted_rows is not None
         ]
         return self.is_fitted_to_torque and all(rows.weight == 1.0 for rows in reversals)
 

@@ -201,7 +201,7 @@ def _identify_current(
     own = select_joints(training, (joint,)).select_columns(kept_columns)
     name = model.robot.joint_names[joint]
     # A column of zeros would be fitted perfectly by zeros.
-    if not own.equations[joint].joint_factor[:, -1].any():
+    if not own.equations[joint].whole_factor[:, -1].any():
         raise DynidentError(f"the current of {name} is zero everywhere", pointer="/measurement_ids", title="No current")
     solution = weighted(own)
     certainty = statistics(own, solution)

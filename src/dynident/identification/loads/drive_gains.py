@@ -393,13 +393,13 @@ def _compute_start(reduction: Reduction, fixed: FloatArray, free: IndexArray) ->
     for j, equation in enumerate(reduction.equations):
         k = len(equation.columns)
         # An equation that is exact would get an infinite weight.
-        noise = max(equation.own_noise, 1e-9 * float(np.abs(equation.joint_factor).max()))
+        noise = max(equation.own_noise, 1e-9 * float(np.abs(equation.whole_factor).max()))
         # One column for the torque of each joint, so that every joint has a factor of its own; one for the known
         # payload.
         wide = np.zeros((k + 1, c + 1 + n))
-        wide[:, equation.columns] = equation.joint_factor[:, :k]
-        wide[:, c] = equation.joint_factor[:, :k] @ fixed[equation.columns]
-        wide[:, c + 1 + j] = -equation.joint_factor[:, k]
+        wide[:, equation.columns] = equation.whole_factor[:, :k]
+        wide[:, c] = equation.whole_factor[:, :k] @ fixed[equation.columns]
+        wide[:, c + 1 + j] = -equation.whole_factor[:, k]
         parts.append(wide / noise)
     rows = np.vstack(parts)[:, [*free, *range(c, c + 1 + n)]]
     sizes = np.linalg.norm(rows, axis=0)
@@ -444,7 +444,7 @@ def _compute_contributions(reduction: Reduction, noise: FloatArray, row: FloatAr
 
     def compute_share(equation: EquationFactors, sigma: float) -> float:
         k = len(equation.columns)
-        score = equation.joint_factor[:, :k].T @ equation.joint_factor[:, k] / sigma**2
+        score = equation.whole_factor[:, :k].T @ equation.whole_factor[:, k] / sigma**2
         return float(row[equation.columns] @ score)
 
     return np.array([compute_share(e, float(s)) for e, s in zip(reduction.equations, noise, strict=True)])

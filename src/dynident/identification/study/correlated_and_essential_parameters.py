@@ -17,7 +17,6 @@ from dynident.estimation import (
     Solution,
     Statistics,
     compute_errors,
-    compute_moving_errors,
     eliminate_parameters,
     solve,
     statistics,
@@ -34,6 +33,7 @@ from dynident.identification.choices import EssentialChoices
 from dynident.identification.shape_constants import linearise_shapes
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
 from dynident.identification.study.result import Estimate, Identification
+from dynident.regressors.phase_errors import compute_moving_errors
 from dynident.schema.fields import check_value
 
 MOST_SENTENCES = 10

@@ -298,7 +298,7 @@ def finalise_identification(
     # Columns of the shape constants are derivatives of the torque, so they need the parameters that were just found.
     with_shapes = None if shaped is None else shaped(values)
     if with_shapes is not None:
-        with_shapes = with_shapes.weight_reversals(data.reversal_weights)
+        with_shapes = with_shapes.weight_groups(data.reversal_weights)
     looked = None if with_shapes is None else _linearise_shapes(problem, fitted, with_shapes)
     if model.is_at_rest:
         # Of the inertia matrix poses say nothing, so that what it is made of must not be judged.

@@ -5,15 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import get_effect
-from dynident.estimation import Reduction, compute_errors_by_phase, compute_moving_errors
+from dynident.estimation import Reduction
 from dynident.estimation.errors import compute_evenness, compute_t
 from dynident.identification.study.result import Identification
+from dynident.regressors.phase_errors import (
+    FittedPhase,
+    compute_errors_by_phase,
+    compute_moving_errors,
+    compute_phase_squares,
+)
 from dynident.regressors.row_phases import remembers_path, shows_at_starts
 
 SURE_T, _CHANCE = 2.0, 1.0
@@ -35,7 +40,7 @@ _FEWEST = 4
 _ROUNDING = 1.0 + 1e-6
 """Errors that differ by less are the same: what is added and removed again leaves so much."""
 
-ClaimedRows = Literal["moving", "reversing", "starting"]
+ClaimedRows = FittedPhase
 """Rows that an effect claims to explain: those where joints move; for friction that remembers the path, reversals as
 well; for friction at low speed, starts as well."""
 
@@ -222,11 +227,8 @@ class _StepComparison:
 
     def compute_block_drops(self, rows: ClaimedRows) -> FloatArray:
         """Return the drop of the squared error of every joint and block (n, s), in units of the joint's noise."""
-        drops = [
-            (equation.sum_phase_squares(rows, self.before) - equation.sum_phase_squares(rows, self.after)) / sigma**2
-            for equation, sigma in zip(self.data.equations, self.noise, strict=True)
-        ]
-        return np.array(drops)
+        before, after = (compute_phase_squares(self.data, values, rows) for values in (self.before, self.after))
+        return np.asarray((before - after) / self.noise[:, None] ** 2)
 
 
 def _list_worse_joints(grown: Identification) -> list[str]:

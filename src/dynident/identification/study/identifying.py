@@ -21,7 +21,7 @@ from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.effects import LINKS, EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, estimate_reversal_weights, weighted
+from dynident.estimation import EstimationError, estimate_group_weights, weighted
 from dynident.estimation.errors import compute_fitted_errors
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.description_prior import build_prior
@@ -278,7 +278,7 @@ def prepare_effects(
     prior = build_prior(first, choices.trust)
     check_reduction(first, reduction, prior)
     if choices.weighs_turns:
-        reduction = reduction.weight_reversals(estimate_reversal_weights(reduction, prior))
+        reduction = reduction.weight_groups(estimate_group_weights(reduction, prior))
     reference = first.build_reference(weighted(reduction, prior).values)
     # Their constants are searched beside the first model, with loads that it predicts.
     others = tuple(choice for choice in effects if choice not in plain)

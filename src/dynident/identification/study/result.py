@@ -24,10 +24,8 @@ from dynident.estimation import (
     Statistics,
     compute_condition_number,
     compute_equilibrated_condition_number,
-    compute_moving_errors,
     compute_row_noise,
     count_effective_rows,
-    select_judged_errors,
 )
 from dynident.estimation.least_squares import floor_noise
 from dynident.estimation.uncertainty import find_prior_dominated
@@ -38,6 +36,7 @@ from dynident.identification.standard_parameters import StandardParameters
 from dynident.identification.thresholds import ParameterJudgement, judge_parameter
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
+from dynident.regressors.phase_errors import compute_moving_errors, select_judged_errors
 from dynident.regressors.row_cache import CachedRows
 
 _EXACT = 1e-12

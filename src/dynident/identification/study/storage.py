@@ -18,13 +18,14 @@ from dynident.estimation import (
     BlockRows,
     EquationFactors,
     Errors,
+    IntervalRows,
     PriorInformation,
     Reduction,
-    RestRows,
-    ReversalRows,
     RowGroup,
+    SeparateRows,
     Solution,
     Statistics,
+    WeightedRows,
     compute_row_freedom,
 )
 from dynident.identification.choices import USUAL_SHARE, IdentificationChoices
@@ -50,7 +51,7 @@ from dynident.robot import Robot
 from dynident.robot.document import robot_from_document, robot_to_document
 from dynident.schema.registry import kind_to_document
 
-_REST_FIELDS = ("upper", "lower", "y", "weights")
+_INTERVAL_FIELDS = ("upper", "lower", "y", "weights")
 
 
 def to_bytes(identification: Identification) -> bytes:
@@ -344,40 +345,41 @@ def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> N
         # Only the rows apart from the reversals are stored; with the rows at reversals they give the whole factor
         # again.
         size = equation.factors.shape[-1]
-        turned = equation.reversal_rows
-        factors = equation.factors if turned is None else turned.others
+        weighted = equation.weighted_rows
+        factors = equation.factors if weighted is None else weighted.others
         arrays[f"{name}_{j}_factors"] = factors[:, *np.triu_indices(size)]
         arrays[f"{name}_{j}_counts"] = equation.counts
-        if turned is not None:
-            parts = {"rows": turned.rows, "counts": turned.counts, "weight": np.array(turned.weight)}
+        # The files name groups by what makes them: rows "turned" are those at reversals, those "beside" are at rest.
+        if weighted is not None:
+            parts = {"rows": weighted.rows, "counts": weighted.counts, "weight": np.array(weighted.weight)}
             arrays |= {f"{name}_{j}_turned_{part}": array for part, array in parts.items()}
-        if equation.rest_rows is not None:
-            _put_rest_rows(arrays, f"{name}_{j}_beside", equation.rest_rows)
+        if equation.separate_rows is not None:
+            _put_separate_rows(arrays, f"{name}_{j}_beside", equation.separate_rows)
 
 
-def _put_rest_rows(arrays: dict[str, Any], name: str, rest_rows: RestRows) -> None:
-    if rest_rows.turning is not None:
-        factor = rest_rows.turning.factor
+def _put_separate_rows(arrays: dict[str, Any], name: str, rows: SeparateRows) -> None:
+    if rows.fixed is not None:
+        factor = rows.fixed.factor
         arrays[f"{name}_turning"] = factor[*np.triu_indices(len(factor))]
-        arrays[f"{name}_n_turning"] = np.array(rest_rows.turning.count)
-    arrays[f"{name}_starting_rows"] = rest_rows.starting.rows
-    arrays[f"{name}_starting_counts"] = rest_rows.starting.counts
-    for part in _REST_FIELDS:
-        arrays[f"{name}_{part}"] = getattr(rest_rows, part)
+        arrays[f"{name}_n_turning"] = np.array(rows.fixed.count)
+    arrays[f"{name}_starting_rows"] = rows.counted.rows
+    arrays[f"{name}_starting_counts"] = rows.counted.counts
+    for field in _INTERVAL_FIELDS:
+        arrays[f"{name}_{field}"] = getattr(rows.interval, field)
 
 
-def _read_rest_rows(arrays: Mapping[str, Any], name: str, size: int) -> RestRows | None:
+def _read_separate_rows(arrays: Mapping[str, Any], name: str, size: int) -> SeparateRows | None:
     if f"{name}_starting_rows" in arrays:
-        starting = BlockRows(arrays[f"{name}_starting_rows"], arrays[f"{name}_starting_counts"])
+        counted = BlockRows(arrays[f"{name}_starting_rows"], arrays[f"{name}_starting_counts"])
     elif f"{name}_partial" in arrays:  # of formats up to 3, which did not keep these rows by blocks of time
         partial = _read_factor(arrays, f"{name}_partial", f"{name}_n_partial", size)
-        starting = BlockRows(partial.factor[None], np.array([partial.count]))
+        counted = BlockRows(partial.factor[None], np.array([partial.count]))
     else:
         return None
-    turning = None
+    fixed = None
     if f"{name}_turning" in arrays:  # of formats up to 3, in data that is not weighted
-        turning = _read_factor(arrays, f"{name}_turning", f"{name}_n_turning", size)
-    return RestRows(turning, starting, *(arrays[f"{name}_{part}"] for part in _REST_FIELDS))
+        fixed = _read_factor(arrays, f"{name}_turning", f"{name}_n_turning", size)
+    return SeparateRows(fixed, counted, IntervalRows(*(arrays[f"{name}_{field}"] for field in _INTERVAL_FIELDS)))
 
 
 def _read_factor(arrays: Mapping[str, Any], factor: str, count: str, size: int) -> RowGroup:
@@ -393,15 +395,15 @@ def _read_reduction(arrays: Mapping[str, Any], name: str) -> Reduction:
 def _read_equation(arrays: Mapping[str, Any], name: str) -> EquationFactors:
     columns, counts = arrays[f"{name}_columns"], arrays[f"{name}_counts"]
     size = len(columns) + 1
-    factors, rest_rows = (
+    factors, separate_rows = (
         _unpack_triangles(arrays[f"{name}_factors"], size),
-        _read_rest_rows(arrays, f"{name}_beside", size),
+        _read_separate_rows(arrays, f"{name}_beside", size),
     )
     if f"{name}_turned_rows" not in arrays:  # of a version that did not tell them apart
-        return EquationFactors(columns, factors, counts, rest_rows)
+        return EquationFactors(columns, factors, counts, separate_rows)
     rows, own = arrays[f"{name}_turned_rows"], arrays[f"{name}_turned_counts"]
-    turned = ReversalRows(rows, own, factors, float(arrays[f"{name}_turned_weight"]))
-    return EquationFactors(columns, turned.weighted_factors, counts, rest_rows, turned)
+    weighted = WeightedRows(rows, own, factors, float(arrays[f"{name}_turned_weight"]))
+    return EquationFactors(columns, weighted.weighted_factors, counts, separate_rows, weighted)
 
 
 def _unpack_triangles(packed: FloatArray, size: int) -> FloatArray:

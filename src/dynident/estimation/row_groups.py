@@ -1,18 +1,15 @@
-"""Rows of an equation that are counted separately: at rest, next to a halt, and at reversals.
+"""Groups of rows of an equation that are weighted or counted by themselves, and rows that state an interval.
 
-An equation of dry friction holds only while its joint moves, or reverses in one sweep. Where the joint stands still it
-becomes two inequalities: the torque lies between what the model predicts for either direction of friction. Rows that
-hold both a halt and motion next to it are equations of that motion.
-
-At a reversal dry friction changes its sign. A model in which it jumps is wrong by many times the noise: the instant is
-known only within some milliseconds, and real friction does not jump. A few of these rows may outweigh all others where
-the motion is small, so they have a noise of their own, and a weight from it.
+Which rows form a group, and why, is known to whoever makes the rows. There are three kinds. *Weighted* rows take part
+in the fit with a weight of their own, because their noise is not that of the others: a few noisy rows could outweigh
+all others. *Counted* rows take part in the fit like all others, and their residual is also known by itself. *Interval*
+rows take no part in the fit: each says that Y lies between the predictions of two rows of W.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
@@ -93,19 +90,19 @@ class BlockRows:
 
 
 @dataclass(frozen=True, eq=False)
-class ReversalRows(BlockRows):
-    """Rows of one equation at reversals, which may be weighted, and the factors of its other rows.
+class WeightedRows(BlockRows):
+    """Rows of one equation that have a weight of their own, and the factors of its other rows.
 
     Parameters
     ----------
     rows : (s, k, p + 1)
-        Of the rows at reversals.
+        Rows of the group, without their weight.
     counts : (s,)
-        Number of rows at reversals.
+        Number of rows of the recording in the group.
     others : (s, p + 1, p + 1)
-        Factors of [W | Y] of all rows but those at reversals.
+        Factors of [W | Y] of all rows but those of the group.
     weight : float
-        Weight of a squared residual at a reversal relative to one of the other rows.
+        Weight of a squared residual of the group relative to one of the other rows.
     """
 
     others: FloatArray
@@ -119,21 +116,21 @@ class ReversalRows(BlockRows):
         # The weight is that of squares; rows take its root.
         return pad_to_square(compute_r_factor(np.concatenate([self.others, np.sqrt(self.weight) * self.rows], axis=1)))
 
-    def select(self, picked: Sequence[int]) -> ReversalRows:
+    def select(self, picked: Sequence[int]) -> WeightedRows:
         """Return the same rows with only these of the p + 1 columns."""
         return self._replace_rows(self.others[:, :, picked], self.rows[:, :, picked])
 
-    def combine_columns(self, change: FloatArray) -> ReversalRows:
+    def combine_columns(self, change: FloatArray) -> WeightedRows:
         """Return the same rows with combined columns: [W | Y] change (p + 1, p' + 1)."""
         return self._replace_rows(self.others @ change, self.rows @ change)
 
     @classmethod
-    def join(cls, parts: Sequence[ReversalRows]) -> ReversalRows:
+    def join(cls, parts: Sequence[WeightedRows]) -> WeightedRows:
         """Concatenate the blocks of several recordings, every row with a weight of 1."""
         rows = BlockRows.from_parts(parts)
         return cls(rows.rows, rows.counts, np.concatenate([part.others for part in parts]))
 
-    def _replace_rows(self, others: FloatArray, rows: FloatArray) -> ReversalRows:
+    def _replace_rows(self, others: FloatArray, rows: FloatArray) -> WeightedRows:
         return replace(
             self,
             others=pad_to_square(compute_r_factor(others)) if len(others) else _make_empty_factors(rows),
@@ -145,9 +142,8 @@ def _make_empty_factors(rows: FloatArray) -> FloatArray:
     return np.zeros((0, rows.shape[-1], rows.shape[-1]))
 
 
-MOST_REST_ROWS = 1000
-"""Largest number of rows at rest that are kept of one equation of a recording. Of more, every so many-th row is kept.
-"""
+MOST_INTERVAL_ROWS = 1000
+"""Largest number of interval rows that are kept of one equation of a recording. Of more, every so many-th is kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,59 +187,84 @@ class RowGroup:
 
 
 @dataclass(frozen=True, eq=False)
-class RestRows:
-    """What one equation with p columns has besides the rows that only count while its joint moves.
+class IntervalRows:
+    """Rows of one equation with p columns that say that Y lies between two predictions; they take no part in the fit.
 
     Parameters
     ----------
-    turning : RowGroup or None
-        Rows at reversals of the joint, which take part in the fit; None where the equation keeps them by blocks of time
-        (`ReversalRows`).
-    starting : BlockRows
-        Rows next to a halt, of the motion in them alone. They take part in the fit.
     upper, lower : (m, p)
-        Rows of W at rest, with the friction of either direction.
+        The two rows of W of each; which of them predicts more depends on the parameters.
     y : (m,)
-        What was measured there.
+        What was measured.
     weights : (m,)
         Number of rows that each of these rows stands for.
     """
 
-    turning: RowGroup | None
-    starting: BlockRows
     upper: FloatArray
     lower: FloatArray
     y: FloatArray
     weights: FloatArray
 
-    def sum_standing_squares(self, values: FloatArray) -> float:
-        """Return the weighted sum of squared distances of y at rest to the friction band of parameters (p,)."""
+    def sum_squares(self, values: FloatArray) -> float:
+        """Return the weighted sum of squared distances of y to the intervals of parameters (p,)."""
         return float(self.weights @ compute_band_distance(self.y, self.lower @ values, self.upper @ values) ** 2)
 
     @property
-    def standing_measured_squares(self) -> float:
-        """Sum of squared Y at rest."""
+    def measured_squares(self) -> float:
+        """Sum of squared Y."""
         return float(self.weights @ self.y**2)
 
     @property
-    def n_standing(self) -> float:
-        """Number of rows at rest."""
+    def count(self) -> float:
+        """Number of rows that these stand for."""
         return float(self.weights.sum())
 
-    def select(self, places: Sequence[int]) -> RestRows:
+    def select(self, picked: Sequence[int]) -> IntervalRows:
+        """Return the same rows with only the columns `picked`."""
+        return replace(self, upper=self.upper[:, picked], lower=self.lower[:, picked])
+
+    def combine_columns(self, change: FloatArray) -> IntervalRows:
+        """Return the same rows with combined columns of W: W change, with change (p, p')."""
+        return replace(self, upper=self.upper @ change, lower=self.lower @ change)
+
+    @classmethod
+    def from_parts(cls, parts: Sequence[IntervalRows]) -> IntervalRows:
+        """Join the rows of several recordings."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+
+
+@dataclass(frozen=True, eq=False)
+class SeparateRows:
+    """Rows of one equation with p columns that are counted by themselves.
+
+    Parameters
+    ----------
+    fixed : RowGroup or None
+        Rows in the fit whose weight can no longer be changed; None where the equation keeps them by blocks of time
+        (`WeightedRows`).
+    counted : BlockRows
+        Further rows in the fit, which weigh as much as all others.
+    interval : IntervalRows
+        Rows that are not in the fit.
+    """
+
+    fixed: RowGroup | None
+    counted: BlockRows
+    interval: IntervalRows
+
+    def select(self, places: Sequence[int]) -> SeparateRows:
         """Return the same rows with only the columns at `places`."""
         picked = list(places)
-        turning = None if self.turning is None else self.turning.select(picked)
-        upper, lower = self.upper[:, picked], self.lower[:, picked]
-        return replace(self, turning=turning, starting=self.starting.select([*picked, -1]), upper=upper, lower=lower)
+        fixed = None if self.fixed is None else self.fixed.select(picked)
+        return SeparateRows(fixed, self.counted.select([*picked, -1]), self.interval.select(picked))
 
-    def combine_columns(self, change: FloatArray) -> RestRows:
+    def combine_columns(self, change: FloatArray) -> SeparateRows:
         """Return the same rows with combined columns: [W | Y] change (p + 1, p' + 1), where Y must stay as it is."""
-        # Rows at rest keep W and y apart, because the band needs both: only the columns of W are combined.
-        column_change = change[:-1, :-1]
-        turning = None if self.turning is None else self.turning.combine_columns(change)
-        upper, lower = self.upper @ column_change, self.lower @ column_change
-        return replace(self, turning=turning, starting=self.starting.combine_columns(change), upper=upper, lower=lower)
+        fixed = None if self.fixed is None else self.fixed.combine_columns(change)
+        # Interval rows keep W and y apart, because the interval needs both: only the columns of W are combined.
+        return SeparateRows(
+            fixed, self.counted.combine_columns(change), self.interval.combine_columns(change[:-1, :-1])
+        )
 
 
 def compute_band_distance(y: FloatArray, first_bound: FloatArray, second_bound: FloatArray) -> FloatArray:
@@ -262,25 +283,22 @@ def compute_band_distance(y: FloatArray, first_bound: FloatArray, second_bound: 
     return np.asarray(y - np.clip(y, np.minimum(first_bound, second_bound), np.maximum(first_bound, second_bound)))
 
 
-def join_rest_rows(parts: Sequence[RestRows | None]) -> RestRows | None:
-    """Join the rows at rest and at reversals of several recordings; None where one recording does not have them."""
-    # If one recording did not collect its rows at rest, the errors at rest of all of them together are not known.
+def join_separate_rows(parts: Sequence[SeparateRows | None]) -> SeparateRows | None:
+    """Join the rows of several recordings that are counted separately; None where one recording does not have them."""
+    # If one recording did not collect them, their errors over all recordings together are not known.
     known = [part for part in parts if part is not None]
     if len(known) < len(parts) or not known:
         return None
-    turning = [part.turning for part in known if part.turning is not None]
-    return RestRows(
-        turning=RowGroup.from_parts(turning) if len(turning) == len(known) else None,
-        starting=BlockRows.from_parts([part.starting for part in known]),
-        upper=np.concatenate([part.upper for part in known]),
-        lower=np.concatenate([part.lower for part in known]),
-        y=np.concatenate([part.y for part in known]),
-        weights=np.concatenate([part.weights for part in known]),
+    fixed = [part.fixed for part in known if part.fixed is not None]
+    return SeparateRows(
+        RowGroup.from_parts(fixed) if len(fixed) == len(known) else None,
+        BlockRows.from_parts([part.counted for part in known]),
+        IntervalRows.from_parts([part.interval for part in known]),
     )
 
 
-class RestRowAccumulator:
-    """Collects the rows at rest of one equation, as they come.
+class IntervalRowAccumulator:
+    """Collects the interval rows of one equation, as they come.
 
     Parameters
     ----------
@@ -293,24 +311,24 @@ class RestRowAccumulator:
         self._parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
 
     def push(self, upper: FloatArray, lower: FloatArray, y: FloatArray) -> None:
-        """Add rows at rest.
+        """Add rows.
 
         Parameters
         ----------
         upper, lower : (m, p)
-            Rows of W with the friction of either direction.
+            The two rows of W of each.
         y : (m,)
-            What was measured there.
+            What was measured.
         """
         if len(y):
             self._parts.append((upper, lower, y))
 
-    def finish(self) -> RestRows:
-        """Return all rows that were collected, thinned to at most `MOST_REST_ROWS` at rest."""
+    def finish(self) -> SeparateRows:
+        """Return all rows that were collected, thinned to at most `MOST_INTERVAL_ROWS`."""
         parts = self._parts or [(np.zeros((0, self._p)), np.zeros((0, self._p)), np.zeros(0))]
         upper, lower, y = (np.concatenate(items) for items in zip(*parts, strict=True))
         # Ceiling division. The rows that stay count for the ones left out, so that sums over them keep their size.
-        stride = -(-len(y) // MOST_REST_ROWS) if len(y) else 1
+        stride = -(-len(y) // MOST_INTERVAL_ROWS) if len(y) else 1
         weights = np.full(len(y[::stride]), len(y) / max(len(y[::stride]), 1))
-        thinned = upper[::stride], lower[::stride], y[::stride]
-        return RestRows(None, BlockRows(np.zeros((0, 0, self._p + 1)), np.zeros(0, dtype=np.intp)), *thinned, weights)
+        interval = IntervalRows(upper[::stride], lower[::stride], y[::stride], weights)
+        return SeparateRows(None, BlockRows(np.zeros((0, 0, self._p + 1)), np.zeros(0, dtype=np.intp)), interval)
