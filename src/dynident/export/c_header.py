@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from dynident.encoding import encode_text
 from dynident.export.c_code import (
     SIGN_FUNCTION,
     format_c_number,
@@ -26,6 +25,7 @@ from dynident.export.summary import SIGNS, describe_identification, describe_ori
 from dynident.identification import Identification
 from dynident.identification.study.equation_of_motion import Argument, EquationOfMotion, build_equation_of_motion
 from dynident.robot.model import INERTIAL_NAMES
+from dynident.text_encoding import encode_text
 
 _SCALARS = ("time", "period")
 
