@@ -9,11 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dynident.identification.study.rigid_body_terms import (
-    compute_coriolis_matrix,
-    compute_gravity,
-    compute_mass_matrix,
-)
 from dynident.regressors.observation import FurtherSignals
 from support.exported_programs import MODELS, NAMES, TREE, run_signals
 from support.models_with_chosen_parameters import (
@@ -34,6 +29,11 @@ from dynident.export import to_c_header, to_cpp_header
 from dynident.export.c_header import list_functions
 from dynident.identification import Identification
 from dynident.identification.study.equation_of_motion import build_equation_of_motion
+from dynident.identification.study.prediction import (
+    compute_coriolis_matrix,
+    compute_gravity,
+    compute_mass_matrix,
+)
 
 STRICT = ("-O1", "-Wall", "-Wextra", "-Werror", "-pedantic")
 SANITIZERS = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
