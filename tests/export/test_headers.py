@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dynident.regressors.observation import FurtherSignals
 from support.exported_programs import MODELS, NAMES, TREE, run_signals
 from support.models_with_chosen_parameters import (
     PLAIN,
@@ -34,6 +33,7 @@ from dynident.identification.study.prediction import (
     compute_gravity,
     compute_mass_matrix,
 )
+from dynident.regressors.observation_matrix import FurtherSignals
 
 STRICT = ("-O1", "-Wall", "-Wextra", "-Werror", "-pedantic")
 SANITIZERS = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
