@@ -14,7 +14,6 @@ import pinocchio as pin
 
 from dynident.array_types import FloatArray
 from dynident.effects import get_role
-from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.estimation.uncertainty import NORMAL_95
 from dynident.export.exported_file import ExportedFile
@@ -23,6 +22,7 @@ from dynident.identification import Identification
 from dynident.robot.model import INERTIAL_NAMES
 from dynident.robot.urdf_writer import name_links
 from dynident.robot.xml_text import format_numbers
+from dynident.text_encoding import encode_text
 
 _TEN = len(INERTIAL_NAMES)
 _UPPER = np.triu_indices(3)
