@@ -63,7 +63,7 @@ html_theme_options = {"top_of_page_buttons": []}
 html_show_search_summary = False
 
 CONTENTS = {
-    "Begin": ["docs/tutorial", "docs/notebook", "docs/workbench", "docs/my-robot", "docs/concepts"],
+    "Begin": ["docs/tutorial", "docs/notebook", "docs/workbench", "docs/agents", "docs/my-robot", "docs/concepts"],
     "How to": sorted(f"docs/how-to/{page.stem}" for page in (ROOT / "docs" / "how-to").glob("*.md")),
     "In depth": [
         *(f"docs/{page}" for page in ("methods", "experiments", "surroundings", "drive-chain", "closed-loops")),

@@ -24,7 +24,7 @@ from dynident.reports.figures.ladder import draw_models
 from dynident.reports.figures.residuals import draw_residuals
 from dynident.reports.figures.signals import draw_torque
 from dynident_service.cli import inputs
-from dynident_service.cli.designs_and_virtual_robots import load_proposed_design
+from dynident_service.cli.design_and_simulation_files import load_proposed_design
 from dynident_service.cli.options import Reading
 
 HERE = Path(__file__).resolve().parent

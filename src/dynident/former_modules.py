@@ -88,6 +88,7 @@ MODULES = {
     "dynident.excitation.points.point_sequence": "dynident.excitation.point_sequence",
     "dynident.excitation.rehearsal": "dynident.excitation.design",
     "dynident.excitation.request_checks": "dynident.excitation.design",
+    "dynident.export.exported_file": "dynident.export.projected_model",
     "dynident.expressions.machine_code": "dynident.expressions.program",
     "dynident.expressions.recurrence": "dynident.expressions.program",
     "dynident.identification.column_inference.robot_check": "dynident.identification.column_inference.dynamics_fits",

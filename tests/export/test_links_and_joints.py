@@ -27,9 +27,9 @@ from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque,
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.export.exported_file import FeasibleLinks
 from dynident.export.feasible_completion import complete_parameters
 from dynident.export.mjcf import to_mjcf
+from dynident.export.projected_model import FeasibleLinks
 from dynident.export.urdf import ROTOR_TAG, to_urdf
 from dynident.identification import Identification, identify
 from dynident.robot import Robot, robot_from_urdf

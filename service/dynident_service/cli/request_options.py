@@ -94,7 +94,7 @@ def find_option(science: type, pointer: str) -> str:
     """Return the option of the field that a pointer into a request names; the pointer itself where there is none."""
     # The request points at its field, or at an item of it; the user knows the option.
     name = pointer.split("/")[1] if pointer.startswith("/") else ""
-    return next((_option_name(one) for one in fields(science) if one.name == name), pointer)  # type: ignore[arg-type]
+    return next((_option_name(item) for item in fields(science) if item.name == name), pointer)  # type: ignore[arg-type]
 
 
 def spread_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -134,6 +134,8 @@ def spread_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def write_option(remedy: Remedy) -> str:
     """Return a remedy as options of the command line."""
+    from dynident.recordings.metadata import DELAY
+
     option, value = f"--{remedy.field.replace('_', '-')}", remedy.value
     if remedy.field == "drives":
         return "--drive-gains"
@@ -143,7 +145,7 @@ def write_option(remedy: Remedy) -> str:
         return f"option --{value}"
     if remedy.field == "locked_joints" and isinstance(value, Mapping):
         return f"--lock {','.join(value)}"
-    if remedy.field in ("signs", "scale", "torque_delay"):
+    if remedy.field in ("signs", "scale", DELAY):
         return f"{remedy} in --metadata"
     if isinstance(value, Mapping):
         return f"{option} {','.join(f'{key}={_write_value(item)}' for key, item in value.items())}"

@@ -31,9 +31,9 @@ from dynident_service.storage.records import (
 from dynident_service.storage.tables import DEPENDENCIES, JOBS, OBJECTS, RESOURCES, RETRIES
 
 RESOURCE_COLUMNS = ("id", "kind", "name", "created_at", "request", "result", "tags", "archived")
-JOB_COLUMNS = tuple(one.name for one in fields(Job))
+JOB_COLUMNS = tuple(field.name for field in fields(Job))
 WITH_JOBS: Select[Any] = select(
-    *(RESOURCES.c[one] for one in RESOURCE_COLUMNS), *(JOBS.c[one] for one in JOB_COLUMNS)
+    *(RESOURCES.c[name] for name in RESOURCE_COLUMNS), *(JOBS.c[name] for name in JOB_COLUMNS)
 ).join(JOBS, JOBS.c.resource_id == RESOURCES.c.id, isouter=True)
 """Query for resources with their jobs; callers add conditions."""
 _IDS = "ids"

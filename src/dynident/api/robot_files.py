@@ -365,8 +365,8 @@ def _merge_hardware(document: Mapping[str, Any], stated: Mapping[str, Any]) -> d
         names = document.get(part) or []
         if not isinstance(names, Sequence) or isinstance(names, str):
             raise DynidentError("Expected a list of names.", pointer=f"/{part}", title=_ROBOT_TITLE)
-        kept = [expect_text(name, f"/{part}/{k}", _ROBOT_TITLE) for k, name in enumerate(names)]
-        merged[part] = list(dict.fromkeys([*(name for name in kept if name not in stated[other]), *stated[part]]))
+        parts = [expect_text(name, f"/{part}/{k}", _ROBOT_TITLE) for k, name in enumerate(names)]
+        merged[part] = list(dict.fromkeys([*(name for name in parts if name not in stated[other]), *stated[part]]))
     return merged
 
 

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from dynident.export.casadi_function import to_casadi
     from dynident.export.dispatch import export_model
     from dynident.export.document import model_from_json, model_to_document, to_json
-    from dynident.export.exported_file import ExportedFile
     from dynident.export.feasible_completion import Completion, complete_parameters
     from dynident.export.load_files import (
         IdentifiedLoad,
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     )
     from dynident.export.mjcf import to_mjcf
     from dynident.export.predicting_model import PredictingModel, TorquePredictor
+    from dynident.export.projected_model import ExportedFile
     from dynident.export.request import ExportChoices, ExportFormat
     from dynident.export.urdf import to_urdf
     from dynident.regressors.observation_matrix import FurtherSignals

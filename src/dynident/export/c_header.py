@@ -20,7 +20,7 @@ from dynident.export.c_code import (
     write_c_comment,
     write_c_statements,
 )
-from dynident.export.exported_file import ExportedFile
+from dynident.export.projected_model import ExportedFile
 from dynident.export.summary import SIGNS, describe_identification, describe_origin, list_joints
 from dynident.identification import Identification
 from dynident.identification.study.equation_of_motion import Argument, EquationOfMotion, build_equation_of_motion

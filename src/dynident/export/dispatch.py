@@ -11,9 +11,9 @@ from dynident.export.c_code import make_c_name, to_c
 from dynident.export.c_header import to_c_header, to_cpp_header
 from dynident.export.casadi_function import to_casadi_bytes
 from dynident.export.document import to_json
-from dynident.export.exported_file import ExportedFile
 from dynident.export.load_files import to_franka_load, to_kuka_load, to_load_urdf, to_urscript
 from dynident.export.mjcf import to_mjcf
+from dynident.export.projected_model import ExportedFile
 from dynident.export.request import ExportFormat
 from dynident.export.summary import make_slug
 from dynident.export.urdf import to_urdf
@@ -47,13 +47,13 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
     DynidentError
         For an unknown format, or where the format cannot hold the model.
     """
-    if format not in FORMATS:
+    if format not in WRITERS:
         raise DynidentError(
-            f"there is no format {format!r}; choose from: {', '.join(FORMATS)}",
+            f"there is no format {format!r}; choose from: {', '.join(WRITERS)}",
             pointer="/format",
             title="No such format",
         )
-    return _add_notes(FORMATS[format](identification, nearest), identification)
+    return _add_notes(WRITERS[format](identification, nearest), identification)
 
 
 def _add_notes(file: ExportedFile, identification: Identification) -> ExportedFile:
@@ -90,7 +90,7 @@ def _export_casadi(identification: Identification, _nearest: bool) -> ExportedFi
     return ExportedFile(name, "application/octet-stream", to_casadi_bytes(identification))
 
 
-FORMATS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingProxyType(
+WRITERS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingProxyType(
     {
         "json": _export_json,
         "urdf": _export_urdf,

@@ -16,7 +16,7 @@ from dynident.array_types import FloatArray
 from dynident.effects import get_role
 from dynident.errors import DynidentError
 from dynident.estimation.uncertainty import NORMAL_95
-from dynident.export.exported_file import ExportedFile
+from dynident.export.projected_model import ExportedFile
 from dynident.export.summary import describe_origin, escape_xml_comment, make_slug, replace_unprintable
 from dynident.identification import Identification
 from dynident.robot.model import INERTIAL_NAMES

@@ -14,7 +14,7 @@ import pinocchio as pin
 from dynident.array_types import FloatArray
 from dynident.effects import Role, get_role
 from dynident.errors import DynidentError
-from dynident.export.exported_file import SMALL, ExportedFile, FeasibleLinks
+from dynident.export.projected_model import SMALL, ExportedFile, FeasibleLinks
 from dynident.export.summary import (
     SIGNS,
     describe_identification,

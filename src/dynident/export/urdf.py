@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from dynident.array_types import FloatArray
 from dynident.effects import Role
-from dynident.export.exported_file import ExportedFile, FeasibleLinks
+from dynident.export.projected_model import ExportedFile, FeasibleLinks
 from dynident.export.summary import SIGNS, describe_identification, describe_origin, escape_xml_comment, make_slug
 from dynident.identification import Identification
 from dynident.robot import urdf_from_robot

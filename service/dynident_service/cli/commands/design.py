@@ -63,14 +63,14 @@ def simulate(
     )
     from dynident.simulation import simulate as simulate_robot
     from dynident_service.adapters.designs import describe_simulation
-    from dynident_service.cli import designs_and_virtual_robots, inputs, output, table_files, terminal
+    from dynident_service.cli import design_and_simulation_files, inputs, output, table_files, terminal
 
     table_files.check_ending(out)
     machine = inputs.load_robot_argument(robot, additions)
     request = request_options.build_request(Simulated)
-    hidden = resolve_true_effects(designs_and_virtual_robots.parse_acting_effects(effects), machine)
+    hidden = resolve_true_effects(design_and_simulation_files.parse_acting_effects(effects), machine)
     with terminal.show_progress_bar("simulate") as progress:
-        reference = designs_and_virtual_robots.load_reference(
+        reference = design_and_simulation_files.load_reference(
             trajectory, machine, request.seed, scale_progress(progress, 0.0, 0.2)
         )
         simulation = build_simulation_request(request, machine, reference, rate)
@@ -167,7 +167,7 @@ def design(
     from dynident.excitation import design_experiment
     from dynident_service.adapters.designs import describe_design
     from dynident_service.cli import inputs, output, table_files, terminal
-    from dynident_service.cli.designs_and_virtual_robots import (
+    from dynident_service.cli.design_and_simulation_files import (
         choose_mesh_folders,
         load_limits,
         load_proposed_design,

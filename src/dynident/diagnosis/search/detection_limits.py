@@ -83,7 +83,7 @@ def compute_detection_limits(
         # What was found, by whichever name, is no longer hidden.
         if not any(effect in names and set(joints) <= places for names, places in named):
             sets.setdefault(final.data.find_row_kinds(candidate.columns), []).append(candidate)
-    found: dict[Candidate, DetectionLimit] = {}
+    limits: dict[Candidate, DetectionLimit] = {}
     for kinds, members in sets.items():
         rows = final.data.select_for_candidates(final.state.base, np.array(kinds))
         elsewhere: dict[Candidate, _PlantedEffect] = {}
@@ -93,8 +93,8 @@ def compute_detection_limits(
             elsewhere = {planted.candidate: planted for planted in _list_planted(moving, pool, final, members)}
         for planted in _list_planted(rows, pool, final, members):
             whole = replace(planted, moving=elsewhere.get(planted.candidate))
-            found[planted.candidate] = _build_limit(pool, whole)
-    return tuple(found[candidate] for _, candidate in best.values() if candidate in found)
+            limits[planted.candidate] = _build_limit(pool, whole)
+    return tuple(limits[candidate] for _, candidate in best.values() if candidate in limits)
 
 
 def _compute_distance_from_usual(pool: Pool, candidate: Candidate) -> float | None:

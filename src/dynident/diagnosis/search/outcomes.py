@@ -198,9 +198,9 @@ class _Judge:
                 return self._number_step(rejection)
         if candidate in self.record.rejections:
             return self._number_step(self.record.rejections[candidate])
-        found = sum(not finding.is_transient for finding in state.picks)
+        count = sum(not finding.is_transient for finding in state.picks)
         return (
-            Reason.build("most_effects", most=float(self.most)) if found >= self.most else Reason.build("passed_over")
+            Reason.build("most_effects", most=float(self.most)) if count >= self.most else Reason.build("passed_over")
         )
 
     def _find_explanation(self, alone: ScoredCandidate, last: ScoredCandidate | None) -> Reason | None:

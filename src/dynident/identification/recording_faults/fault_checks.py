@@ -298,7 +298,7 @@ def _check_delay(
         usual = "which is usual" if is_possible_delay(delay.seconds) else "but the recording does not show this surely"
         return (Check(DELAY, "ok", f"{shown}, {usual}."),)
     seconds = float(f"{delay.seconds:.2g}")
-    remedy = Remedy("torque_delay", seconds)
+    remedy = Remedy(DELAY, seconds)
     check = Check(
         DELAY,
         "warning",

@@ -141,7 +141,9 @@ _SIMPLEX, _FINE, _MOST_TRIED = np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2]]), 0
 """Tangents of the first angles from the best of the usual directions (11 degrees), of those that are told apart at
 last, and of how many."""
 _USUAL = tuple(
-    np.array(one) / np.linalg.norm(one) for one in product((-1.0, 0.0, 1.0), repeat=3) if 0 < np.count_nonzero(one) < 3
+    np.array(axis) / np.linalg.norm(axis)
+    for axis in product((-1.0, 0.0, 1.0), repeat=3)
+    if 0 < np.count_nonzero(axis) < 3
 )
 """Directions of bases on floors, walls and ceilings, and slopes of 45 degrees."""
 _CLEARLY = 1.25

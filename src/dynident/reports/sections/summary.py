@@ -166,13 +166,13 @@ def describe_gain(identification: Identification) -> str:
 
 def _join_data_warnings(runs: Sequence[ReportedRecording]) -> tuple[str, ...]:
     """Return a sentence for each check that found something; recordings with the same finding share it."""
-    found: dict[str, list[tuple[str, str]]] = {}
+    places_by_check: dict[str, list[tuple[str, str]]] = {}
     for run in runs:
         for check in run.checks:
             if check.status != "ok":
-                found.setdefault(check.name, []).append((run.name, check.detail))
+                places_by_check.setdefault(check.name, []).append((run.name, check.detail))
     sentences = []
-    for name, places in found.items():
+    for name, places in places_by_check.items():
         names = ", ".join(dict.fromkeys(recording for recording, _ in places))
         more = f" (And {len(places) - 1} more, with the recordings below.)" if len(places) > 1 else ""
         sentences.append(f"{names}: {name.replace('_', ' ')}. {places[0][1]}{more}")
