@@ -13,6 +13,7 @@ from test_scoring_and_significance import judged
 
 from dynident.diagnosis import Diagnosis, diagnose
 from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.decision_rules import RULES
 from dynident.diagnosis.reasons import CandidateOutcome, Reason, ReasonCode, build_too_small, find_outcome
 from dynident.diagnosis.search.acceptance import find_rejection
 from dynident.diagnosis.search.identifiability import list_columns_with_findings
@@ -49,7 +50,7 @@ def test_each_rule_returns_its_reason_with_the_numbers_that_decided(change, code
 
 def test_a_level_that_the_request_sets_decides():
     weak = replace(GOOD, p=0.04)
-    assert find_rejection(replace(STATE, level=0.05), DATA, weak) is None
+    assert find_rejection(replace(STATE, rules=replace(RULES, significance=0.05)), DATA, weak) is None
 
 
 def test_what_removes_less_than_the_sensors_noise_is_too_small_for_it():

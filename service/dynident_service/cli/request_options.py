@@ -94,7 +94,7 @@ def find_option(science: type, pointer: str) -> str:
     """Return the option of the field that a pointer into a request names; the pointer itself where there is none."""
     # The request points at its field, or at an item of it; the user knows the option.
     name = pointer.split("/")[1] if pointer.startswith("/") else ""
-    return next((_option_name(item) for item in fields(science) if item.name == name), pointer)  # type: ignore[arg-type]
+    return next((_option_name(item) for item in fields(science) if item.name == name), pointer)
 
 
 def spread_options(command: Callable[..., None]) -> Callable[..., None]:

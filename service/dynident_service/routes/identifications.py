@@ -58,7 +58,9 @@ def complete_from_diagnoses(services: Services, model: Resource, effects: Sequen
     The latest diagnoses count first, those of the model before those of the models that it came from. What was
     recommended more than once (two lines of ripple on a joint) is given out in that order.
     """
-    recommended = [choice for diagnosis in _list_diagnoses(services, model) for choice in diagnosis.recommended]
+    recommended: list[EffectChoice] = [
+        choice for diagnosis in _list_diagnoses(services, model) for choice in diagnosis.recommended
+    ]
     completed = []
     for requested in effects:
         match = None if requested.shape_parameters or requested.runs else _find_recommended(requested, recommended)
