@@ -40,6 +40,8 @@ CONTRACT = {
     # And so have the numbers of a mesh in COLLADA.
     "src/dynident/robot/collada.py": {"offset"},
     "service/dynident_service/workbench/static/js/identification_form.js": {c.effect for c in DEFAULT_EFFECTS},
+    # Sample data have the demonstration's hidden effect.
+    "service/dynident_service/workbench/static/js/begin.js": {*(c.effect for c in DEFAULT_EFFECTS), "stribeck"},
 }
 
 

@@ -184,7 +184,6 @@ def test_noise_differs_from_run_to_run(robot: Robot) -> None:
     [
         ({"runs": 0}, "/runs"),
         ({"pause": -1.0}, "/pause"),
-        ({"warming": Warming(time_constant=0.0)}, "/warming/time_constant"),
         ({"runs": 2, "effects": (TrueEffect("payload", "", (("Mp", 1.0),), runs=("3",)),)}, "/effects/0/runs"),
     ],
 )
@@ -192,6 +191,12 @@ def test_a_session_that_cannot_be_is_refused(robot: Robot, changed: dict[str, ob
     with pytest.raises(DynidentError) as caught:
         simulate(robot, replace(SimulationRequest(fourier(robot, 0.5)), **changed))  # type: ignore[arg-type]
     assert caught.value.pointer == pointer
+
+
+def test_a_joint_that_warms_up_in_no_time_is_refused() -> None:
+    with pytest.raises(DynidentError, match="time_constant is 0") as caught:
+        Warming(time_constant=0.0)
+    assert caught.value.pointer == "/time_constant"
 
 
 def test_friction_that_depends_on_temperature_needs_one(robot: Robot) -> None:

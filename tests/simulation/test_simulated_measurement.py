@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -155,18 +156,18 @@ def test_an_effect_that_does_not_fit_is_named_by_its_place(robot: Robot, effect:
 @pytest.mark.parametrize(
     ("sensors", "pointer"),
     [
-        (Sensors(sampling_rate=0.0), "/noise/sampling_rate"),
-        (Sensors(encoder_counts=-1), "/noise/encoder_counts"),
-        (Sensors(torque_noise=-0.1), "/noise/torque_noise"),
-        (Sensors(torque_noise_absolute=(1.0,)), "/noise/torque_noise_absolute"),
-        (Sensors(torque_noise_absolute=(1.0, -1.0)), "/noise/torque_noise_absolute/1"),
-        (Sensors(jitter=1e-3), "/noise/jitter"),
-        (Sensors(current=True), "/noise/current"),
+        ({"sampling_rate": 0.0}, "/sampling_rate"),
+        ({"encoder_counts": -1}, "/encoder_counts"),
+        ({"torque_noise": -0.1}, "/torque_noise"),
+        ({"torque_noise_absolute": (1.0, -1.0)}, "/torque_noise_absolute/1"),
+        ({"torque_noise_absolute": (1.0,)}, "/noise/torque_noise_absolute"),
+        ({"jitter": 1e-3}, "/noise/jitter"),
+        ({"current": True}, "/noise/current"),
     ],
 )
-def test_sensors_that_nobody_has_are_refused(robot: Robot, sensors: Sensors, pointer: str) -> None:
+def test_sensors_that_nobody_has_are_refused(robot: Robot, sensors: dict[str, Any], pointer: str) -> None:
     with pytest.raises(DynidentError) as caught:
-        VirtualRobot(robot).measure(fourier(robot, 0.5), sensors)
+        VirtualRobot(robot).measure(fourier(robot, 0.5), Sensors(**sensors))
     assert caught.value.pointer == pointer
 
 
