@@ -106,6 +106,8 @@ def test_the_next_steps_of_a_verdict_run_as_they_are_printed(desk: Path, tmp_pat
     also = {"design": ["--kind", "random", "--duration", "3", "--rate", "50"], "export": ["-o", str(tmp_path / "file")]}
     also["design"] += ["-o", str(tmp_path / "trajectory.csv")]
     steps = [DIAGNOSE, CURE, GAINS, _PRESLIDING, *_WHEN_GOOD.values(), "dynident design ROBOT."]
+    # The observer of contacts is a class of the library.
+    steps = [step for step in steps if "dynident.verdict.MomentumObserver" not in step]
     commands = [command for step in steps for command in re.findall(r"(dynident [a-z].*?)[.,](?:\s|$)", step)]
     assert len(commands) == len(steps)
     for command in commands:

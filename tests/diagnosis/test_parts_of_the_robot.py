@@ -15,7 +15,7 @@ from dynident.effects import CATALOGUE
 from dynident.errors import DynidentError
 from dynident.identification import identify
 from dynident.robot.document import robot_from_document, robot_to_document
-from dynident.robot.settings import HARDWARE, check_hardware
+from dynident.robot.limits import HARDWARE, check_hardware
 
 SPRING = "gravity_compensator"
 

@@ -80,5 +80,5 @@ def test_a_matrix_without_full_rank_has_an_infinite_condition_number_and_a_finit
 
 
 def test_an_unknown_criterion_is_answered_with_those_there_are():
-    with pytest.raises(DynidentError, match=r"no criterion 'best'.*condition_number.*e_optimal"):
+    with pytest.raises(DynidentError, match=r"'best'; choose from: .*condition_number.*e_optimal"):
         build_smooth_criterion(CriterionChoice("best"), A_PRIORI)

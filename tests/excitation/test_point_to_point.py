@@ -166,12 +166,12 @@ def test_a_random_sequence_can_be_had_and_a_time_budget_and_cancelling_are_heede
 @pytest.mark.parametrize(
     ("trajectory", "pointer"),
     [
-        ({"points": 1}, "/trajectory/points"),
-        ({"points": 10_000}, "/trajectory/points"),
+        ({"points": 1}, "/points"),
+        ({"points": 10_000}, "/points"),
         ({"paces": (1.0, 0.5)}, "/trajectory/paces"),
         ({"dwell": (0.5, 0.1)}, "/trajectory/dwell"),
-        ({"dwell": (-0.1, 0.1)}, "/trajectory/dwell/0"),
-        ({"dwell": (0.1, float("nan"))}, "/trajectory/dwell/1"),
+        ({"dwell": (-0.1, 0.1)}, "/dwell/0"),
+        ({"dwell": (0.1, float("nan"))}, "/dwell/1"),
         ({"family": "fourier", "dwell": (0.1, 0.6)}, "/trajectory/dwell"),
     ],
 )

@@ -146,9 +146,9 @@ def test_a_path_is_repeated_at_every_pace(scara):
     ("change", "pointer"),
     [
         ({"joints": ("nose",)}, "/trajectory/joints"),
-        ({"amplitudes": (-0.1,)}, "/trajectory/amplitudes/0"),
-        ({"speeds": (1.5,)}, "/trajectory/speeds/0"),
-        ({"paces": (0.0,)}, "/trajectory/paces/0"),
+        ({"amplitudes": (-0.1,)}, "/amplitudes/0"),
+        ({"speeds": (1.5,)}, "/speeds/0"),
+        ({"paces": (0.0,)}, "/paces/0"),
     ],
 )
 def test_a_motion_that_cannot_be_is_refused_where_it_is_asked_for(scara, change, pointer):

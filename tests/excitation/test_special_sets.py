@@ -203,7 +203,7 @@ def test_runs_may_be_of_every_family(scara, family):
 @pytest.mark.parametrize(
     ("more", "pointer"),
     [
-        ({"sets": "ballet"}, "/trajectory/sets"),
+        ({"sets": "ballet"}, "/sets"),
         ({"joints": ("elbow",)}, "/trajectory/joints"),
         ({"paces": (1.0, 0.5)}, "/trajectory/paces"),
     ],

@@ -35,7 +35,7 @@ CONTRACT = {
     "src/dynident/reports/sections/provenance.py": {"torque_delay"},
     "src/dynident/robot/urdf_writer.py": {"offset"},
     # A part of a robot has the name of the effect that it has.
-    "src/dynident/robot/settings.py": {"gravity_compensator"},
+    "src/dynident/robot/limits.py": {"gravity_compensator"},
     "src/dynident/robot/urdf.py": {"offset"},
     # And so have the numbers of a mesh in COLLADA.
     "src/dynident/robot/collada.py": {"offset"},

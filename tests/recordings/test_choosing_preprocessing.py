@@ -106,10 +106,10 @@ def test_any_subset_of_the_choices_may_be_given():
     [
         ({"position_cutoff": 150.0}, "/position_cutoff", "100 Hz"),
         ({"torque_cutoff": 100.0}, "/torque_cutoff", "Nyquist"),
-        ({"position_cutoff": -1}, "/position_cutoff", "above 0"),
-        ({"position_cutoff": float("nan")}, "/position_cutoff", "number"),
+        ({"position_cutoff": -1}, "/position_cutoff", "must be 0.0001 to"),
+        ({"position_cutoff": float("nan")}, "/position_cutoff", "must be"),
         ({"torque_cutoff": "wide"}, "/torque_cutoff", "number"),
-        ({"decimation": 0}, "/decimation", "at least 1"),
+        ({"decimation": 0}, "/decimation", "must be 1 to"),
         ({"decimation": 2.5}, "/decimation", "whole"),
         ({"decimation": True}, "/decimation", "number"),
         ({"decimation": 20, "torque_cutoff": 8.0}, "/decimation", "at most 12"),

@@ -138,6 +138,7 @@ def told_of_the_service(client: Client) -> None:
     assert "dynident_jobs" in client.metrics()
     assert "coulomb" in {one["id"] for one in client.effects()}
     assert isinstance(client.usage(), list)
+    assert "ur10" in {robot["name"] for robot in client.known_robots()}
 
 
 def kept_of_a_robot(bench: Bench, robot: Robot) -> None:

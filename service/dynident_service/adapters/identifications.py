@@ -6,10 +6,9 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from fastapi import Response
 
 from dynident.errors import DynidentError
 from dynident.export import ExportedFile, ExportFormat, export_model, model_to_document
@@ -40,6 +39,9 @@ from dynident_service.wire_types.identifications import (
     RungDifference,
 )
 from dynident_service.wire_types.measurements import MeasurementMetadata
+
+if TYPE_CHECKING:
+    from fastapi import Response
 
 T = TypeVar("T", int, float)
 
@@ -456,6 +458,9 @@ def export_file(model: Identification, format: ExportFormat, nearest: bool, show
 
 def build_file_response(file: ExportedFile) -> Response:
     """Build the response with a file to be saved; its notes are a JSON list of sentences in a header."""
+    # The command line uses this module, too, and should not load what only the service needs.
+    from fastapi import Response
+
     headers = {"Content-Disposition": f'attachment; filename="{file.name}"'}
     if file.notes:
         headers[NOTES_HEADER] = _shorten_notes(file.notes)

@@ -75,7 +75,7 @@ def _locate(error: ValidationError) -> list[ErrorDetails]:
     return [{**details, "loc": ("body", *details["loc"])} for details in error.errors()]
 
 
-def create_server(folder: Folder) -> Server[dict[str, Any]]:
+def create_server(folder: Folder) -> Server[dict[str, object]]:
     """Build the server.
 
     Parameters

@@ -22,7 +22,7 @@ from dynident.progress import Progress, scale_progress
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.recording_files import compute_digest, make_unique_names
 from dynident.robot import Robot
-from dynident.robot.settings import check_hardware
+from dynident.robot.limits import check_hardware
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, read_json_object
 from dynident_service.cli.metadata import StatedAnswers, accept_proposal, read_metadata

@@ -13,7 +13,7 @@ import typer
 
 from dynident.known_robots import list_library_arms
 from dynident.recordings.metadata import ConditioningStep
-from dynident.robot.settings import HARDWARE
+from dynident.robot.limits import HARDWARE
 from dynident_service.cli.files import KNOWN_ROBOT, READABLE_FILE
 
 

@@ -9,7 +9,7 @@ from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
 
-from dynident.robot.settings import check_hardware
+from dynident.robot.limits import check_hardware
 from dynident_service.preload import hold_import_lock
 from dynident_service.request_limits import mark_long
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes

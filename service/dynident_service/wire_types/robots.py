@@ -9,7 +9,7 @@ from pydantic import Field
 
 from dynident.robot import limits as stated
 from dynident.robot.format_names import FORMATS, DescriptionFormat
-from dynident.robot.settings import HARDWARE
+from dynident.robot.limits import HARDWARE
 from dynident_service.wire_types.common import Labelled, LabelsRequest, Name, RequestModel, ViewModel
 from dynident_service.wire_types.request_bodies import derive_body, describe_choices
 

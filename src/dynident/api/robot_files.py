@@ -27,8 +27,8 @@ from dynident.robot.json_fields import (
     join_names,
     parse_json,
 )
+from dynident.robot.limits import split_hardware
 from dynident.robot.meshes import find_package
-from dynident.robot.settings import split_hardware
 from dynident.robot.xml_text import read_root
 from dynident.schema.fields import point_within
 

@@ -65,7 +65,7 @@ from dynident.identification.study.extending import extend_at_once
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.recordings.poses import has_poses
-from dynident.robot.settings import split_hardware
+from dynident.robot.limits import split_hardware
 
 _AT_FIRST = (
     "it explains a part of the residual of this model, but it does not explain that part once the model is "

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dynident.diagnosis.decision_rules import RULES
-from dynident.robot.settings import check_hardware
+from dynident.robot.limits import check_hardware
 from dynident.schema.fields import Request, declare_field
 
 DEFAULT_MOST_EFFECTS = int(RULES.most_effects)

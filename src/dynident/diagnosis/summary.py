@@ -18,7 +18,7 @@ from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, get_effect
 from dynident.regressors.model import Model
 from dynident.robot.joint import join_joint_names
-from dynident.robot.settings import HARDWARE
+from dynident.robot.limits import HARDWARE
 
 # A torque sensor hardly resolves less of the torque: in noiseless simulations what is left has to be more than that.
 _QUIET = 1e-3

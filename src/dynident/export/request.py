@@ -23,6 +23,8 @@ FORMATS = OneOf(
     Choice("kuka_load", "Identified load, KUKA load data"),
     Choice("load_urdf", "Identified load, URDF link"),
 )
+LOAD_FORMATS = frozenset({"urscript", "franka_load", "kuka_load", "load_urdf"})
+"""Formats of an identified load alone; the others are of the whole model."""
 ENDINGS: dict[str, ExportFormat] = {
     ".json": "json",
     ".urdf": "urdf",

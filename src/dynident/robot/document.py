@@ -10,11 +10,10 @@ from dynident.errors import DynidentError
 from dynident.robot.dh_text import robot_from_dh_text
 from dynident.robot.format_names import FORMATS, DescriptionFormat
 from dynident.robot.json_fields import join_names
-from dynident.robot.limits import Drive, Limits
+from dynident.robot.limits import Drive, Limits, check_hardware
 from dynident.robot.mjcf import robot_from_mjcf
 from dynident.robot.model import Description, Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
-from dynident.robot.settings import check_hardware
 from dynident.robot.urdf import robot_from_urdf
 
 _POINTER = "/description/content"

@@ -1,10 +1,11 @@
-"""Limits and drive chains of joints, as users state them beside a robot's description."""
+"""Limits and drive chains of joints, and parts of the robot, as users state them beside its description."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from math import isclose
+from types import MappingProxyType
 
 from dynident.errors import DynidentError
 from dynident.schema.fields import Request, declare_field, get_description
@@ -12,6 +13,15 @@ from dynident.schema.fields import Request, declare_field, get_description
 SMALLEST, LARGEST = 1e-6, 1e9
 """Range of limits in SI units: one below keeps a joint still, one above limits no machine."""
 TITLE = "Unusable robot settings"
+HARDWARE: Mapping[str, str] = MappingProxyType(
+    {
+        "gravity_compensator": "a gravity compensating spring or balancer",
+        "spring": "a spring, cable or hose that pulls a joint to a rest position",
+        "cable": "a cable, hose or spring between two links",
+        "coupled_wrist": "a gear, belt or cable that couples two motors, as in many wrists",
+    }
+)
+"""Parts that only some robots have: the names that `has` and `has_not` of a robot take, and what they mean."""
 
 
 @dataclass(frozen=True)
@@ -174,3 +184,51 @@ class Drive(Request):
         if self.gear_ratio is None or self.torque_constant is None:
             return None
         return self.gear_ratio * self.torque_constant * (1.0 if self.amplifier_gain is None else self.amplifier_gain)
+
+
+def split_hardware(hardware: Mapping[str, bool]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the parts that a robot has, and those that it has not.
+
+    Parameters
+    ----------
+    hardware : mapping of str to bool
+        Whether the robot has a part, by its name of `HARDWARE`.
+
+    Raises
+    ------
+    DynidentError
+        For a part of another name.
+    """
+    has = tuple(name for name, is_there in hardware.items() if is_there)
+    has_not = tuple(name for name, is_there in hardware.items() if not is_there)
+    check_hardware(has, has_not)
+    return has, has_not
+
+
+def check_hardware(has: Sequence[str], has_not: Sequence[str]) -> None:
+    """Raise an error for a part that is none of `HARDWARE`, or that the robot both has and has not.
+
+    Parameters
+    ----------
+    has, has_not : sequence of str
+        Parts that the robot has, and parts that it does not have.
+
+    Raises
+    ------
+    DynidentError
+        With the pointer to the name.
+    """
+    for part, names in (("has", has), ("has_not", has_not)):
+        for index, name in enumerate(names):
+            place = {"pointer": f"/{part}/{index}", "title": TITLE}
+            if name not in HARDWARE:
+                known = "; ".join(f"{word} ({meaning})" for word, meaning in HARDWARE.items())
+                raise DynidentError(
+                    f"There is no hardware '{name}'; the names are: {known}.", pointer=f"/{part}/{index}", title=TITLE
+                )
+            if part == "has_not" and name in has:
+                raise DynidentError(
+                    f"'{name}' is in has and in has_not; name it in one of the two.",
+                    pointer=f"/{part}/{index}",
+                    title=TITLE,
+                )

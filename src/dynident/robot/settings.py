@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 
@@ -16,16 +15,6 @@ from dynident.robot.limits import TITLE, Drive, Limits
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity in the base frame where nobody states another (m/s²)."""
-
-HARDWARE: Mapping[str, str] = MappingProxyType(
-    {
-        "gravity_compensator": "a gravity compensating spring or balancer",
-        "spring": "a spring, cable or hose that pulls a joint to a rest position",
-        "cable": "a cable, hose or spring between two links",
-        "coupled_wrist": "a gear, belt or cable that couples two motors, as in many wrists",
-    }
-)
-"""Parts that only some robots have: the names that `has` and `has_not` of a robot take, and what they mean."""
 
 
 @dataclass(frozen=True)
@@ -115,47 +104,6 @@ def gravity_from(gravity: Sequence[float], at: str = "/gravity") -> FloatArray:
     if vector.shape != (3,) or not np.all(np.isfinite(vector)):
         raise DynidentError(f"Gravity is {list(gravity)}; expected three numbers in m/s².", pointer=at, title=TITLE)
     return vector
-
-
-def split_hardware(hardware: Mapping[str, bool]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the parts that a robot has, and those that it has not.
-
-    Parameters
-    ----------
-    hardware : mapping of str to bool
-        Whether the robot has a part, by its name of `HARDWARE`.
-
-    Raises
-    ------
-    DynidentError
-        For a part of another name.
-    """
-    has = tuple(name for name, is_there in hardware.items() if is_there)
-    has_not = tuple(name for name, is_there in hardware.items() if not is_there)
-    check_hardware(has, has_not)
-    return has, has_not
-
-
-def check_hardware(has: Sequence[str], has_not: Sequence[str]) -> None:
-    """Raise an error for a part that is none of `HARDWARE`, or that the robot both has and has not.
-
-    Parameters
-    ----------
-    has, has_not : sequence of str
-        Parts that the robot has, and parts that it does not have.
-
-    Raises
-    ------
-    DynidentError
-        With the pointer to the name.
-    """
-    for part, names in (("has", has), ("has_not", has_not)):
-        for index, name in enumerate(names):
-            if name not in HARDWARE:
-                known = "; ".join(f"{word} ({meaning})" for word, meaning in HARDWARE.items())
-                raise _make_error(f"There is no hardware '{name}'; the names are: {known}.", part, str(index))
-            if part == "has_not" and name in has:
-                raise _make_error(f"'{name}' is in has and in has_not; name it in one of the two.", part, str(index))
 
 
 def merge_limits(described: Limits, stated: Limits | None) -> Limits:
