@@ -220,7 +220,6 @@ def check_hardware(has: Sequence[str], has_not: Sequence[str]) -> None:
     """
     for part, names in (("has", has), ("has_not", has_not)):
         for index, name in enumerate(names):
-            place = {"pointer": f"/{part}/{index}", "title": TITLE}
             if name not in HARDWARE:
                 known = "; ".join(f"{word} ({meaning})" for word, meaning in HARDWARE.items())
                 raise DynidentError(
