@@ -77,7 +77,8 @@ def test_solving_again_and_files_give_what_identifying_anew_does(weighed, alike)
 def test_a_model_with_more_and_less_of_an_effect_is_the_one_that_was_there_before(weighed):
     more = extend(weighed, [EffectChoice("offset")], [RUN], [OTHER])
     assert (weights(more) < 0.5).all()
-    np.testing.assert_allclose(remove(more, [EffectChoice("offset")]).values, weighed.values, rtol=1e-6, atol=1e-7)
+    # Weights are iterated until they change by little, from another start.
+    np.testing.assert_allclose(remove(more, [EffectChoice("offset")]).values, weighed.values, rtol=1e-5, atol=1e-5)
 
 
 def test_a_diagnosis_names_the_same_however_the_model_was_weighed(weighed, alike):

@@ -48,14 +48,14 @@ def recorded(seed: int, order: tuple[int, ...] = (0, 1, 2, 3, 4, 5)) -> Recordin
 
 
 @pytest.mark.parametrize("seed", [5, 14])
-def test_right_columns_stay_right_where_a_fit_explains_another_order_better_by_chance(
-    seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_right_columns_stay_right_where_a_fit_explains_another_order_better_by_chance(seed: int) -> None:
     found, _ = find_recording_faults(ROBOT, recorded(seed)) or ((), 1.0)
     assert found == ()
-    # The description's masses alone tell it.
+
+
+def test_the_masses_of_the_description_refute_another_order(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(DescriptionFit, "refutes", lambda self, mistake: False)
-    found, _ = find_recording_faults(ROBOT, recorded(seed)) or ((), 1.0)
+    found, _ = find_recording_faults(ROBOT, recorded(14)) or ((), 1.0)
     assert found
 
 
