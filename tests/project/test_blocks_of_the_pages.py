@@ -130,7 +130,8 @@ def test_every_design_of_the_page_gives_its_file(cell: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_days_of_the_page_are_followed_in_python(cell: Path) -> None:
+def test_the_days_of_the_page_are_followed_in_python(cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(cell)
     model = dy.load_model(cell / "model.npz")
     runs = dy.read_recordings(cell / "run1.csv", cell / "run2.csv", robot=model.robot)
     names: dict[str, Any] = {"dy": dy, "model": model.with_data(runs[:1], runs[1:]), "runs": runs}

@@ -65,18 +65,18 @@ def test_the_whole_story_can_be_done_in_the_browser(
     page.locator("#verdict").wait_for()
     assert page.locator("#verdict").get_attribute("data-verdict") == "missing_effect"
     card = page.locator("#cards article").first
-    expect(card.get_by_role("heading")).to_contain_text("Joint spring on elbow")
+    expect(card.get_by_role("heading")).to_contain_text("(joint spring?) on elbow")
     expect(card.locator(".chart canvas")).to_be_visible()
     ranked = ask(page, f"/diagnoses?identification_id={before}")["items"][0]["result"]["candidates"]
     assert page.locator("#cards article").count() == sum(one["significant"] for one in ranked)
     shown = [float(one.get_attribute("value")) for one in card.locator(".before-after data").all()]
     assert shown == [ranked[0]["error_before"], ranked[0]["error_after"]]
-    expect(card.get_by_role("button", name="Add: Joint spring on elbow")).to_be_enabled()
+    expect(card.get_by_role("button", name="Add: Torque in proportion to the position")).to_be_enabled()
     card.screenshot(path=tmp_path / "3_card.png")
     first = page.locator("#candidates tbody tr").first
     assert first.get_attribute("data-effect") == "joint_spring"
     expect(first).to_contain_text("elbow")
-    first.get_by_role("button", name="Joint spring", exact=True).click()
+    first.get_by_role("button", name="Torque in proportion to the position (joint spring?)", exact=True).click()
     evidence = page.locator("tr.evidence").first
     expect(evidence.locator("canvas")).to_be_visible()
     expect(evidence).to_contain_text("Residual of elbow over position, and the fitted effect")
