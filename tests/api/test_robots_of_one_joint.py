@@ -26,6 +26,8 @@ from dynident.identification.choices import (
 from dynident.progress import ignore_progress
 from dynident.validation.request import TRIALS, ValidationData
 
+pytestmark = pytest.mark.sweep
+
 SHORT = dy.TrajectoryRequest(duration=4.0, sampling_rate=50.0, harmonics=3, intervals=6, points=4)
 QUICK = dy.DesignRequest(trajectory=SHORT, starts=1, random_trajectories=2)
 BENT = dy.EffectChoice("stribeck", ("axis",), (("vs", 0.1),))

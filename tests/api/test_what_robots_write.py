@@ -21,6 +21,8 @@ from dynident.api.robot_files import set_drive_gains
 from dynident.recordings import RecordingError
 from dynident.robot import Robot
 
+pytestmark = pytest.mark.sweep
+
 GAINS = {"ur10": (15.0, 13.0, 11.0, 10.6, 11.0, 11.5), "franka_panda": (10.0,) * 7}
 RATE, SECONDS = 200.0, 12.0
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"

@@ -15,6 +15,8 @@ from dynident.recordings import Recording
 from dynident.robot import Robot, to_pinocchio
 from dynident.verdict import verdict
 
+pytestmark = pytest.mark.sweep
+
 RATE, DURATION = 200.0, 24.0
 
 

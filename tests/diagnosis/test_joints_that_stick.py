@@ -23,6 +23,8 @@ from dynident.effects import CATALOGUE, EffectChoice
 from dynident.identification import extend, identify
 from dynident.recordings import Recording
 
+pytestmark = pytest.mark.sweep
+
 SCARA = arm("scara")
 SMALL = Reason.build("not_significant", p=1.0, level=0.01)
 EXCESS = 2.5

@@ -35,6 +35,8 @@ from dynident.identification.study.prediction import (
 )
 from dynident.regressors.observation_matrix import FurtherSignals
 
+pytestmark = pytest.mark.sweep
+
 STRICT = ("-O1", "-Wall", "-Wextra", "-Werror", "-pedantic")
 SANITIZERS = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 EIGEN = Path("/usr/include/eigen3")

@@ -40,6 +40,8 @@ from dynident.recordings.metadata import Check
 from dynident.recordings.recording import ModelChecks
 from dynident.robot import Robot
 
+pytestmark = pytest.mark.sweep
+
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
 BY_DYNAMICS = build_dynamics_checks(ROBOT)

@@ -27,6 +27,8 @@ from dynident.recordings import Check, Recording, Revision
 from dynident.robot import Robot, robot_from_urdf
 from dynident.verdict import verdict
 
+pytestmark = pytest.mark.sweep
+
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
 Q, TAU = ([f"{name}{k + 1}" for k in range(6)] for name in ("q", "tau"))

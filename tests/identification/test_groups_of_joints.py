@@ -17,6 +17,8 @@ from dynident.recordings import Check, RecordingError, Revision
 from dynident.robot import Robot
 from dynident.verdict import verdict
 
+pytestmark = pytest.mark.sweep
+
 
 def refused(robot: Robot, folder: Path, columns: dict[str, FloatArray]) -> list[Check]:
     with pytest.raises(RecordingError) as raised:

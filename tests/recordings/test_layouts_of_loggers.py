@@ -18,6 +18,8 @@ from dynident.identification.column_inference.unit_inference import get_factor
 from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.robot import Robot, robot_from_urdf
 
+pytestmark = pytest.mark.sweep
+
 CASES = [("ur10", 200.0, 1), ("franka_panda", 125.0, 2), ("crooked", 250.0, 3)]
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
