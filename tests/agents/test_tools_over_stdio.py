@@ -138,6 +138,11 @@ def test_from_two_files_to_a_named_effect_and_a_file_for_a_simulator(agent: Agen
         if outcome["effect"] == "backlash" and outcome["joints"] == [ARM.joint_names[1]]
     )
     assert reason == same
+    # A part that the robot does not have is not tried.
+    part = {"has_not": ["gravity_compensator"]}
+    agent.result("diagnose", model="model.npz", recordings=["run1.csv"], **part, out="without.json")
+    absent = agent.result("why_not", diagnosis="without.json", effect="gravity_compensator", joint=ARM.joint_names[1])
+    assert absent["code"] == "not_tried"
 
     # What a diagnosis recommends goes in as it came out.
     better = agent.result("identify", **runs, effects=["default", found], out="better.npz")

@@ -174,6 +174,7 @@ def _diagnose(folder: Folder, given: arguments.DiagnoseArguments, progress: Prog
         candidates=choices.candidates,
         most_effects=choices.max_effects,
         significance=choices.significance,
+        hardware=choices.hardware,
         progress=scale_progress(progress, _READ, 1.0),
     )
     diagnosis = diagnosed.advised_diagnosis if given.next_experiment else diagnosed.diagnosis

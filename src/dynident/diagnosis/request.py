@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dynident.diagnosis.decision_rules import RULES
-from dynident.robot.limits import check_hardware
+from dynident.robot.limits import HARDWARE, check_hardware
 from dynident.schema.fields import Request, declare_field
 
 DEFAULT_MOST_EFFECTS = int(RULES.most_effects)
@@ -49,7 +49,7 @@ class DiagnosisChoices(Request):
         at_most=0.2,
     )
     has: tuple[str, ...] = declare_field(
-        "Parts that the robot has, beside those stated with it: gravity_compensator, spring, cable, coupled_wrist",
+        f"Parts that the robot has, beside those stated with it: {', '.join(HARDWARE)}",
         default=(),
     )
     has_not: tuple[str, ...] = declare_field(

@@ -35,6 +35,7 @@ from dynident.verdict.detectable_loads import (
     compute_tool_jacobian,
     draw_unit_forces,
 )
+from dynident.verdict.evidence import LONGEST
 
 GAIN = 30.0
 """Bandwidth of the residual in 1/s: faster observers follow the noise of positions and torques."""
@@ -47,7 +48,6 @@ _WITHIN = 2.0
 _SETTLED = 3.0
 _BLOCK = 1.0
 _SPEED_CLASSES = 3
-_LONGEST = 600.0
 _POSTURES = 200
 
 
@@ -279,7 +279,7 @@ def _observe_recording(
     """Return the residual along the longest segment, without its beginning, and the sampling period."""
     # The observer has filters of its own, which see no future samples.
     raw = replace(identification.preprocessing, position_cutoff=None)
-    motion = read_longest_piece(recording, raw, _LONGEST)
+    motion = read_longest_piece(recording, raw, LONGEST)
     observer = MomentumObserver(identification, 1.0 / recording.sampling_rate, gain)
     observed = observer.observe(motion.reference.q, motion.tau)
     first = int(np.ceil(2 * _SETTLED / gain * recording.sampling_rate))
