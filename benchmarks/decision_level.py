@@ -21,9 +21,9 @@ import numpy as np
 from common import FloatArray, show
 from scipy import signal
 
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.products import Products
-from dynident.diagnosis.candidates.scoring import compute_contributions, score_candidates
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.candidates.held_out_scores import compute_contributions, score_candidates
+from dynident.diagnosis.candidates.inner_products_and_folds import Products
 from dynident.diagnosis.candidates.significance import ALPHA, combine_scores, compute_familywise_p
 
 JOINTS, MODEL = 3, 10

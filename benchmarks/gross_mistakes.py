@@ -57,7 +57,7 @@ from dynident.identification.recording_faults.fault_search import (
     find_motion_faults,
     measure_unexplained_share,
 )
-from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion
+from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.robot import Robot

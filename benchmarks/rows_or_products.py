@@ -3,8 +3,8 @@
     python benchmarks/rows_or_products.py
 
 Says from how many rows a stretch on products are the quicker way: `_MOST_ROWS` of
-`dynident.diagnosis.candidates.accumulate`. Making the products is part of their time, and done once; scores are read in
-some ten rounds of a diagnosis.
+`dynident.diagnosis.candidates.inner_product_accumulation`. Making the products is part of their time, and done once;
+scores are read in some ten rounds of a diagnosis.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import time
 import numpy as np
 from common import FloatArray, show
 
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.products import Products, ProductStack, RowStack
-from dynident.diagnosis.candidates.scoring import score_candidates
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.candidates.held_out_scores import score_candidates
+from dynident.diagnosis.candidates.inner_products_and_folds import Products, ProductStack, RowStack
 
 JOINTS, BASE, CANDIDATES, STRETCHES, ROUNDS = 6, 60, 240, 150, 10
 ROWS = (8, 16, 32, 64, 128, 256)

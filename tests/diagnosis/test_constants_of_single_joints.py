@@ -10,9 +10,9 @@ import pytest
 from support.hidden_effects import EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, experiment, hysteresis
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.residuals.resolvable_motion import Resolution
-from dynident.diagnosis.search.refine import merge_alike
-from dynident.diagnosis.search.state import Finding
+from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
+from dynident.diagnosis.search.finding_refinement import merge_alike
+from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import EffectChoice
 from dynident.identification import extend
 from dynident.identification.shape_search import are_nearly_alike

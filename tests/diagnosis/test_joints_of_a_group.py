@@ -9,9 +9,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.search import pruning
-from dynident.diagnosis.search.state import Finding, State
+from dynident.diagnosis.search.search_state import Finding, State
 
 ARM = tuple(f"joint_{k}" for k in range(1, 7))
 WEAK, AGAINST = 1.5, -1.5

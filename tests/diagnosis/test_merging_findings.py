@@ -9,10 +9,10 @@ import pytest
 from support.hidden_effects import BAND, NAMES, ROBOT, on_joint, recorded
 from support.oracles import fourier_motion
 
-from dynident.diagnosis.candidates.pool import build_pool_of_choices
+from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
+from dynident.diagnosis.search.finding_refinement import RecordedSource
 from dynident.diagnosis.search.forward_selection import merge_findings
-from dynident.diagnosis.search.refine import RecordedSource
-from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
 

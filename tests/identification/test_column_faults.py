@@ -13,13 +13,12 @@ from scipy.interpolate import make_interp_spline
 from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification.recording_faults import ColumnFault, build_dynamics_checks, find_recording_faults
-from dynident.identification.recording_faults import held_out_fit as judging
+from dynident.identification.recording_faults import unexplained_torque as judging
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows
 from dynident.identification.recording_faults.column_faults import estimate_delay
 from dynident.identification.recording_faults.fault_search import find_motion_faults
-from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
-from dynident.identification.recording_faults.held_out_fit import HeldOutFit
+from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion
 from dynident.identification.recording_faults.torque_scale import (
     compute_described_load,
     find_excess_friction,
@@ -28,6 +27,7 @@ from dynident.identification.recording_faults.torque_scale import (
     is_nearer_to_masses,
     is_nearer_to_others,
 )
+from dynident.identification.recording_faults.unexplained_torque import HeldOutFit
 from dynident.recordings import (
     JointLimits,
     RecordedJoints,
@@ -36,8 +36,8 @@ from dynident.recordings import (
     RecordingMetadata,
     import_recording,
 )
-from dynident.recordings.metadata import Check
 from dynident.recordings.recording import ModelChecks
+from dynident.recordings.recording_metadata import Check
 from dynident.robot import Robot
 
 pytestmark = pytest.mark.sweep

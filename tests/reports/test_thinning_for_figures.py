@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dynident.diagnosis import Comparison
-from dynident.reports.figures.signals import build_time_axis, find_extremes, thin_series, thin_series_together
+from dynident.reports.figures.signals_over_time import build_time_axis, find_extremes, thin_series, thin_series_together
 
 
 def comparison(t, segment) -> Comparison:

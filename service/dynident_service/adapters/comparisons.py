@@ -6,9 +6,9 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis import Comparison, Judgement
-from dynident.diagnosis.comparing.storage import JointSignals
-from dynident.recordings.phases import Phase, PhaseArray
-from dynident_service.adapters.conversion import show_figures, to_view
+from dynident.diagnosis.comparison.comparison_files import JointSignals
+from dynident.recordings.joint_phases import Phase, PhaseArray
+from dynident_service.adapters.field_by_field import show_figures, to_view
 from dynident_service.wire_types import comparisons as wire
 from dynident_service.wire_types.measurements import PhasesView
 

@@ -13,23 +13,25 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.export import ExportedFile, ExportFormat, export_model, model_to_document
 from dynident.identification import Identification, IdentificationChoices, IdentifiedParameter
-from dynident.identification.equations.reduce_data import split_friction_tests
-from dynident.identification.shape_constants import ShapeConstant
+from dynident.identification.equations.reduced_recordings import split_friction_tests
+from dynident.identification.identified_models.correlated_and_essential_parameters import (
+    EssentialPath,
+    parameter_dependence,
+)
+from dynident.identification.identified_models.held_out_gain import find_best_of_errors, list_confirming_rows
+from dynident.identification.shape_constant_intervals import ShapeConstant
 from dynident.identification.shape_search import check_choices
-from dynident.identification.study.correlated_and_essential_parameters import EssentialPath, parameter_dependence
-from dynident.identification.study.held_out_gain import find_best_of_errors, list_confirming_rows
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
-from dynident.recordings.revisions import adapt_revision
+from dynident.recordings.metadata_revisions import adapt_revision
 from dynident.reports.labels import CONDITION_MEANING
-from dynident.reports.report_tables import ReportedTable
-from dynident.reports.result_rows import build_essential_tables, build_parameter_table, build_shape_table
+from dynident.reports.result_tables import build_essential_tables, build_parameter_table, build_shape_table
+from dynident.reports.table_cells import ReportedTable
 from dynident.robot import Robot
 from dynident.verdict import ModelVerdict, Stop
-from dynident_service.adapters.conversion import from_view, show_errors, show_tables, to_request, to_view
+from dynident_service.adapters.field_by_field import from_view, show_errors, show_tables, to_request, to_view
 from dynident_service.adapters.measurements import show_revision, to_recording_metadata
 from dynident_service.wire_types import identifications as wire
 from dynident_service.wire_types import verdicts as verdict_wire
-from dynident_service.wire_types.common import EffectChoice
 from dynident_service.wire_types.identifications import (
     ErrorFigures,
     ErrorsView,
@@ -39,6 +41,7 @@ from dynident_service.wire_types.identifications import (
     RungDifference,
 )
 from dynident_service.wire_types.measurements import MeasurementMetadata
+from dynident_service.wire_types.shared_types import EffectChoice
 
 if TYPE_CHECKING:
     from fastapi import Response

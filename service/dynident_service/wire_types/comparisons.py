@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from dynident_service.wire_types.common import Computed, Identifier, NamedRequest, SourcePath, ViewModel
 from dynident_service.wire_types.identifications import ErrorFigures
 from dynident_service.wire_types.measurements import PhasesView
+from dynident_service.wire_types.shared_types import Computed, Identifier, NamedRequest, SourcePath, ViewModel
 
 
 class ComparisonRequest(NamedRequest):

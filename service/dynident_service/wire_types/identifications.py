@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from dynident.effects.choices import DEFAULT_EFFECTS
-from dynident.export.request import ExportChoices
-from dynident.identification.choices import EssentialChoices, IdentificationChoices
-from dynident.recordings.metadata import Filters
-from dynident_service.storage.records import State
-from dynident_service.wire_types.common import (
+from dynident.effects.effect_choices import DEFAULT_EFFECTS
+from dynident.export.export_request import ExportChoices
+from dynident.identification.identification_choices import EssentialChoices, IdentificationChoices
+from dynident.recordings.recording_metadata import Filters
+from dynident_service.storage.repository_values import State
+from dynident_service.wire_types.measurements import SeenMeasurement
+from dynident_service.wire_types.request_bodies import derive_body, derive_query
+from dynident_service.wire_types.shared_types import (
     LARGEST_BATCH,
     Computed,
     EffectChoice,
@@ -24,8 +26,6 @@ from dynident_service.wire_types.common import (
     Table,
     ViewModel,
 )
-from dynident_service.wire_types.measurements import SeenMeasurement
-from dynident_service.wire_types.request_bodies import derive_body, derive_query
 
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
 SHAPE_JUDGEMENTS = Literal[

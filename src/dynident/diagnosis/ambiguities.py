@@ -13,14 +13,14 @@ from typing import get_args
 import numpy as np
 
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.result import Invisible, UnknownPattern, Variable
-from dynident.diagnosis.search.state import Finding
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.diagnosis_result import Invisible, UnknownPattern, Variable
+from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
-from dynident.estimation.errors import compute_t
+from dynident.estimation.residual_errors import compute_t
 from dynident.identification import Identification
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 _KINDS = ("position", "other_joints")
 

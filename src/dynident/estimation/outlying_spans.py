@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.estimation.factors import Reduction
+from dynident.estimation.triangular_factors import Reduction
 
 OUTLYING_RATIO = 25.0
 """Ratio above which a span counts as disturbed: five times the residual of the rest.

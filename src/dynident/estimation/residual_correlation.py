@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.estimation.factors import EquationFactors, Reduction
-from dynident.estimation.qr import WhitenedColumns, compute_r_factor, whiten_columns
+from dynident.estimation.qr_decomposition import WhitenedColumns, compute_r_factor, whiten_columns
+from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
 # With fewer blocks of time chance decides how large the scores are.
 _FEWEST_STRETCHES = 5

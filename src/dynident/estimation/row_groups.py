@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.estimation.qr import compute_r_factor, pad_to_square
+from dynident.estimation.qr_decomposition import compute_r_factor, pad_to_square
 
 
 @dataclass(frozen=True, eq=False)

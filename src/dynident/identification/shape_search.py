@@ -15,9 +15,9 @@ from dynident.estimation import build_weighted_factor, compute_noise_levels, ord
 from dynident.identification.shape_refinement import settle_shapes
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 from dynident.regressors.row_cache import CachedRows, reduce_with_columns
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 # Share of the squared error that a natural value may cost: three times what a free constant gains from noise alone.
 _AS_GOOD = 0.002

@@ -11,11 +11,11 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-from dynident.recordings.arrow import parse_numbers, to_floats
-from dynident.recordings.columns import Layout
-from dynident.recordings.file_limits import TITLE, check_columns
-from dynident.recordings.metadata import RecordingError
+from dynident.recordings.arrow_tables import parse_numbers, to_floats
+from dynident.recordings.columns_to_signals import Layout
+from dynident.recordings.file_size_limits import TITLE, check_columns
 from dynident.recordings.recording import are_readings
+from dynident.recordings.recording_metadata import RecordingError
 
 MAX_ROWS = 1 << 18
 STRETCHES = 16

@@ -16,8 +16,8 @@ from scipy.interpolate import CubicSpline
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.errors import DynidentError
-from dynident.recordings.parallel_filter import FilteredRows, ParallelFilter
-from dynident.recordings.phases import Phase, Phases, find_phases
+from dynident.recordings.joint_phases import Phase, Phases, find_phases
+from dynident.recordings.low_pass_decimation import FilteredRows, ParallelFilter
 from dynident.recordings.position_filter import filtered_blocks
 from dynident.recordings.preprocessing import Preprocessing, choose_preprocessing
 from dynident.recordings.recording import Recording, SampleBlock, Segment

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals
 from dynident.expressions import Program
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 
 @dataclass(frozen=True, eq=False)

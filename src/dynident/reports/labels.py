@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from dynident.array_types import FloatArray
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
-from dynident.identification.shape_constants import ShapeConstant, ShapeJudgement
-from dynident.identification.study.held_out_gain import BestStep
+from dynident.identification.identified_models.held_out_gain import BestStep
+from dynident.identification.shape_constant_intervals import ShapeConstant, ShapeJudgement
 from dynident.identification.thresholds import LARGEST_CONDITION_NUMBER, ParameterJudgement
 from dynident.reports.number_format import format_estimate, format_number
-from dynident.reports.report_tables import Mark
+from dynident.reports.table_cells import Mark
 from dynident.robot import Robot
 from dynident.robot.joint import join_joint_names
 from dynident.robot.json_fields import join_names

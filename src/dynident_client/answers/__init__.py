@@ -74,7 +74,6 @@ from dynident_client.answers.identifications import (
     UseView,
     VerdictView,
 )
-from dynident_client.answers.parts import DriftView, EffectChoice, ErrorFigures, ErrorsView, UsedPreprocessing
 from dynident_client.answers.resources import (
     CapsuleView,
     Catalogue,
@@ -108,6 +107,7 @@ from dynident_client.answers.resources import (
     SurfaceView,
     UsageView,
 )
+from dynident_client.answers.shared_answers import DriftView, EffectChoice, ErrorFigures, ErrorsView, UsedPreprocessing
 from dynident_client.answers.validations import (
     BootstrapView,
     DrawnParameterView,

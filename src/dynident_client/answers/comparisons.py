@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, TypedDict
 
-from dynident_client.answers.parts import ErrorFigures
+from dynident_client.answers.shared_answers import ErrorFigures
 
 
 class AutocorrelationView(TypedDict):

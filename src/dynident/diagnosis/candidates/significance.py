@@ -15,13 +15,13 @@ import numpy as np
 from scipy.special import stdtrit
 
 from dynident.array_types import FloatArray
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.scoring import Score
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.request import DEFAULT_SIGNIFICANCE
-from dynident.diagnosis.residuals.time_blocks import compute_median_error
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.candidates.held_out_scores import Score
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.diagnosis_request import DEFAULT_SIGNIFICANCE
+from dynident.diagnosis.residuals.time_blocks_and_bursts import compute_median_error
 from dynident.effects import CATALOGUE
-from dynident.estimation.errors import compute_evenness, compute_signed_roots, compute_t
+from dynident.estimation.residual_errors import compute_evenness, compute_signed_roots, compute_t
 
 DRAWS = 2000
 """Turns of the signs: a p of 0.01 is then known to within a fifth of itself."""

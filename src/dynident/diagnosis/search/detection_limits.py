@@ -18,20 +18,20 @@ from typing import NamedTuple
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
-from dynident.diagnosis.candidates.joint_products import JointBlocks
-from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.products import Products, split_data_folds
-from dynident.diagnosis.candidates.scoring import compute_block_products
+from dynident.diagnosis.candidates.held_out_scores import compute_block_products
+from dynident.diagnosis.candidates.inner_products_and_folds import Products, split_data_folds
+from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, compute_least_t, standardise_size
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.reasons import CandidateOutcome, Reason
-from dynident.diagnosis.result import DetectionLimit, Invisible
-from dynident.diagnosis.search.acceptance import find_least_drops, get_least_gain
-from dynident.diagnosis.search.outcomes import FinalScores
-from dynident.diagnosis.search.state import KINDS, find_acting_columns, may_use_scores
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.diagnosis_result import DetectionLimit, Invisible
+from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
+from dynident.diagnosis.search.acceptance_rules import find_least_drops, get_least_gain
+from dynident.diagnosis.search.candidate_outcomes import FinalScores
+from dynident.diagnosis.search.search_state import KINDS, find_acting_columns, may_use_scores
 from dynident.effects import EffectChoice, get_effect
-from dynident.estimation.errors import compute_evenness
+from dynident.estimation.residual_errors import compute_evenness
 
 SURE, HALF = 0.95, 0.5
 """Shares of the draws in which an effect of the size of the limit, and of the half limit, is accepted."""

@@ -9,22 +9,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from dynident.diagnosis.candidates.accumulate import PhasedProducts
-from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.reasons import Reason
-from dynident.diagnosis.search.identifiability import is_determined, is_main_explanation
-from dynident.diagnosis.search.model_comparison import build_finer_pool, compare_names, explains_as_much, list_starts
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.outcome_reasons import Reason
+from dynident.diagnosis.search.comparison_of_rivals import (
+    build_finer_pool,
+    compare_names,
+    explains_as_much,
+    list_starts,
+)
+from dynident.diagnosis.search.finding_refinement import split_groups
+from dynident.diagnosis.search.identifiability_and_invisible_effects import is_determined, is_main_explanation
 from dynident.diagnosis.search.next_finding import select_candidate
-from dynident.diagnosis.search.physical_constraints import is_physically_possible
+from dynident.diagnosis.search.physical_plausibility import is_physically_possible
 from dynident.diagnosis.search.pruning import prune_findings
-from dynident.diagnosis.search.refine import split_groups
-from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import get_effect
 from dynident.identification.shape_search import list_between
 from dynident.progress import Progress
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 
 
 def merge_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:

@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.diagnosis.candidates.accumulate import PhasedProducts
-from dynident.diagnosis.candidates.pool import Candidate, Pool, select_columns_on
-from dynident.diagnosis.candidates.products import can_leave_out_runs
-from dynident.diagnosis.candidates.scoring import compute_held_out_errors
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, select_columns_on
+from dynident.diagnosis.candidates.held_out_scores import compute_held_out_errors
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.inner_products_and_folds import can_leave_out_runs
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.search.acceptance import compute_gain_over_floor, get_least_gain, is_shadowed
-from dynident.diagnosis.search.physical_constraints import is_physically_possible
-from dynident.diagnosis.search.state import Finding, State, score_one
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.search.acceptance_rules import compute_gain_over_floor, get_least_gain, is_shadowed
+from dynident.diagnosis.search.physical_plausibility import is_physically_possible
+from dynident.diagnosis.search.search_state import Finding, State, score_one
 from dynident.effects import get_effect
-from dynident.estimation.errors import compute_evenness
-from dynident.identification.study.held_out_gain import IN_PASSING
+from dynident.estimation.residual_errors import compute_evenness
+from dynident.identification.identified_models.held_out_gain import IN_PASSING
 
 
 def select_harmless(

@@ -15,7 +15,7 @@ from dynident.identification.recording_faults.column_faults import (
     Motion,
     is_possible_delay,
 )
-from dynident.identification.recording_faults.description_fit import DescriptionUnits, find_description_units
+from dynident.identification.recording_faults.description_units import DescriptionUnits, find_description_units
 from dynident.identification.recording_faults.fault_search import (
     ALIKE,
     CURED,
@@ -28,7 +28,6 @@ from dynident.identification.recording_faults.fault_search import (
     find_excess_of_motion,
     search_faults,
 )
-from dynident.identification.recording_faults.filtered_motion import thin_out
 from dynident.identification.recording_faults.gravity_in_torque import (
     Mounting,
     StaticTorque,
@@ -36,11 +35,12 @@ from dynident.identification.recording_faults.gravity_in_torque import (
     find_other_mounting,
     find_static_torque,
 )
-from dynident.identification.recording_faults.held_out_fit import UnexplainedTorque
+from dynident.identification.recording_faults.rows_for_fault_search import thin_out
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
-from dynident.recordings.metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Check, Revision
+from dynident.identification.recording_faults.unexplained_torque import UnexplainedTorque
 from dynident.recordings.recording import ModelChecks, Recording
-from dynident.robot.model import Robot
+from dynident.recordings.recording_metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Check, Revision
+from dynident.robot.robot_model import Robot
 
 _CHECK: dict[FaultKind, str] = {
     "torques swapped": "torque_order",

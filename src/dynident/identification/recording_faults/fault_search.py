@@ -21,14 +21,7 @@ from dynident.identification.recording_faults.column_faults import (
     list_possible_faults,
     silence_others,
 )
-from dynident.identification.recording_faults.description_fit import DescriptionFit
-from dynident.identification.recording_faults.filtered_motion import filter_whole_motion, thin_out
-from dynident.identification.recording_faults.held_out_fit import (
-    CLEARLY,
-    HeldOutFit,
-    UnexplainedTorque,
-    find_moving_joints,
-)
+from dynident.identification.recording_faults.rows_for_fault_search import filter_whole_motion, thin_out
 from dynident.identification.recording_faults.torque_scale import (
     compute_described_load,
     find_driving_joints,
@@ -40,8 +33,15 @@ from dynident.identification.recording_faults.torque_scale import (
     refine_factor_by_masses,
 )
 from dynident.identification.recording_faults.tree_fit import find_parallel_axes, list_chains
+from dynident.identification.recording_faults.unexplained_torque import (
+    CLEARLY,
+    DescriptionFit,
+    HeldOutFit,
+    UnexplainedTorque,
+    find_moving_joints,
+)
 from dynident.recordings import Recording
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 MOST_JOINTS = 12
 """Longer chains have too many pairs to be tried while somebody waits."""

@@ -12,11 +12,11 @@ from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.motion.collision.constraint_slack import FollowerRates, LoopConstraints
 from dynident.motion.collision.free_space import FreeSpace, build_free_space
-from dynident.motion.collision.obstacles import Surroundings, check_surroundings
+from dynident.motion.collision.obstacle_geometry import Surroundings, check_surroundings
 from dynident.robot import Limits, Robot
 from dynident.robot.joint import WIDEST_RANGE, Joint
 from dynident.robot.json_fields import join_names, make_pointer
-from dynident.robot.limits import LARGEST
+from dynident.robot.limits_and_drives import LARGEST
 
 
 def select_moving_joints(selected: Sequence[str], names: Sequence[str]) -> BoolArray:

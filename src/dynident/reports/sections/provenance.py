@@ -14,13 +14,13 @@ from types import MappingProxyType
 from typing import Any
 
 from dynident.effects import EffectChoice
-from dynident.effects.text_format import format_effect
+from dynident.effects.effect_text_format import format_effect
 from dynident.identification import Identification, IdentificationChoices
 from dynident.recordings import Preprocessing, Recording, RecordingMetadata
-from dynident.recordings.metadata import Windows
-from dynident.reports.report_data import ReportedRecording, Section
+from dynident.recordings.recording_metadata import Windows
+from dynident.reports.reported_data import ReportedRecording, Section
 from dynident.robot import Robot
-from dynident.robot.settings import GRAVITY
+from dynident.robot.stated_settings import GRAVITY
 from dynident.schema.fields import get_default, get_description
 from dynident.schema.registry import RegistryEntry
 from dynident.text_encoding import encode_text
