@@ -109,7 +109,7 @@ class Question:
         start = self._start(data)
         first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
         found = search_findings(data, pool, start, first, DEFAULT_MOST_EFFECTS, rows, ignore_progress)
-        return tuple(_told(pick) for pick in found.picks)
+        return tuple(_told(finding) for finding in found.findings)
 
     def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IndexArray:
         """(m, n): whether a joint moves, turns round, stands, or moves beside a halt: each another kind of equation."""
@@ -120,10 +120,10 @@ class Question:
 
     def _start(self, data: PhasedProducts) -> State:
         base, noise = tuple(range(self.pool.n_base)), self.identification.noise
-        picks = find_contacts(data, self.pool, base, noise, self.identification.preprocessing)
-        for finding in picks:
+        findings = find_contacts(data, self.pool, base, noise, self.identification.preprocessing)
+        for finding in findings:
             base += finding.columns
-        return State(base, estimate_residual_noise(data, base) if picks else noise, self.floor, picks)
+        return State(base, estimate_residual_noise(data, base) if findings else noise, self.floor, findings)
 
 
 def _rows(identification: Identification, pool: Pool, reference: ReferenceParameters) -> SamplesOf:
@@ -141,6 +141,6 @@ def _phases(identification: Identification, pool: Pool, recording: Recording) ->
     return phases.with_friction_of(find_joints_with_friction(pool.observation, pool.n_base))
 
 
-def _told(pick: Finding) -> str:
-    candidate = pick.judged.candidate
+def _told(finding: Finding) -> str:
+    candidate = finding.judged.candidate
     return candidate.effect + (f" on {', '.join(candidate.joints)}" if candidate.joints else "")

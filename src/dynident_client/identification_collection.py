@@ -147,7 +147,7 @@ class Identifications(LabelledCollection[Identification]):
         """Read for which uses the model is fit and why or why not, and whether to stop: uses, held_out, stop, …."""
         return self._transport.get(f"{self.path}/{get_identifier(identification)}/verdict", answers.VerdictView)
 
-    def lineage(self, identification: Record | str) -> list[answers.Rung]:
+    def lineage(self, identification: Record | str) -> list[answers.LadderStep]:
         """Read the ladder of models that led to this one, the first one first.
 
         What an extension by several effects made on its way has the id "{id}/1", … and says what it is `part_of`.

@@ -72,8 +72,8 @@ def test_slips_too_short_for_the_data_to_tell_are_one():
 
     def left(slip: float) -> list[EffectChoice]:
         choices = (presliding(NAMES[1], slip, -1.0), five)
-        picks = [Finding(cast(Any, choice), (), 0.001) for choice in choices]
-        return list(merge_alike(picks, choices, ROBOT, resolved)[1])
+        findings = [Finding(cast(Any, choice), (), 0.001) for choice in choices]
+        return list(merge_alike(findings, choices, ROBOT, resolved)[1])
 
     assert left(0.0005) == [replace(five, joints=NAMES)]
     assert left(0.004) == [presliding(NAMES[1], 0.004, -1.0), five]

@@ -45,20 +45,20 @@ def left(monkeypatch):
 
 def test_a_contact_that_friction_explains_goes_with_its_columns(left):
     state, asked = left((CONTACT, FRICTION), shows=False)
-    assert [finding.judged.candidate for finding in state.picks] == [FRICTION]
+    assert [finding.judged.candidate for finding in state.findings] == [FRICTION]
     assert state.base == (*MODEL, *FRICTION.columns)
     assert asked == [(*MODEL, *FRICTION.columns)]
 
 
 def test_a_contact_that_still_shows_stays_where_it_was_in_order(left):
     state, _ = left((CONTACT, FRICTION), shows=True)
-    assert [finding.judged.candidate for finding in state.picks] == [CONTACT, FRICTION]
+    assert [finding.judged.candidate for finding in state.findings] == [CONTACT, FRICTION]
     assert set(state.base) == {*MODEL, *CONTACT.columns, *FRICTION.columns}
 
 
 def test_a_contact_alone_is_not_asked_for_twice(left):
     state, asked = left((CONTACT,), shows=False)
-    assert [finding.judged.candidate for finding in state.picks] == [CONTACT]
+    assert [finding.judged.candidate for finding in state.findings] == [CONTACT]
     assert not asked
 
 

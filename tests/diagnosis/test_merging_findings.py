@@ -51,7 +51,7 @@ def test_of_an_offset_and_a_wave_one_spring_remains_where_it_says_both(hidden, k
     for choice in two:
         (judged,) = score_all(data, pool, state.base, [pool.find_candidate(choice)], state.noise)
         found = Finding(judged, (), 1e-4)
-        state = replace(state, base=state.base + found.columns, picks=(*state.picks, found))
+        state = replace(state, base=state.base + found.columns, findings=(*state.findings, found))
     after = merge_findings(rows, data, pool, state)
-    assert [pick.judged.candidate.effect for pick in after.picks] == names
-    assert set(after.base) == {*base, *(k for pick in after.picks for k in pick.columns)}
+    assert [finding.judged.candidate.effect for finding in after.findings] == names
+    assert set(after.base) == {*base, *(k for finding in after.findings for k in finding.columns)}

@@ -100,7 +100,7 @@ def test_an_angle_that_is_counted_from_the_joint_before_is_named() -> None:
     counted = motion.q + np.outer(motion.q[:, 1], np.arange(6) == 2)
     recording = record(ROBOT, replace(motion, q=counted), tau)
     found, left = find_recording_faults(ROBOT, recording) or ((), 1.0)
-    assert [one.mistake for one in found] == [ColumnFault("joint coupled", (2, 1), 1.0)]
+    assert [one.fault for one in found] == [ColumnFault("joint coupled", (2, 1), 1.0)]
     assert left < 0.1
     (check,) = findings(recording)
     assert check.name == "joint_coupling"

@@ -57,7 +57,7 @@ def test_right_columns_stay_right_where_a_fit_explains_another_order_better_by_c
 
 
 def test_the_masses_of_the_description_refute_another_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(DescriptionFit, "refutes", lambda self, mistake: False)
+    monkeypatch.setattr(DescriptionFit, "refutes", lambda self, fault: False)
     found, _ = find_recording_faults(ROBOT, recorded(14)) or ((), 1.0)
     assert found
 
@@ -65,7 +65,7 @@ def test_the_masses_of_the_description_refute_another_order(monkeypatch: pytest.
 @pytest.mark.parametrize("seed", [3, 5, 33])
 def test_of_several_orders_that_explain_more_the_one_is_named_that_the_description_bears_out(seed: int) -> None:
     found, _ = find_recording_faults(ROBOT, recorded(seed, (0, 2, 1, 3, 4, 5))) or ((), 1.0)
-    assert [one.mistake for one in found] == [ColumnFault("torques swapped", (1, 2))]
+    assert [one.fault for one in found] == [ColumnFault("torques swapped", (1, 2))]
 
 
 def test_a_description_without_masses_refutes_nothing() -> None:

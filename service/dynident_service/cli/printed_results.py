@@ -161,13 +161,13 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
         )
     worst = [
         [
-            stretch.joint,
-            f"{stretch.start:.2f} to {stretch.end:.2f} s",
-            format_number(stretch.rms),
-            f"{stretch.ratio:.1f} x",
-            ", ".join(f"{value:.2f}" for value in stretch.pose),
+            interval.joint,
+            f"{interval.start:.2f} to {interval.end:.2f} s",
+            format_number(interval.rms),
+            f"{interval.ratio:.1f} x",
+            ", ".join(f"{value:.2f}" for value in interval.pose),
         ]
-        for stretch in comparison.worst[:5]
+        for interval in comparison.worst[:5]
     ]
     console.print(
         build_table("Where it is worst", ("joint", "when", "rms", "relative to the joint's rms", "pose"), worst)

@@ -255,7 +255,7 @@ class CorrelationView(ViewModel):
     sentences: list[str] = Field(description="Parameters of which the motion determines only combinations, worst first")
 
 
-class Rung(ViewModel):
+class LadderStep(ViewModel):
     """One step of the ladder."""
 
     id: str
@@ -286,7 +286,7 @@ class Rung(ViewModel):
     )
 
 
-class RungDifference(ViewModel):
+class LadderStepDifference(ViewModel):
     """The same step of two ladders: this ladder's error minus the other's; negative if this one is better."""
 
     rung: int = Field(description="Number of the step, from 1 for the first model")
@@ -306,10 +306,10 @@ class RungDifference(ViewModel):
 class Lineage(ViewModel):
     """The models that led to one, the first one first; if requested, compared with those that led to another."""
 
-    items: list[Rung]
-    against: list[Rung] | None = None
+    items: list[LadderStep]
+    against: list[LadderStep] | None = None
     common_ancestor: str | None = Field(default=None, description="The last model that both ladders contain")
-    differences: list[RungDifference] | None = None
+    differences: list[LadderStepDifference] | None = None
     same_data: bool | None = Field(
         default=None, description="Whether all models of both ladders use the same measurements"
     )

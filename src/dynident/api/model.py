@@ -73,7 +73,12 @@ class Model(ModelResults):
     @property
     def ladder(self) -> Ladder:
         """The models that led to this one, in order, with this one as the last."""
-        return Ladder(tuple(Model(rung, self.recordings, self.validation) for rung in self.identification.ladder()))
+        return Ladder(
+            tuple(
+                Model(identification, self.recordings, self.validation)
+                for identification in self.identification.ladder()
+            )
+        )
 
     def residuals(self, recordings: SomeRecordings | None = None, *, progress: Progress = ignore_progress) -> Table:
         """Return measured minus predicted torque.

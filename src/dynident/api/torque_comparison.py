@@ -121,9 +121,9 @@ class ComparedRecording(Framed):
     def _repr_html_(self) -> str:
         rows = [self._format_row(j) for j in range(len(self.comparison.joint_names))]
         worst = [
-            f"{stretch.joint}, {stretch.start:.2f} to {stretch.end:.2f} s: {stretch.ratio:.1f} times the rms of the "
-            "joint"
-            for stretch in self.comparison.worst[:_SHOWN]
+            f"{interval.joint}, {interval.start:.2f} to {interval.end:.2f} s: "
+            f"{interval.ratio:.1f} times the rms of the joint"
+            for interval in self.comparison.worst[:_SHOWN]
         ]
         return join_html(
             render_paragraph(self._format_head(), strong=True),

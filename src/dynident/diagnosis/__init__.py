@@ -8,7 +8,7 @@ from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.diagnosis.ambiguities import Doubt
-    from dynident.diagnosis.comparison.measured_against_predicted import Comparison, WorstStretch, compare
+    from dynident.diagnosis.comparison.measured_against_predicted import Comparison, WorstInterval, compare
     from dynident.diagnosis.comparison.noise_floor import (
         Judgement,
         LackOfFit,
@@ -68,7 +68,7 @@ __all__ = [
     "RepeatedMotion",
     "ResidualSpectrum",
     "UnknownPattern",
-    "WorstStretch",
+    "WorstInterval",
     "angle_spectrum",
     "autocorrelation",
     "compare",

@@ -56,14 +56,14 @@ class Estimates:
         return float(self.values[k]) - half, float(self.values[k]) + half
 
 
-def yield_changes(estimates: Estimates, pick: Finding, ranked: RankedEffect) -> Iterator[Change]:
+def yield_changes(estimates: Estimates, finding: Finding, ranked: RankedEffect) -> Iterator[Change]:
     """Yield a finding as changes, joint by joint, where the difference is large enough to be called one.
 
     Parameters
     ----------
     estimates : Estimates
         Estimates of a model with the columns of the change.
-    pick : Finding
+    finding : Finding
         The finding, with the names that the data cannot tell from it.
     ranked : RankedEffect
         The same finding in the ranking.
@@ -72,7 +72,7 @@ def yield_changes(estimates: Estimates, pick: Finding, ranked: RankedEffect) -> 
         values = _list_changed_values(estimates, ranked.choice, joint)
         if not values or not _is_noticeable(values[0]) or _may_be_zero(estimates, ranked.choice, joint, values[0]):
             continue
-        others = [scored.candidate.choice for scored in pick.equal]
+        others = [scored.candidate.choice for scored in finding.equal]
         names = [name for other in others for name in _list_equivalents(other, ranked.choice, joint)]
         choice = replace(ranked.choice, joints=(joint,) if joint else ())
         # What changes together is reported together: friction grows in all its parts.

@@ -237,7 +237,7 @@ def _select_prior(prior: PriorName | None) -> PriorName | None:
 
 
 def list_changes(
-    grown: Identification, picks: Sequence[Finding], ranked: Sequence[RankedEffect], since: tuple[str, ...]
+    grown: Identification, findings: Sequence[Finding], ranked: Sequence[RankedEffect], since: tuple[str, ...]
 ) -> tuple[Change, ...]:
     """List the findings that only the later runs have, joint by joint, with their values in the final model.
 
@@ -245,7 +245,7 @@ def list_changes(
     ----------
     grown : Identification
         The model with all findings, and with friction that may differ in the later runs.
-    picks, ranked : sequences of equal length
+    findings, ranked : sequences of equal length
         The findings, and the same findings in the ranking.
     since : tuple of str
         Labels of the later runs.
@@ -257,9 +257,9 @@ def list_changes(
     """
     estimates = Estimates.from_identification(grown)
     changes: list[Change] = []
-    for pick, ranked_effect in zip(picks, ranked, strict=True):
+    for finding, ranked_effect in zip(findings, ranked, strict=True):
         if is_lasting_change(ranked_effect.choice, since):
-            changes += yield_changes(estimates, pick, ranked_effect)
+            changes += yield_changes(estimates, finding, ranked_effect)
     return tuple(changes)
 
 

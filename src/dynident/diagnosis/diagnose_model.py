@@ -238,45 +238,55 @@ def examine(
     first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
     # First the best candidates of a coarse grid, then their shape constants, on all rows.
     record = search_findings(data, pool, start, first, most_effects, rows, scale_progress(progress, 0.5, 0.8))
-    picks, recommended, dropped = refine_findings(
-        identification, record.picks, recordings, reference, resolved, floor, since, scale_progress(progress, 0.8, 0.9)
+    findings, recommended, dropped = refine_findings(
+        identification,
+        record.findings,
+        recordings,
+        reference,
+        resolved,
+        floor,
+        since,
+        scale_progress(progress, 0.8, 0.9),
     )
     record.dropped.update(dropped)
     # The findings are put to the test by identifying the model with them. Some cannot be added, or explain nothing any
     # more in that model.
     grown, undetermined = _extend_model(identification, recommended, recordings, scale_progress(progress, 0.9, 1.0))
-    record.dropped.update((picks[k].judged.candidate, reason) for k, (_, reason) in undetermined.items())
-    picks, recommended = _drop_findings(picks, recommended, list(undetermined))
+    record.dropped.update((findings[k].judged.candidate, reason) for k, (_, reason) in undetermined.items())
+    findings, recommended = _drop_findings(findings, recommended, list(undetermined))
     final = _compare_extended(identification, grown, recordings, comparisons)
     unknown = find_unknown_patterns(final)
     # An effect whose residual still depends on the same variable has the wrong name, and misleads what was found after
     # it.
-    wrong = find_misnamed(picks, recommended, unknown, final)
+    wrong = find_misnamed(findings, recommended, unknown, final)
     if wrong:
-        dependent = find_dependent_findings(picks, wrong, first)
-        record.dropped.update((picks[k].judged.candidate, Reason.build("superfluous")) for k in dependent)
-        record.dropped.update((picks[k].judged.candidate, Reason.build("misnamed")) for k in wrong)
-        picks, recommended = _drop_findings(picks, recommended, [*wrong, *dependent])
+        dependent = find_dependent_findings(findings, wrong, first)
+        record.dropped.update((findings[k].judged.candidate, Reason.build("superfluous")) for k in dependent)
+        record.dropped.update((findings[k].judged.candidate, Reason.build("misnamed")) for k in wrong)
+        findings, recommended = _drop_findings(findings, recommended, [*wrong, *dependent])
         grown, _ = _extend_model(identification, recommended, recordings, ignore_progress)
         final = _compare_extended(identification, grown, recordings, comparisons)
         unknown = find_unknown_patterns(final)
     # Of two days, halts would have to be asked apart.
     if not baseline:
         grown, final, held = find_static_friction(grown, recordings, final, candidates, significance)
-        picks, recommended = (*picks, *held), (*recommended, *(finding.judged.candidate.choice for finding in held))
+        findings, recommended = (
+            (*findings, *held),
+            (*recommended, *(finding.judged.candidate.choice for finding in held)),
+        )
         unknown = find_unknown_patterns(final) if held else unknown
     residual = _compute_rms(final)
     # Who names the effects to try gets no others.
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
-    everything, named = (*contacts, *picks), (*pushes, *recommended)
+    everything, named = (*contacts, *findings), (*pushes, *recommended)
     ranking = _rank_candidates(record, pool, start, everything, named, first, most_effects, has)
     ranked, limits = ranking.ranked, ranking.limits
     unknown = (*undisturbed.unexplained_patterns, *unknown)
     # The contacts stand first in the ranking, and are no changes of the robot; `identify_on_both` puts the later
     # recordings last.
     changes, friction = (
-        _list_differences(grown, picks, ranked[len(contacts) :], since, recordings, final[-n_later:])
+        _list_differences(grown, findings, ranked[len(contacts) :], since, recordings, final[-n_later:])
         if baseline
         else (None, ())
     )
@@ -316,7 +326,7 @@ def examine(
         conclusion=conclusion,
         outcomes=(*ranking.outcomes, *list_untried(ranking.outcomes, candidates, model, leads, absent)),
     )
-    doubts = list_doubts(picks, recommended, hidden, model.robot, first, candidates or ())
+    doubts = list_doubts(findings, recommended, hidden, model.robot, first, candidates or ())
     return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
 
 
@@ -334,7 +344,7 @@ def _check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -
 
 def _list_differences(
     grown: Identification,
-    picks: Sequence[Finding],
+    findings: Sequence[Finding],
     ranked: Sequence[RankedEffect],
     since: tuple[str, ...],
     recordings: Sequence[Recording],
@@ -342,7 +352,7 @@ def _list_differences(
 ) -> tuple[tuple[Change, ...], tuple[FrictionDifference, ...]]:
     """List what the later recordings have and the baseline has not, and how the friction of every joint differs."""
     grown = add_friction_differences(grown, since, recordings)
-    changes = list_changes(grown, picks, ranked[: len(picks)], since)
+    changes = list_changes(grown, findings, ranked[: len(findings)], since)
     return changes, compute_friction_differences(grown, since, later)
 
 
@@ -359,19 +369,19 @@ def _rank_candidates(
     record: SearchRecord,
     pool: Pool,
     start: State,
-    picks: Sequence[Finding],
+    findings: Sequence[Finding],
     choices: Sequence[EffectChoice],
     first: Sequence[ScoredCandidate],
     most_effects: int,
     has: Sequence[str],
 ) -> _Ranking:
     """Score every candidate once more beside all findings, and say what became of it."""
-    final = score_beside_findings(record.data, pool, start, picks, choices, first)
+    final = score_beside_findings(record.data, pool, start, findings, choices, first)
     outcomes, beside = list_outcomes(final, pool, record, choices, first, most_effects)
     limits = compute_detection_limits(final, pool, choices)
     outcomes = add_limits(outcomes, limits)
-    findings = rank_findings(picks, choices, has)
-    ranked = (*findings, *rank_rejected(outcomes, first, beside, len(findings)))
+    ranked_findings = rank_findings(findings, choices, has)
+    ranked = (*ranked_findings, *rank_rejected(outcomes, first, beside, len(ranked_findings)))
     rows = record.data.select_for_model(final.state.base)
     return _Ranking(ranked, outcomes, limits, compute_part_to_part_ratio(rows, final.state))
 
@@ -395,10 +405,10 @@ def _build_start_state(
 ) -> State:
     """Return the state that the search starts from: the model with the contacts that disturb it."""
     base, noise = tuple(range(pool.n_base)), identification.noise
-    picks = find_contacts(data, pool, base, noise, identification.preprocessing)
-    for finding in picks:
+    findings = find_contacts(data, pool, base, noise, identification.preprocessing)
+    for finding in findings:
         base += finding.columns
-    return State(base, estimate_residual_noise(data, base) if picks else noise, floor, picks, pool.since, rules)
+    return State(base, estimate_residual_noise(data, base) if findings else noise, floor, findings, pool.since, rules)
 
 
 def _compute_rms(comparisons: Sequence[Comparison]) -> FloatArray:
@@ -456,11 +466,11 @@ def _group_portions(recommended: Sequence[EffectChoice]) -> list[list[int]]:
 
 
 def _drop_findings(
-    picks: tuple[Finding, ...], recommended: tuple[EffectChoice, ...], gone: Sequence[int]
+    findings: tuple[Finding, ...], recommended: tuple[EffectChoice, ...], gone: Sequence[int]
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
     """Return the findings without those of these numbers."""
-    remaining = [k for k in range(len(picks)) if k not in gone]
-    return tuple(picks[k] for k in remaining), tuple(recommended[k] for k in remaining)
+    remaining = [k for k in range(len(findings)) if k not in gone]
+    return tuple(findings[k] for k in remaining), tuple(recommended[k] for k in remaining)
 
 
 def _compare_extended(

@@ -51,13 +51,13 @@ def word_question(effect: str, has: Collection[str]) -> str:
 
 
 def rank_findings(
-    picks: Sequence[Finding], recommended: Sequence[EffectChoice], has: Collection[str] = ()
+    findings: Sequence[Finding], recommended: Sequence[EffectChoice], has: Collection[str] = ()
 ) -> tuple[RankedEffect, ...]:
     """Rank the findings in the order of picking.
 
     Parameters
     ----------
-    picks, recommended : sequences of equal length
+    findings, recommended : sequences of equal length
         The findings, and how they are recommended.
     has : collection of str
         Parts that the robot is known to have.
@@ -68,7 +68,7 @@ def rank_findings(
         Effects with ranks from 1 on.
     """
     ranked: list[RankedEffect] = []
-    for finding, choice in zip(picks, recommended, strict=True):
+    for finding, choice in zip(findings, recommended, strict=True):
         # The same effect on other joints is another place, not another name.
         others = {scored.candidate.effect for scored in finding.equal} - {choice.effect}
         twins = tuple(sorted(others | set(get_effect(choice.effect).same_function)))

@@ -101,8 +101,8 @@ def compute_overstatement(w: FloatArray, rests: FloatArray, rows: float) -> floa
 
 
 def _is_determined(w: FloatArray, rows: float) -> bool:
-    n_stretches, _, k = w.shape
-    return bool(n_stretches >= _FEWEST_STRETCHES and k > 0 and rows > k)
+    n_blocks, _, k = w.shape
+    return bool(n_blocks >= _FEWEST_STRETCHES and k > 0 and rows > k)
 
 
 def _compute_overstatement_of_whitened(columns: WhitenedColumns | None, rests: FloatArray, rows: float) -> float:

@@ -71,10 +71,10 @@ class EquationFactors:
         freedom = max(float(self.counts.sum()) - len(self.columns), 1.0)
         return abs(float(self.whole_factor[-1, -1])) / float(np.sqrt(freedom))
 
-    def factor_without_blocks(self, stretches: Sequence[int]) -> FloatArray:
+    def factor_without_blocks(self, blocks: Sequence[int]) -> FloatArray:
         """Return the factor (p + 1, p + 1) of all blocks but these."""
         keep = np.ones(len(self.factors), dtype=bool)
-        keep[list(stretches)] = False
+        keep[list(blocks)] = False
         return join_factors(self.factors[keep])
 
     def select_columns(self, columns: IndexArray) -> EquationFactors:
@@ -86,16 +86,16 @@ class EquationFactors:
         # stays small.
         where = {int(column): position for position, column in enumerate(self.columns)}
         chosen = [(new, where[int(old)]) for new, old in enumerate(columns) if int(old) in where]
-        picked = [position for _, position in chosen] + [len(self.columns)]
+        selected = [position for _, position in chosen] + [len(self.columns)]
         separate_rows = (
             None if self.separate_rows is None else self.separate_rows.select([position for _, position in chosen])
         )
         numbers = np.array([new for new, _ in chosen], dtype=np.intp)
         if self.weighted_rows is not None:
-            return self._rebuild(numbers, self.weighted_rows.select(picked), separate_rows)
+            return self._rebuild(numbers, self.weighted_rows.select(selected), separate_rows)
         # Columns that are taken out of a triangular factor leave it no longer triangular: one more QR decomposition, of
         # a few rows, restores it. No data is read again.
-        factors = compute_r_factor(self.factors[:, :, picked]) if len(self.factors) else self.factors
+        factors = compute_r_factor(self.factors[:, :, selected]) if len(self.factors) else self.factors
         return EquationFactors(numbers, pad_to_square(factors), self.counts, separate_rows)
 
     def weight_group(self, weight: float) -> EquationFactors:
@@ -241,9 +241,9 @@ class Reduction:
 
     def select_blocks(self, indices: Sequence[int]) -> Reduction:
         """Return only the blocks of time with these indices."""
-        picked = list(indices)
-        equations = tuple(EquationFactors(e.columns, e.factors[picked], e.counts[picked]) for e in self.equations)
-        return Reduction(self.n_columns, equations, self.spans[picked])
+        selected = list(indices)
+        equations = tuple(EquationFactors(e.columns, e.factors[selected], e.counts[selected]) for e in self.equations)
+        return Reduction(self.n_columns, equations, self.spans[selected])
 
 
 def concatenate_reductions(parts: Sequence[Reduction]) -> Reduction:
@@ -323,17 +323,17 @@ class FactorAccumulator:
         The parameters that each equation contains.
     n_columns : int
         Number of all parameters c.
-    stretch : float
+    block_length : float
         Length of a block of time, s.
     """
 
     # Rows collected before they are folded: QR of a tall block costs less than of many short ones.
     _PENDING = 2048
 
-    def __init__(self, columns: Sequence[IndexArray], n_columns: int, stretch: float) -> None:
+    def __init__(self, columns: Sequence[IndexArray], n_columns: int, block_length: float) -> None:
         self._columns = [np.asarray(item, dtype=np.intp) for item in columns]
         self._n_columns = n_columns
-        self._stretch = stretch
+        self._block_length = block_length
         self._factors: list[list[FloatArray]] = [[] for _ in self._columns]
         self._counts: list[IndexArray] = []
         self._spans: list[tuple[float, float]] = []
@@ -362,7 +362,7 @@ class FactorAccumulator:
             if not self._is_open:
                 self._from, self._is_open = float(t[first]), True
             # Blocks are cut by time, not by number of rows, so that they last alike in recordings of any sampling rate.
-            last = first + int(np.searchsorted(t[first:], self._from + self._stretch))
+            last = first + int(np.searchsorted(t[first:], self._from + self._block_length))
             if last > first:
                 for k, (pending, block) in enumerate(zip(self._pending, rows, strict=True)):
                     part = block[first:last] if used is None else block[first:last][used[first:last, k]]

@@ -171,8 +171,8 @@ class EquationForm:
         stored = self._places[: self.n_stored]
         # Where the sorted places of S have each shared place of D: its entry is added to that of dS/dt.
         order = np.argsort(stored)
-        picked = self.n_stored + np.flatnonzero(np.isin(self._places[self.n_stored :], stored))
-        return picked, order[np.searchsorted(stored, self._places[picked], sorter=order)]
+        selected = self.n_stored + np.flatnonzero(np.isin(self._places[self.n_stored :], stored))
+        return selected, order[np.searchsorted(stored, self._places[selected], sorter=order)]
 
     @cached_property
     def separate_entries(self) -> IndexArray:

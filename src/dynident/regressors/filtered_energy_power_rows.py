@@ -200,8 +200,8 @@ def _collect_direct_part(values: FloatArray, form: EquationForm, reach: int) -> 
     """Return D in the entries of dS/dt + D, with y behind them; the outer `reach` samples are left out."""
     inner = values[reach : len(values) - reach]
     out = np.zeros((len(inner), form.n_entries + form.n_equations))
-    picked, places = form.shared_entries
-    out[:, places] = inner[:, picked]
+    selected, places = form.shared_entries
+    out[:, places] = inner[:, selected]
     out[:, form.n_stored : form.n_entries] = inner[:, form.separate_entries]
     out[:, form.n_entries :] = inner[:, len(form.observation.entry_rows) :]
     return out

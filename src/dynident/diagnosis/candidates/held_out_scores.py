@@ -15,7 +15,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
-from dynident.diagnosis.candidates.inner_products_and_folds import Products, split_data_folds, sum_by_stretch
+from dynident.diagnosis.candidates.inner_products_and_folds import Products, split_data_folds, sum_by_block
 from dynident.diagnosis.candidates.inner_products_by_joint import JointBlock, JointBlocks, ProductBlock, RowBlock
 
 # Difference from one below which a direction lies in the span of others.
@@ -124,12 +124,12 @@ def score_blocks(
     tuple of (s, n), list of Score
         Squared errors of the model alone, and a score for every candidate.
     """
-    s, n = data.n_stretches, data.n_joints
+    s, n = data.n_blocks, data.n_joints
     before, after = np.zeros((s, n)), np.zeros((len(candidates), s, n))
     # Candidates are scored by portion; these are their numbers in that order.
     members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
     for left_out in split_data_folds(data, kind):
-        here = blocks.select_stretches(left_out)
+        here = blocks.select_blocks(left_out)
         # Sums over the training blocks are those of all blocks minus those left out: no product is summed twice.
         fit = FoldFit(total.subtract(here.sum_products(noise)), blocks.portions)
         amplitudes = blocks.fit_amplitudes(fit)
@@ -193,7 +193,7 @@ def compute_block_contributions(
         Standard deviation of the noise of each joint, N m or N.
     """
     fit = FoldFit(total, blocks.portions)
-    sums = np.zeros((blocks.n_stretches, blocks.n_extra))
+    sums = np.zeros((blocks.n_blocks, blocks.n_extra))
     for block, sigma in zip(blocks.joints, noise, strict=True):
         sums += block.compute_errors(fit).compute_scores() / sigma**2
     scores = [np.zeros((0, 0))] * count
@@ -224,7 +224,7 @@ def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> li
     scores = compute_block_contributions(blocks, total, count, noise)
     fit = FoldFit(total, blocks.portions)
     # The correction for few clusters, m / (m - 1).
-    more = blocks.n_stretches / max(blocks.n_stretches - 1, 1)
+    more = blocks.n_blocks / max(blocks.n_blocks - 1, 1)
     deviations_of = [np.zeros(0)] * count
     for number, portion in enumerate(blocks.portions):
         for member, unit in zip(portion.members, fit.compute_unit_directions(number), strict=True):
@@ -263,7 +263,7 @@ def compute_fitted_errors(
     blocks = JointBlocks.from_products(data, base, [candidate])
     fit = FoldFit(blocks.sum_products(noise), blocks.portions)
     amplitudes = blocks.fit_amplitudes(fit)
-    before, after = np.zeros((data.n_stretches, data.n_joints)), np.zeros((data.n_stretches, data.n_joints))
+    before, after = np.zeros((data.n_blocks, data.n_joints)), np.zeros((data.n_blocks, data.n_joints))
     for j, block in enumerate(blocks.joints):
         errors = block.compute_errors(fit)
         before[:, j], after[:, j] = errors.alone, errors.compute_errors_with(amplitudes)[0]
@@ -294,7 +294,7 @@ def compute_block_products(block: JointBlock, fit: FoldFit) -> tuple[FloatArray,
         for portion in fit.portions:
             own = rest[portion.columns]
             pairs = own[:, :, None, :] * own[:, None, :, :]
-            products.append(sum_by_stretch(pairs, block.stretch, block.n_stretches).transpose(0, 3, 1, 2))
+            products.append(sum_by_block(pairs, block.row_block, block.n_blocks).transpose(0, 3, 1, 2))
         return tuple(products)
     assert isinstance(block, ProductBlock)
     products = []

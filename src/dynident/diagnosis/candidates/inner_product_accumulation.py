@@ -121,12 +121,12 @@ class RowAccumulator:
         self._heaps = [[_JointAccumulator(width + 1, max(expected, 1)) for width in widths] for _ in range(kinds)]
         self._room, self._pending, self._folded = _MOST_ROWS * max(expected, 1), 0, False
 
-    def push(self, stretch: IndexArray, rows: Sequence[FloatArray], used: Sequence[BoolArray]) -> None:
+    def push(self, row_block: IndexArray, rows: Sequence[FloatArray], used: Sequence[BoolArray]) -> None:
         """Add rows of every joint.
 
         Parameters
         ----------
-        stretch : (m,)
+        row_block : (m,)
             Number of the block of each row.
         rows : sequence of (m, p + 1)
             [W | Y] of each joint.
@@ -135,21 +135,21 @@ class RowAccumulator:
         """
         for heaps, mask in zip(self._heaps, used, strict=True):
             for heap, block, own in zip(heaps, rows, mask.T, strict=True):
-                heap.push(stretch[own], block if own.all() else block[own])
-        self._pending += len(stretch)
+                heap.push(row_block[own], block if own.all() else block[own])
+        self._pending += len(row_block)
         # Folding bounds the memory by the size of the products, however long the recordings are.
         if self._pending > self._room:
             self._fold()
 
-    def finish(self, n_stretches: int) -> list[tuple[tuple[Stack, ...], FloatArray]]:
+    def finish(self, n_blocks: int) -> list[tuple[tuple[Stack, ...], FloatArray]]:
         """Return the stacks of all joints and the numbers of rows (s, n), for every kind."""
         # Once one kind is folded all are: a stack is either rows or products.
         if self._folded:
             self._fold()
         return [
             (
-                tuple(heap.stack(n_stretches) for heap in heaps),
-                np.stack([heap.counts(n_stretches) for heap in heaps], axis=1),
+                tuple(heap.stack(n_blocks) for heap in heaps),
+                np.stack([heap.counts(n_blocks) for heap in heaps], axis=1),
             )
             for heaps in self._heaps
         ]
@@ -167,18 +167,18 @@ class _JointAccumulator:
     def __init__(self, width: int, expected: int) -> None:
         self._width, self._expected = width, expected
         self._rows: list[FloatArray] = []
-        self._stretch: list[IndexArray] = []
+        self._row_block: list[IndexArray] = []
         self._products: FloatArray | None = None
         self._counts = np.zeros(0)
 
-    def push(self, stretch: IndexArray, rows: FloatArray) -> None:
+    def push(self, row_block: IndexArray, rows: FloatArray) -> None:
         if len(rows):
             self._rows.append(rows)
-            self._stretch.append(stretch)
-            self._count(stretch)
+            self._row_block.append(row_block)
+            self._count(row_block)
 
-    def _count(self, stretch: IndexArray) -> None:
-        counts = np.bincount(stretch, minlength=len(self._counts)).astype(np.float64)
+    def _count(self, row_block: IndexArray) -> None:
+        counts = np.bincount(row_block, minlength=len(self._counts)).astype(np.float64)
         counts[: len(self._counts)] += self._counts
         self._counts = counts
 
@@ -186,34 +186,34 @@ class _JointAccumulator:
         """Replace the pending rows by their products."""
         if self._products is None:
             self._products = np.zeros((0, self._width, self._width))
-        rows, stretch = self._pop_pending()
+        rows, row_block = self._pop_pending()
         # Room is made for all at once: zeros that nobody has written to take no memory.
-        last = int(stretch[-1]) if len(stretch) else -1
+        last = int(row_block[-1]) if len(row_block) else -1
         if len(self._products) <= last:
             self._products = _resize(self._products, max(2 * len(self._products), last + 1, self._expected))
-        edges = np.flatnonzero(np.diff(stretch)) + 1
-        for own, part in zip(np.split(stretch, edges), np.split(rows, edges), strict=True):
+        edges = np.flatnonzero(np.diff(row_block)) + 1
+        for own, part in zip(np.split(row_block, edges), np.split(rows, edges), strict=True):
             if len(own):
                 self._products[own[0]] += part.T @ part
 
-    def stack(self, n_stretches: int) -> Stack:
+    def stack(self, n_blocks: int) -> Stack:
         """Return all rows as a stack."""
         if self._products is not None:
-            return ProductStack(_resize(self._products, n_stretches))
-        rows, stretch = self._pop_pending()
-        return RowStack(rows, stretch, n_stretches)
+            return ProductStack(_resize(self._products, n_blocks))
+        rows, row_block = self._pop_pending()
+        return RowStack(rows, row_block, n_blocks)
 
-    def counts(self, n_stretches: int) -> FloatArray:
+    def counts(self, n_blocks: int) -> FloatArray:
         """Return the number of rows (s,) of each block."""
-        return np.pad(self._counts, (0, n_stretches - len(self._counts)))
+        return np.pad(self._counts, (0, n_blocks - len(self._counts)))
 
     def _pop_pending(self) -> tuple[FloatArray, IndexArray]:
         """Return the pending rows and their blocks, ascending, and forget them."""
-        rows, stretch = self._rows, self._stretch
-        self._rows, self._stretch = [], []
+        rows, row_block = self._rows, self._row_block
+        self._rows, self._row_block = [], []
         if not rows:
             return np.zeros((0, self._width)), np.zeros(0, dtype=np.intp)
-        together, each = np.concatenate(rows), np.concatenate(stretch)
+        together, each = np.concatenate(rows), np.concatenate(row_block)
         # A periodic motion comes back to earlier blocks, so that rows do not come in the order of their blocks.
         order = np.argsort(each, kind="stable")
         return together[order], each[order]
@@ -382,7 +382,7 @@ def gather_products(
     repeats = [find_periods(recording) for recording in recordings]
     # Upper bound of the blocks of periodic motion, for the memory that is set aside.
     n_periodic = sum(1 + MANY * len(periods) for each in repeats for periods in each)
-    stretches = BlockNumbering(usual, _LONG * width)
+    blocks = BlockNumbering(usual, _LONG * width)
     collected = RowAccumulator([len(columns) for _, columns in layout], _KINDS, int(total / usual) + n_periodic)
     done, free = 0.0, np.ones(n, dtype=bool)
     for recording, periods in zip(recordings, repeats, strict=True):
@@ -399,11 +399,11 @@ def gather_products(
         for samples in samples_of_recording:
             if samples.segment != segment:
                 segment = samples.segment
-                stretches.begin_run(recording.name_segment(segment), periods[segment])
+                blocks.begin_run(recording.name_segment(segment), periods[segment])
             phase = phases.phases_at(segment, samples.t)
             partial_rows = phases.find_partial_rows(segment, samples.t, phase, samples.held)
             collected.push(
-                stretches.number_times(samples.t),
+                blocks.number_times(samples.t),
                 samples.stack_equations(layout),
                 (phase == Phase.MOVING, phase == Phase.REVERSING, partial_rows),
             )
@@ -412,7 +412,7 @@ def gather_products(
     starts = shows_at_starts(observation)
     # Where a joint never sticks, what acts at low speeds shows at its reversals as well.
     turns = remembers_path(observation, signals) | (starts & free)
-    run = stretches.list_runs()
+    run = blocks.list_runs()
     (stacks, counts), turning, partial = collected.finish(len(run))
     position = tuple(_locate_columns(columns, observation.n_columns) for _, columns in layout)
     moving = Products(tuple((stack,) for stack in stacks), position, counts, run)

@@ -36,16 +36,16 @@ class Stack(Protocol):
         """Return the products (s, *shape) at these places, whose shapes are broadcast."""
 
 
-def sum_by_stretch(values: FloatArray, stretch: IndexArray, n_stretches: int) -> FloatArray:
+def sum_by_block(values: FloatArray, row_block: IndexArray, n_blocks: int) -> FloatArray:
     """Sum values over the rows of every block.
 
     Parameters
     ----------
     values : (…, m)
         Values by row.
-    stretch : (m,)
+    row_block : (m,)
         Number of the block of each row, ascending.
-    n_stretches : int
+    n_blocks : int
         Number of blocks.
 
     Returns
@@ -53,11 +53,11 @@ def sum_by_stretch(values: FloatArray, stretch: IndexArray, n_stretches: int) ->
     (…, s)
         Sums; zero for a block without rows.
     """
-    sums = np.zeros((*values.shape[:-1], n_stretches))
-    if len(stretch):
+    sums = np.zeros((*values.shape[:-1], n_blocks))
+    if len(row_block):
         # `reduceat` sums from one start to the next, so that only blocks with rows may be among the starts.
-        first = np.flatnonzero(np.diff(stretch, prepend=-1))
-        sums[..., stretch[first]] = np.add.reduceat(values, first, axis=-1)
+        first = np.flatnonzero(np.diff(row_block, prepend=-1))
+        sums[..., row_block[first]] = np.add.reduceat(values, first, axis=-1)
     return sums
 
 
@@ -71,14 +71,14 @@ class RowStack:
     ----------
     values : (m, p + 1)
         Rows.
-    stretch : (m,)
+    row_block : (m,)
         Number of the block of each row, ascending.
-    n_stretches : int
+    n_blocks : int
         Number of blocks.
     """
 
-    def __init__(self, values: FloatArray, stretch: IndexArray, n_stretches: int) -> None:
-        self.columns, self.stretch, self.n_stretches = np.ascontiguousarray(values.T), stretch, n_stretches
+    def __init__(self, values: FloatArray, row_block: IndexArray, n_blocks: int) -> None:
+        self.columns, self.row_block, self.n_blocks = np.ascontiguousarray(values.T), row_block, n_blocks
 
     @cached_property
     def total(self) -> FloatArray:
@@ -100,7 +100,7 @@ class RowStack:
         """
         first, second = np.broadcast_arrays(rows, columns)
         each = self.columns[first.ravel()] * self.columns[second.ravel()]
-        return sum_by_stretch(each, self.stretch, self.n_stretches).T.reshape(self.n_stretches, *first.shape)
+        return sum_by_block(each, self.row_block, self.n_blocks).T.reshape(self.n_blocks, *first.shape)
 
 
 class ProductStack:
@@ -171,7 +171,7 @@ class Products:
         return cls(tuple((ProductStack(gram),) for gram in grams), tuple(position), counts, run)
 
     @property
-    def n_stretches(self) -> int:
+    def n_blocks(self) -> int:
         """Number of stretches of time."""
         return len(self.counts)
 
@@ -236,10 +236,10 @@ def number_runs(spans: FloatArray) -> IndexArray:
     return np.concatenate([[0], np.cumsum(starts)]).astype(np.intp)
 
 
-def split_folds(n_stretches: int, kind: str) -> list[IndexArray]:
+def split_folds(n_blocks: int, kind: str) -> list[IndexArray]:
     """Return the blocks that are left out together: every fifth (`interleaved`) or a fifth in a row (`contiguous`)."""
-    order = np.arange(n_stretches)
-    count = min(N_FOLDS, n_stretches)
+    order = np.arange(n_blocks)
+    count = min(N_FOLDS, n_blocks)
     if kind == "interleaved":
         return [order[k::count] for k in range(count)]
     return [np.asarray(part, dtype=np.intp) for part in np.array_split(order, count)]
@@ -264,7 +264,7 @@ def split_data_folds(data: Products, kind: str) -> list[IndexArray]:
     if kind == "parts":
         return [part for own in each for part in _split_tenths(own)]
     if kind == "interleaved":
-        return split_folds(data.n_stretches, kind)
+        return split_folds(data.n_blocks, kind)
     long = [own for own in each if len(own) >= N_FOLDS]
     short = [own for own in each if len(own) < N_FOLDS]
     together = [np.concatenate(short)] if short else []
@@ -286,8 +286,8 @@ def can_leave_out_runs(data: Products, base: IndexArray) -> bool:
     return len(runs) > 1 and not any(_holds_nearly_all(data, base, run) for run in runs)
 
 
-def _split_tenths(stretches: IndexArray) -> list[IndexArray]:
-    return [part for part in np.array_split(stretches, min(N_PARTS, len(stretches))) if len(part)]
+def _split_tenths(blocks: IndexArray) -> list[IndexArray]:
+    return [part for part in np.array_split(blocks, min(N_PARTS, len(blocks))) if len(part)]
 
 
 def _holds_nearly_all(data: Products, base: IndexArray, part: IndexArray) -> bool:

@@ -28,7 +28,7 @@ from dynident.diagnosis.candidates.inner_products_and_folds import (
     RowStack,
     find_present,
     locate_columns,
-    sum_by_stretch,
+    sum_by_block,
 )
 
 
@@ -172,17 +172,17 @@ class ProductBlock:
         ww, wy = data.take_products(joint, wp[:, None], wp), data.take_products(joint, wp, y)
         return cls(have, place, ww, wx, wy, xy, data.take_products(joint, y, y)[:, 0], tuple(pairs), tuple(portions))
 
-    def select_stretches(self, stretches: IndexArray) -> ProductBlock:
+    def select_blocks(self, blocks: IndexArray) -> ProductBlock:
         """Return the same for some of the blocks."""
         return ProductBlock(
             self.have,
             self.place,
-            self.ww[stretches],
-            self.wx[stretches],
-            self.wy[stretches],
-            self.xy[stretches],
-            self.yy[stretches],
-            tuple(own[stretches] for own in self.pairs),
+            self.ww[blocks],
+            self.wx[blocks],
+            self.wy[blocks],
+            self.xy[blocks],
+            self.yy[blocks],
+            tuple(own[blocks] for own in self.pairs),
             self.portions,
         )
 
@@ -255,9 +255,9 @@ class RowBlock:
         Where each column of the candidates stands among the x that the joint has, x for those that it lacks.
     columns : (w + x + 1, m)
         W of the model, X of the candidates, and Y, column by column: a score takes some columns of all rows.
-    stretch : (m,)
+    row_block : (m,)
         Number of the block of each row, ascending.
-    n_stretches : int
+    n_blocks : int
         Number of blocks.
     pairs : Pairs
         Products within candidates that the joint has a share in.
@@ -266,8 +266,8 @@ class RowBlock:
     have: IndexArray
     place: IndexArray
     columns: FloatArray
-    stretch: IndexArray
-    n_stretches: int
+    row_block: IndexArray
+    n_blocks: int
     pairs: Pairs
 
     @classmethod
@@ -277,7 +277,7 @@ class RowBlock:
         where: IndexArray,
         columns: tuple[IndexArray, IndexArray],
         portions: Sequence[Batch],
-        n_stretches: int,
+        n_blocks: int,
     ) -> RowBlock:
         """Take what is needed out of a joint's rows.
 
@@ -291,7 +291,7 @@ class RowBlock:
             Columns of the model, and of the candidates.
         portions : sequence of Batch
             The candidates, by number of columns.
-        n_stretches : int
+        n_blocks : int
             Number of blocks.
         """
         base, extra = columns
@@ -299,13 +299,13 @@ class RowBlock:
         place, xp = locate_columns(where, extra)
         needed = np.concatenate([wp, xp, [-1]])
         parts = [stack.columns[needed] for stack in stacks]
-        stretch = np.concatenate([stack.stretch for stack in stacks])
+        row_block = np.concatenate([stack.row_block for stack in stacks])
         whole = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
         # Rows of several kinds are merged by block, since sums by block need them in order.
         if len(stacks) > 1:
-            order = np.argsort(stretch, kind="stable")
-            whole, stretch = whole.take(order, axis=1), stretch[order]
-        return cls(have, place, whole, stretch, n_stretches, Pairs.from_places(place, len(xp), portions))
+            order = np.argsort(row_block, kind="stable")
+            whole, row_block = whole.take(order, axis=1), row_block[order]
+        return cls(have, place, whole, row_block, n_blocks, Pairs.from_places(place, len(xp), portions))
 
     @property
     def w(self) -> FloatArray:
@@ -322,14 +322,14 @@ class RowBlock:
         """Torque (m,)."""
         return np.asarray(self.columns[-1])
 
-    def select_stretches(self, stretches: IndexArray) -> RowBlock:
+    def select_blocks(self, blocks: IndexArray) -> RowBlock:
         """Return the same for some of the blocks, ascending."""
         # Blocks are numbered anew; the rows of all others get -1 and drop out.
-        number = np.full(self.n_stretches, -1, dtype=np.intp)
-        number[stretches] = np.arange(len(stretches))
-        stretch = number[self.stretch]
-        own = np.flatnonzero(stretch >= 0)
-        return replace(self, columns=self.columns.take(own, axis=1), stretch=stretch[own], n_stretches=len(stretches))
+        number = np.full(self.n_blocks, -1, dtype=np.intp)
+        number[blocks] = np.arange(len(blocks))
+        row_block = number[self.row_block]
+        own = np.flatnonzero(row_block >= 0)
+        return replace(self, columns=self.columns.take(own, axis=1), row_block=row_block[own], n_blocks=len(blocks))
 
     def sum_products(self) -> JointSums:
         """Return the sums over all blocks."""
@@ -358,7 +358,7 @@ class RowErrors:
         self._block, self._projection = block, fit.projection[block.have]
         self._has = np.flatnonzero(block.place < len(block.x))
         self._rest = block.y - fit.chi[block.have] @ block.w
-        self.alone = np.bincount(block.stretch, self._rest**2, block.n_stretches).astype(np.float64)
+        self.alone = np.bincount(block.row_block, self._rest**2, block.n_blocks).astype(np.float64)
 
     def compute_scores(self) -> FloatArray:
         """Return the scores Zᵀρ (s, c) by block and column."""
@@ -381,7 +381,7 @@ class RowErrors:
             return np.asarray(np.nan_to_num(self._add_up(residuals), nan=np.inf))
 
     def _add_up(self, values: FloatArray) -> FloatArray:
-        return sum_by_stretch(values, self._block.stretch, self._block.n_stretches)
+        return sum_by_block(values, self._block.row_block, self._block.n_blocks)
 
 
 class JointErrors(Protocol):
@@ -409,7 +409,7 @@ class JointBlock(Protocol):
     def place(self) -> IndexArray:
         """(c,): where each of the candidates' columns stands among the x that the joint has, x where it lacks it."""
 
-    def select_stretches(self, stretches: IndexArray) -> JointBlock:
+    def select_blocks(self, blocks: IndexArray) -> JointBlock:
         """Return the same for some of the blocks."""
 
     def sum_products(self) -> JointSums:
@@ -429,7 +429,7 @@ class JointBlocks:
         Number of columns b of the model.
     n_extra : int
         Number of columns c of the candidates.
-    n_stretches : int
+    n_blocks : int
         Number of blocks.
     portions : tuple of Batch
         The candidates, by number of columns.
@@ -439,7 +439,7 @@ class JointBlocks:
 
     n_base: int
     n_extra: int
-    n_stretches: int
+    n_blocks: int
     portions: tuple[Batch, ...]
     joints: tuple[JointBlock, ...]
 
@@ -459,12 +459,12 @@ class JointBlocks:
         extra = list_extra_columns(candidates)
         portions = split_batches(candidates, extra)
         joints = tuple(_build_block(data, joint, base, extra, portions) for joint in range(data.n_joints))
-        return cls(len(base), len(extra), data.n_stretches, portions, joints)
+        return cls(len(base), len(extra), data.n_blocks, portions, joints)
 
-    def select_stretches(self, stretches: IndexArray) -> JointBlocks:
+    def select_blocks(self, blocks: IndexArray) -> JointBlocks:
         """Return the same for some of the blocks."""
-        joints = tuple(joint.select_stretches(stretches) for joint in self.joints)
-        return JointBlocks(self.n_base, self.n_extra, len(stretches), self.portions, joints)
+        joints = tuple(joint.select_blocks(blocks) for joint in self.joints)
+        return JointBlocks(self.n_base, self.n_extra, len(blocks), self.portions, joints)
 
     def fit_amplitudes(self, fit: FoldFit) -> Amplitudes:
         """Fit the parameters of each candidate beside the model."""
@@ -495,5 +495,5 @@ def _build_block(
     # Rows are used as they are where all of them are at hand; one kind in products makes products of all.
     stacks = [stack for stack in data.stacks[joint] if isinstance(stack, RowStack)]
     if len(stacks) == len(data.stacks[joint]):
-        return RowBlock.from_stacks(stacks, data.position[joint], (base, extra), portions, data.n_stretches)
+        return RowBlock.from_stacks(stacks, data.position[joint], (base, extra), portions, data.n_blocks)
     return ProductBlock.from_products(data, joint, base, extra, portions)

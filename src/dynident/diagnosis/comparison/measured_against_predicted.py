@@ -30,7 +30,7 @@ _WORST = 12
 
 
 @dataclass(frozen=True)
-class WorstStretch:
+class WorstInterval:
     """An interval of time in which a joint's residual is large.
 
     Parameters
@@ -193,7 +193,7 @@ class Comparison:
         return Errors(squares, measured, rows.sum(axis=0).astype(np.float64))
 
     @cached_property
-    def worst(self) -> tuple[WorstStretch, ...]:
+    def worst(self) -> tuple[WorstInterval, ...]:
         """Half-second intervals with the largest residual relative to the joint's own rms."""
         # Intervals are cut by the clock, so that gaps in the rows do not shift them.
         borders = np.flatnonzero(np.diff(np.floor((self.t - self.t[0]) / _STRETCH)) != 0) + 1
@@ -205,12 +205,12 @@ class Comparison:
         order = np.argsort(-ratios, axis=None, kind="stable")[:_WORST]
         places = zip(*np.unravel_index(order, ratios.shape), strict=True)
         return tuple(
-            self._build_worst_stretch(parts[k], int(j), float(local[k, j]), float(ratios[k, j])) for k, j in places
+            self._build_worst_interval(parts[k], int(j), float(local[k, j]), float(ratios[k, j])) for k, j in places
         )
 
-    def _build_worst_stretch(self, rows: IndexArray, joint: int, rms: float, ratio: float) -> WorstStretch:
+    def _build_worst_interval(self, rows: IndexArray, joint: int, rms: float, ratio: float) -> WorstInterval:
         worst = rows[int(np.argmax(np.abs(self.residual[rows, joint])))]
-        return WorstStretch(
+        return WorstInterval(
             joint=self.joint_names[joint],
             start=float(self.t[rows[0]]),
             end=float(self.t[rows[-1]]),

@@ -64,8 +64,8 @@ def find_changes(data: PhasedProducts, pool: Pool, floor: FloatArray, progress: 
     state = State(base, estimate_residual_noise(data, base), floor, (), pool.since)
     remaining: Sequence[Candidate] = pool.candidates
     firm = is_determined(data.select_for_model(base), state)
-    while remaining and len(state.picks) < MOST_CHANGES:
-        progress(len(state.picks) / MOST_CHANGES, f"{len(state.picks)} changes found")
+    while remaining and len(state.findings) < MOST_CHANGES:
+        progress(len(state.findings) / MOST_CHANGES, f"{len(state.findings)} changes found")
         judged = score_all(data, pool, state.base, remaining, state.noise)
         # What explains as much on all days alike has not changed.
         unshadowed = [scored for scored in judged if not _is_shadow(scored, judged)]
@@ -78,7 +78,7 @@ def find_changes(data: PhasedProducts, pool: Pool, floor: FloatArray, progress: 
             state,
             base=grown,
             noise=estimate_residual_noise(data, grown),
-            picks=(*state.picks, Finding(chosen, equal, chosen.p)),
+            findings=(*state.findings, Finding(chosen, equal, chosen.p)),
         )
         # Where the motion does not determine the model, a gain may only be a better conditioned model. Then nothing is
         # named.
@@ -86,7 +86,7 @@ def find_changes(data: PhasedProducts, pool: Pool, floor: FloatArray, progress: 
         if not firm:
             return ()
         remaining = [candidate for candidate in remaining if not set(candidate.columns) <= set(grown)]
-    return prune_findings(data, pool, state).picks
+    return prune_findings(data, pool, state).findings
 
 
 def get_first_day(candidate: Candidate, count: int) -> int:
@@ -163,11 +163,11 @@ def monitor_days(measure: Measure, days: Sequence[Day], progress: Progress = ign
     data = gather_step_products(days, columns)
     # Variances are averaged, not deviations: the noise of all days together is their root mean square.
     floor = np.sqrt(np.mean([day.floor**2 for day in days], axis=0))
-    picks = find_changes(data, pool, floor, scale_progress(progress, 0.0, 0.6))
+    findings = find_changes(data, pool, floor, scale_progress(progress, 0.0, 0.6))
     # Model and findings in one fit, so that their values and intervals allow for each other.
-    numbers = list(range(pool.n_base)) + sorted({k for pick in picks for k in pick.columns})
+    numbers = list(range(pool.n_base)) + sorted({k for finding in findings for k in finding.columns})
     # Friction grows in all its parts: where only one of them is a finding, its value must not make up for the others.
-    numbers += _list_companions(measure, picks, numbers, names, columns)
+    numbers += _list_companions(measure, findings, numbers, names, columns)
     numbers = _select_independent(days, columns, numbers)
     steps = [columns[k] for k in numbers]
     reduction = combine_days(days, steps)
@@ -178,16 +178,16 @@ def monitor_days(measure: Measure, days: Sequence[Day], progress: Progress = ign
         solution.values,
         statistics(reduction, solution),
     )
-    choices = [pick.judged.candidate.choice for pick in picks]
-    ranked = rank_findings(picks, choices)
+    choices = [finding.judged.candidate.choice for finding in findings]
+    ranked = rank_findings(findings, choices)
     dated_changes: list[SeriesChange] = []
-    for pick, ranked_effect in zip(picks, ranked, strict=True):
-        if pool.is_change(pick.judged.candidate):
-            since = get_first_day(pick.judged.candidate, len(names))
-            as_well = [since, *_list_equivalent_days(pick, len(names))]
+    for finding, ranked_effect in zip(findings, ranked, strict=True):
+        if pool.is_change(finding.judged.candidate):
+            since = get_first_day(finding.judged.candidate, len(names))
+            as_well = [since, *_list_equivalent_days(finding, len(names))]
             dated_changes += [
                 SeriesChange(c, since, min(as_well), max(as_well))
-                for c in yield_changes(estimates, pick, ranked_effect)
+                for c in yield_changes(estimates, finding, ranked_effect)
             ]
     tracks = estimate_tracks(days, measure.observation.columns, steps, scale_progress(progress, 0.6, 1.0))
     missing = tuple(choice for choice in choices if not choice.runs)
@@ -209,7 +209,7 @@ def _check_days(measure: Measure, days: Sequence[Day], names: Sequence[str]) -> 
 
 def _list_companions(
     measure: Measure,
-    picks: Iterable[Finding],
+    findings: Iterable[Finding],
     existing: Sequence[int],
     names: Sequence[str],
     columns: Sequence[StepColumn],
@@ -217,11 +217,11 @@ def _list_companions(
     """Return columns that usually change along with the findings, and are too small to be findings themselves."""
     known = {choice.effect for choice in measure.model.effects}
     companions: list[int] = []
-    for pick in picks:
-        choice = pick.judged.candidate.choice
+    for finding in findings:
+        choice = finding.judged.candidate.choice
         if not choice.runs:
             continue
-        since = get_first_day(pick.judged.candidate, len(names))
+        since = get_first_day(finding.judged.candidate, len(names))
         others = set(get_effect(choice.effect).changes_with) & known
         for possible in measure.possible:
             other_choice = possible.choice
@@ -234,12 +234,12 @@ def _list_companions(
     return [k for k in dict.fromkeys(companions) if k not in existing]
 
 
-def _list_equivalent_days(pick: Finding, count: int) -> list[int]:
+def _list_equivalent_days(finding: Finding, count: int) -> list[int]:
     """Return the days from which on the same change explains as much."""
-    mine = pick.judged.candidate
+    mine = finding.judged.candidate
     return [
         get_first_day(other, count)
-        for other in (scored.candidate for scored in pick.equal)
+        for other in (scored.candidate for scored in finding.equal)
         if (other.effect, other.joints, other.shape) == (mine.effect, mine.joints, mine.shape) and other.runs
     ]
 

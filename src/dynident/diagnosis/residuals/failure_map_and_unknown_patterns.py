@@ -91,7 +91,7 @@ class _PatternRows:
     ddq: FloatArray
     load: FloatArray
     t: FloatArray
-    stretch: IndexArray
+    row_block: IndexArray
 
     @classmethod
     def from_comparisons(cls, comparisons: Sequence[Comparison]) -> _PatternRows:
@@ -106,7 +106,7 @@ class _PatternRows:
             ddq=concatenate_signal("ddq"),
             load=concatenate_signal("load"),
             t=concatenate_signal("t"),
-            stretch=number_blocks(comparisons),
+            row_block=number_blocks(comparisons),
         )
 
 
@@ -169,19 +169,19 @@ def _compute_held_out_share(rows: _PatternRows, j: int, which: IndexArray, turn:
     telling = rows.telling[:, j]
     residual = (rows.residual[:, j] * turn)[telling]
     total = float((residual**2).sum())
-    stretch, which = rows.stretch[telling], which[telling]
+    row_block, which = rows.row_block[telling], which[telling]
     if not len(which):
         return 0.0
-    n_bins, n_stretches = int(which.max()) + 1, int(rows.stretch.max()) + 1
+    n_bins, n_blocks = int(which.max()) + 1, int(rows.row_block.max()) + 1
     if n_bins < 2 or total <= 0.0:
         return 0.0
-    cell = stretch * n_bins + which
-    counts = np.bincount(cell, minlength=n_stretches * n_bins).reshape(n_stretches, n_bins)
-    sums = np.bincount(cell, weights=residual, minlength=n_stretches * n_bins).reshape(n_stretches, n_bins)
-    gains = np.zeros(n_stretches)
+    cell = row_block * n_bins + which
+    counts = np.bincount(cell, minlength=n_blocks * n_bins).reshape(n_blocks, n_bins)
+    sums = np.bincount(cell, weights=residual, minlength=n_blocks * n_bins).reshape(n_blocks, n_bins)
+    gains = np.zeros(n_blocks)
     # Means of a bin come from four fifths of the blocks and are tried on the rest: a dependence has to predict.
     for fold in range(5):
-        test = np.arange(fold, n_stretches, 5)
+        test = np.arange(fold, n_blocks, 5)
         training_counts = counts.sum(axis=0) - counts[test].sum(axis=0)
         means = np.where(
             training_counts >= _FEWEST,

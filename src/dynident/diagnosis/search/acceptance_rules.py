@@ -191,7 +191,7 @@ def find_least_drops(candidate: Candidate, separability: float, t: FloatArray) -
 
 
 def _check_shadows(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
-    for finding in state.picks:
+    for finding in state.findings:
         if is_shadowed(scored, finding.judged, state.floor):
             size = compute_explained_error(scored, state.floor) / compute_explained_error(finding.judged, state.floor)
             return Reason.build("explained", by=describe_choice(finding.judged.candidate.choice), left=size)

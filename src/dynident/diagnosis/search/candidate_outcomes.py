@@ -46,7 +46,7 @@ def score_beside_findings(
     data: PhasedProducts,
     pool: Pool,
     start: State,
-    picks: Sequence[Finding],
+    findings: Sequence[Finding],
     choices: Sequence[EffectChoice],
     first: Sequence[ScoredCandidate],
 ) -> FinalScores:
@@ -60,7 +60,7 @@ def score_beside_findings(
         Model and candidates.
     start : State
         The state that the search started from.
-    picks : sequence of Finding
+    findings : sequence of Finding
         What was found in the end.
     choices : sequence of EffectChoice
         What the findings have become.
@@ -68,11 +68,13 @@ def score_beside_findings(
         All candidates, scored beside the model alone.
     """
     base = list_columns_with_findings(pool, start.base, choices)
-    noise = estimate_residual_noise(data, base) if picks else start.noise
+    noise = estimate_residual_noise(data, base) if findings else start.noise
     known = set(base)
     candidates = [scored.candidate for scored in first if not set(scored.candidate.columns) <= known]
     family = score_family(data, pool, base, candidates, noise, level=start.level)
-    return FinalScores(replace(start, base=base, noise=noise, picks=tuple(picks)), data, family.scored, family.levels)
+    return FinalScores(
+        replace(start, base=base, noise=noise, findings=tuple(findings)), data, family.scored, family.levels
+    )
 
 
 def list_outcomes(
@@ -115,7 +117,7 @@ def list_outcomes(
     judge = _Judge(final, pool, record, tuple(choices), most)
     outcomes = [
         CandidateOutcome(choice, finding.judged.error_drop, Reason.build("accepted", step))
-        for step, (finding, choice) in enumerate(zip(final.state.picks, choices, strict=True), 1)
+        for step, (finding, choice) in enumerate(zip(final.state.findings, choices, strict=True), 1)
     ]
     for scored in best.values():
         last = beside.get(scored.candidate)
@@ -178,7 +180,7 @@ class _Judge:
     def find_reason(self, alone: ScoredCandidate, last: ScoredCandidate | None) -> Reason:
         """Return the reason of a candidate, from its scores beside the model alone and beside all findings."""
         candidate = alone.candidate
-        for step, (finding, choice) in enumerate(zip(self.final.state.picks, self.choices, strict=True), 1):
+        for step, (finding, choice) in enumerate(zip(self.final.state.findings, self.choices, strict=True), 1):
             if _is_same_place(candidate, choice) and candidate.effect == choice.effect:
                 return Reason.build("accepted", step)
             names = {scored.candidate.effect for scored in finding.equal} | set(get_effect(choice.effect).same_function)
@@ -198,7 +200,7 @@ class _Judge:
                 return self._number_step(rejection)
         if candidate in self.record.rejections:
             return self._number_step(self.record.rejections[candidate])
-        count = sum(not finding.is_transient for finding in state.picks)
+        count = sum(not finding.is_transient for finding in state.findings)
         return (
             Reason.build("most_effects", most=float(self.most)) if count >= self.most else Reason.build("passed_over")
         )

@@ -104,25 +104,25 @@ def _compare_on_common_rows(
     rescored = score_all(data, finer, finer_state.base, candidates, state.noise, kinds=common)
     # That something is there is what the test on the grid says; here it is asked what it is called.
     rescored = [replace(scored, p=parents[scored.candidate.choice].p) for scored in rescored]
-    picked = select_candidate(data, finer, finer_state, rescored)
-    if picked is None:
+    selected = select_candidate(data, finer, finer_state, rescored)
+    if selected is None:
         return choice
     # A name with fewer constants that explains as much is preferred, if it passes the same tests.
     slim = select_candidate(
-        data, finer, finer_state, [scored for scored in rescored if _is_slimmer(state, scored, picked[0])]
+        data, finer, finer_state, [scored for scored in rescored if _is_slimmer(state, scored, selected[0])]
     )
-    picked = slim or picked
+    selected = slim or selected
     # The finer constants decide the name only; the finding itself stays one of the grid, which is refined later.
-    winner = parents.get(picked[0].candidate.choice)
+    winner = parents.get(selected[0].candidate.choice)
     if winner is None:
         return choice
     if winner.candidate.effect == chosen.candidate.effect:
         return replace(winner, p=chosen.p), choice[1]
     own = [scored for scored in rescored if scored.candidate.effect == chosen.candidate.effect]
     before = max(own, key=lambda scored: scored.total_gain)
-    if slim is None and compute_stability([picked[0]], [before], data.moving.run) < state.rules.found_again:
+    if slim is None and compute_stability([selected[0]], [before], data.moving.run) < state.rules.found_again:
         return choice
-    equal = {scored.candidate.effect: parents.get(scored.candidate.choice) for scored in picked[1]}
+    equal = {scored.candidate.effect: parents.get(scored.candidate.choice) for scored in selected[1]}
     others = [scored for effect, scored in equal.items() if scored is not None and effect != winner.candidate.effect]
     return replace(winner, p=chosen.p), tuple(others)
 
@@ -150,8 +150,8 @@ def _exceeds_constant(more: float, other: ScoredCandidate) -> bool:
 
     A stretch counts as one sample. That constants are the best of many is why t alone says too much.
     """
-    stretches = len(other.gains)
-    return more * (stretches - 1) >= float(fdtri(1, stretches - 1, 1.0 - ALPHA)) * float(other.after_weighted.sum())
+    blocks = len(other.gains)
+    return more * (blocks - 1) >= float(fdtri(1, blocks - 1, 1.0 - ALPHA)) * float(other.after_weighted.sum())
 
 
 def _find_contenders(chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:

@@ -77,7 +77,7 @@ def compute_detection_limits(
     sets: dict[tuple[bool, bool], list[Candidate]] = {}
     named = [
         ({choice.effect, *(scored.candidate.effect for scored in finding.equal)}, set(choice.joints))
-        for finding, choice in zip(final.state.picks, choices, strict=True)
+        for finding, choice in zip(final.state.findings, choices, strict=True)
     ]
     for (effect, joints), (_, candidate) in best.items():
         # What was found, by whichever name, is no longer hidden.
@@ -406,7 +406,7 @@ def _list_planted(
                 unit[place],
                 float(separability[place]),
                 final.levels,
-                max(compute_least_t(rows.n_stretches, state.level), RULES.staying_finding_t),
+                max(compute_least_t(rows.n_blocks, state.level), RULES.staying_finding_t),
             )
 
 
@@ -440,14 +440,14 @@ def _hold_out(
     Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
     seen, and held-out errors show an effect by that.
     """
-    s, c, n = blocks.n_stretches, blocks.n_extra, len(blocks.joints)
+    s, c, n = blocks.n_blocks, blocks.n_extra, len(blocks.joints)
     errors, scores = [np.zeros(s) for _ in range(n)], [np.zeros((s, c)) for _ in range(n)]
     squares = [
         [np.zeros((len(portion.members), s, portion.width, portion.width)) for portion in blocks.portions]
         for _ in range(n)
     ]
     for fold in folds:
-        here = blocks.select_stretches(fold)
+        here = blocks.select_blocks(fold)
         fit = FoldFit(total.subtract(here.sum_products(noise)), blocks.portions)
         for j, block in enumerate(here.joints):
             joint_errors = block.compute_errors(fit)

@@ -102,8 +102,8 @@ def drop_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preproce
     preprocessing : Preprocessing
         Filters of the model.
     """
-    contacts = [finding for finding in state.picks if finding.is_transient]
-    if len(contacts) in (0, len(state.picks)):
+    contacts = [finding for finding in state.findings if finding.is_transient]
+    if len(contacts) in (0, len(state.findings)):
         return state
     # The contacts are taken out and looked for again, beside all that was found since.
     touched = {k for finding in contacts for k in finding.columns}
@@ -111,11 +111,13 @@ def drop_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preproce
     still_contacts = {
         contact.judged.candidate for contact in find_contacts(data, pool, rest, state.noise, preprocessing)
     }
-    picks = tuple(
-        finding for finding in state.picks if not finding.is_transient or finding.judged.candidate in still_contacts
+    findings = tuple(
+        finding for finding in state.findings if not finding.is_transient or finding.judged.candidate in still_contacts
     )
     return replace(
-        state, picks=picks, base=(*rest, *(k for finding in picks if finding.is_transient for k in finding.columns))
+        state,
+        findings=findings,
+        base=(*rest, *(k for finding in findings if finding.is_transient for k in finding.columns)),
     )
 
 

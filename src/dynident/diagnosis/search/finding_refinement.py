@@ -53,18 +53,18 @@ def split_groups(data: PhasedProducts, pool: Pool, state: State) -> State:
     state : State
         The model so far and what was found.
     """
-    picks: list[Finding] = []
+    findings: list[Finding] = []
     # Group after group, each beside what the earlier ones have become.
-    for finding in state.picks:
+    for finding in state.findings:
         parts = _split_finding(data, pool, state, finding)
         columns = tuple(k for part in parts for k in part.columns)
         state = replace(state, base=(*(k for k in state.base if k not in finding.columns), *columns))
-        picks += parts
-    return replace(state, picks=tuple(picks))
+        findings += parts
+    return replace(state, findings=tuple(findings))
 
 
 def merge_alike(
-    picks: Sequence[Finding], choices: Sequence[EffectChoice], robot: Robot, resolved: Resolution
+    findings: Sequence[Finding], choices: Sequence[EffectChoice], robot: Robot, resolved: Resolution
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
     """Merge findings whose refined constants have come out alike.
 
@@ -73,7 +73,7 @@ def merge_alike(
 
     Parameters
     ----------
-    picks : sequence of Finding
+    findings : sequence of Finding
         The findings.
     choices : sequence of EffectChoice
         What each of them has become, with refined constants.
@@ -90,7 +90,7 @@ def merge_alike(
         )
 
     merged: list[tuple[Finding, EffectChoice]] = []
-    for finding, choice in sorted(zip(picks, choices, strict=True), key=lambda pair: -len(pair[1].joints)):
+    for finding, choice in sorted(zip(findings, choices, strict=True), key=lambda pair: -len(pair[1].joints)):
         alike = next((k for k, (_, other) in enumerate(merged) if are_alike(other, choice)), None)
         if alike is None:
             merged.append((finding, choice))
@@ -99,7 +99,7 @@ def merge_alike(
             own = tuple(name for name in robot.tree.joint_names if name in both)
             merged[alike] = merged[alike][0], replace(merged[alike][1], joints=own)
     # Merging went from large groups to small; the ranking keeps the order in which things were found.
-    order = {id(finding): k for k, finding in enumerate(picks)}
+    order = {id(finding): k for k, finding in enumerate(findings)}
     merged.sort(key=lambda pair: order[id(pair[0])])
     return tuple(finding for finding, _ in merged), tuple(choice for _, choice in merged)
 
@@ -219,7 +219,7 @@ _NOTHING = 1.0
 
 def locate_findings(
     identification: Identification,
-    picks: Sequence[Finding],
+    findings: Sequence[Finding],
     recordings: Sequence[Recording],
     reference: ReferenceParameters,
 ) -> tuple[Finding, ...]:
@@ -229,7 +229,7 @@ def locate_findings(
     ----------
     identification : Identification
         The identified model.
-    picks : sequence of Finding
+    findings : sequence of Finding
         The findings.
     recordings : sequence of Recording
         Recordings that the search learns from.
@@ -242,21 +242,25 @@ def locate_findings(
         All findings in their order.
     """
     # Only what some runs have may be on any link; other effects were found on their joints.
-    loose = [k for k, pick in enumerate(picks) if get_effect(pick.judged.candidate.effect).in_some_runs]
+    loose = [k for k, finding in enumerate(findings) if get_effect(finding.judged.candidate.effect).in_some_runs]
     if not loose:
-        return tuple(picks)
+        return tuple(findings)
     model = identification.model
-    places = {k: _list_places(picks[k].judged.candidate.choice, model.robot.joint_names) for k in loose}
+    places = {k: _list_places(findings[k].judged.candidate.choice, model.robot.joint_names) for k in loose}
     # The findings and all places of the loose ones in one pool, so that the recordings are read once.
-    choices = [pick.judged.candidate.choice for pick in picks] + [choice for own in places.values() for choice in own]
+    choices = [finding.judged.candidate.choice for finding in findings] + [
+        choice for own in places.values() for choice in own
+    ]
     pool = build_pool_of_choices(model, choices)
     data = gather_products(
         pool.observation, model.signals, recordings, identification.preprocessing, reference, model.n_parameters
     )
-    placed_findings = list(picks)
+    placed_findings = list(findings)
     for k in loose:
         # Each finding is placed beside all others, where they are by now.
-        others = [pool.find_candidate(pick.judged.candidate.choice) for i, pick in enumerate(placed_findings) if i != k]
+        others = [
+            pool.find_candidate(finding.judged.candidate.choice) for i, finding in enumerate(placed_findings) if i != k
+        ]
         base = (*range(pool.n_base), *(column for other in others if other for column in other.columns))
         candidates = [candidate for choice in places[k] if (candidate := pool.find_candidate(choice))]
         judged = score_all(data, pool, base, candidates, identification.noise)
@@ -277,14 +281,17 @@ def _list_places(choice: EffectChoice, joints: Sequence[str]) -> list[EffectChoi
     return [replace(choice, joints=(joint,)) for joint in joints]
 
 
-def _move_to_best_link(pick: Finding, judged: Sequence[ScoredCandidate], joints: Sequence[str]) -> Finding:
+def _move_to_best_link(finding: Finding, judged: Sequence[ScoredCandidate], joints: Sequence[str]) -> Finding:
     best = max(judged, key=lambda scored: scored.total_gain)
     alike = [scored for scored in judged if scored is best or _is_as_good(best, scored)]
     # Things are usually attached at the outer end of an arm.
     outer = max(alike, key=lambda scored: joints.index(scored.candidate.joints[0]))
-    outer_scored = replace(outer, p=pick.p)
+    outer_scored = replace(outer, p=finding.p)
     return replace(
-        pick, judged=outer_scored, equal=(*pick.equal, *(scored for scored in alike if scored is not outer)), around=()
+        finding,
+        judged=outer_scored,
+        equal=(*finding.equal, *(scored for scored in alike if scored is not outer)),
+        around=(),
     )
 
 
@@ -294,7 +301,7 @@ _PASSES = 2
 
 def refine_findings(
     identification: Identification,
-    picks: Sequence[Finding],
+    findings: Sequence[Finding],
     recordings: Sequence[Recording],
     reference: ReferenceParameters,
     resolved: Resolution,
@@ -310,7 +317,7 @@ def refine_findings(
     ----------
     identification : Identification
         The identified model.
-    picks : sequence of Finding
+    findings : sequence of Finding
         The findings on the grid.
     recordings : sequence of Recording
         Recordings that the search learns from.
@@ -330,7 +337,7 @@ def refine_findings(
     tuple of Finding, tuple of EffectChoice, dict of Candidate to Reason
         The remaining findings, what each has become, and why each of the others was dropped.
     """
-    findings = locate_findings(identification, picks, recordings, reference)
+    findings = locate_findings(identification, findings, recordings, reference)
     choices = tuple(finding.judged.candidate.choice for finding in findings)
     dropped: dict[Candidate, Reason] = {}
 
@@ -434,7 +441,7 @@ class _RefinedModel:
     def from_choices(
         cls,
         model: Model,
-        picks: Sequence[Finding],
+        findings: Sequence[Finding],
         choices: Sequence[EffectChoice],
         since: tuple[str, ...],
         recordings: Sequence[Recording],
@@ -444,7 +451,7 @@ class _RefinedModel:
         """Gather the products of the model and of the choices that the picks have become."""
         columns = list(model.kept)
         refined: list[Finding] = []
-        for finding, choice in zip(picks, choices, strict=True):
+        for finding, choice in zip(findings, choices, strict=True):
             new_columns = build_columns([choice], model.signals)
             numbers = tuple(range(len(columns), len(columns) + len(new_columns)))
             candidate = Candidate(choice.effect, choice.joints, choice.shape, numbers, choice.runs)
@@ -465,7 +472,7 @@ class _RefinedModel:
         state = State(everything, estimate_residual_noise(self.data, everything), floor, self.findings)
         state = drop_faded_contacts(self.data, self.pool, state, preprocessing)
         state = prune_findings(self.data, self.pool, state)
-        remaining = {finding.judged.candidate for finding in state.picks}
+        remaining = {finding.judged.candidate for finding in state.findings}
         indices = [i for i, finding in enumerate(self.findings) if finding.judged.candidate in remaining]
         joints = trim_joints(self.data, self.pool, state)
         slim = [

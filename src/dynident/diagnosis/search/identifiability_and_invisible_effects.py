@@ -109,8 +109,8 @@ def compute_part_to_part_ratio(rows: Products, state: State) -> float:
         The model so far and what was found.
     """
     columns = np.array(state.base, dtype=np.intp)
-    usual = np.ones(rows.n_stretches, dtype=bool)
-    for finding in state.picks:
+    usual = np.ones(rows.n_blocks, dtype=bool)
+    for finding in state.findings:
         usual &= ~_find_active_blocks(rows, finding.columns)
     # Interleaved folds are surrounded by data of the fit; a contiguous fold is a motion that the fit has not seen.
     inside, ahead = (
@@ -152,7 +152,7 @@ def is_main_explanation(data: PhasedProducts, state: State, scored: ScoredCandid
 
 def _find_active_blocks(rows: Products, columns: Sequence[int]) -> BoolArray:
     """Return the blocks (s,) in which any of the columns is not zero."""
-    is_shown = np.zeros(rows.n_stretches, dtype=bool)
+    is_shown = np.zeros(rows.n_blocks, dtype=bool)
     for joint, where in enumerate(rows.position):
         _, places = find_present(where, np.array(columns, dtype=np.intp))
         is_shown |= (rows.take_products(joint, places, places) > 0).any(axis=1)

@@ -100,16 +100,16 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
     State
         The state without the superfluous findings.
     """
-    around = {k for finding in state.picks for k in finding.around}
+    around = {k for finding in state.findings for k in finding.around}
     state = replace(
         state,
-        picks=tuple(replace(finding, around=()) for finding in state.picks),
+        findings=tuple(replace(finding, around=()) for finding in state.findings),
         base=tuple(k for k in state.base if k not in around),
     )
-    while len(state.picks) > 1:
+    while len(state.findings) > 1:
         judged = [
             (_rescore_finding(data, pool, state, finding), finding)
-            for finding in state.picks
+            for finding in state.findings
             # A contact happened once and cannot be held out.
             if not finding.is_transient
         ]
@@ -118,7 +118,7 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
             for scored, finding in judged
             if not scored.is_still_helpful(state.rules.joint_drop, state.rules.staying_finding_t)
             or not _is_still_possible(data, pool, state, scored)
-            or any(is_shadowed(scored, other, state.floor) for other, pick in judged if pick is not finding)
+            or any(is_shadowed(scored, other, state.floor) for other, rival in judged if rival is not finding)
         ]
         if not weak:
             break
@@ -126,7 +126,7 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
         _, superfluous = min(weak, key=lambda pair: pair[0].total_gain)
         state = replace(
             state,
-            picks=tuple(finding for finding in state.picks if finding is not superfluous),
+            findings=tuple(finding for finding in state.findings if finding is not superfluous),
             base=tuple(k for k in state.base if k not in superfluous.columns),
         )
     return state
@@ -161,7 +161,7 @@ def trim_joints(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[st
     """
     base = state.base
     joints = []
-    for finding in state.picks:
+    for finding in state.findings:
         members, base = _select_members(data, pool, replace(state, base=base), finding.judged.candidate)
         joints.append(members)
     return joints

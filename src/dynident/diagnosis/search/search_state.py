@@ -81,7 +81,7 @@ class State:
         Rms of the residual that they leave, N m or N.
     floor : (n,)
         Noise of the sensors, N m or N.
-    picks : tuple of Finding
+    findings : tuple of Finding
         What was found.
     since : tuple of str
         Labels of the later runs, where there is a baseline.
@@ -92,7 +92,7 @@ class State:
     base: tuple[int, ...]
     noise: FloatArray
     floor: FloatArray
-    picks: tuple[Finding, ...]
+    findings: tuple[Finding, ...]
     since: tuple[str, ...] = ()
     rules: DecisionRules = RULES
 

@@ -71,10 +71,10 @@ def marginalise_parameters(reduction: Reduction, n_nuisance: int, *, weighted: b
     columns = np.arange(c - n_nuisance)
     equations = []
     for equation in reduction.equations:
-        picked = change[np.append(equation.columns, c)]
-        factors = np.zeros((len(equation.factors), *picked.shape[1:] * 2))
+        selected = change[np.append(equation.columns, c)]
+        factors = np.zeros((len(equation.factors), *selected.shape[1:] * 2))
         if len(factors):
-            factors = pad_to_square(compute_r_factor(equation.factors @ picked))
+            factors = pad_to_square(compute_r_factor(equation.factors @ selected))
         equations.append(EquationFactors(columns, factors, equation.counts))
     return Reduction(c - n_nuisance, tuple(equations), reduction.spans)
 

@@ -48,8 +48,8 @@ def read_ladder(content: bytes) -> list[Arrays]:
     if number == 1:
         return _read_first_format(arrays)
     ladder = []
-    for rung in range(int(header["rungs"])):
-        prefix = f"{rung}/"
+    for position in range(int(header["rungs"])):
+        prefix = f"{position}/"
         ladder.append({name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)})
     return ladder
 

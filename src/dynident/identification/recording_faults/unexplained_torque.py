@@ -295,33 +295,33 @@ class DescriptionFit:
     motion: Motion
     now: UnexplainedTorque
 
-    def refutes(self, mistake: ColumnFault) -> bool:
+    def refutes(self, fault: ColumnFault) -> bool:
         """Tell whether the description explains the torque as the columns are, and no better without a fault.
 
         It has no opinion on a scaled torque, as its gain is free.
 
         Parameters
         ----------
-        mistake : ColumnFault
+        fault : ColumnFault
             The fault.
         """
-        if mistake.kind == "torque scaled" or self._unexplained_as_is > self.now.blocks.mean() + self._threshold:
+        if fault.kind == "torque scaled" or self._unexplained_as_is > self.now.blocks.mean() + self._threshold:
             return False
-        mended = measure_left_by_description(self.robot, mistake.mend(self.motion))
+        mended = measure_left_by_description(self.robot, fault.mend(self.motion))
         return mended is not None and self._unexplained_as_is - mended < self._threshold
 
-    def prefers(self, mistake: ColumnFault, other: ColumnFault) -> bool:
+    def prefers(self, fault: ColumnFault, other: ColumnFault) -> bool:
         """Tell whether the description explains clearly more without one fault than without another.
 
         It decides between faults that a fit cannot tell apart.
 
         Parameters
         ----------
-        mistake, other : ColumnFault
+        fault, other : ColumnFault
             Two faults.
         """
         first_left, second_left = (
-            measure_left_by_description(self.robot, each.mend(self.motion)) for each in (mistake, other)
+            measure_left_by_description(self.robot, each.mend(self.motion)) for each in (fault, other)
         )
         return first_left is not None and second_left is not None and second_left - first_left >= self._threshold
 

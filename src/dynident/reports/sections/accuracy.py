@@ -8,7 +8,7 @@ from math import nan
 
 from markupsafe import Markup
 
-from dynident.diagnosis import Diagnosis, WorstStretch
+from dynident.diagnosis import Diagnosis, WorstInterval
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.recordings.joint_phases import Phase
@@ -129,7 +129,7 @@ class RunFigures:
     role: str
     folded: bool
     figures: tuple[Markup, ...]
-    worst: tuple[WorstStretch, ...]
+    worst: tuple[WorstInterval, ...]
 
 
 @dataclass(frozen=True)
