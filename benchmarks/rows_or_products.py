@@ -48,9 +48,9 @@ def main() -> None:
 def stacks_of(count: int, candidates: int) -> tuple[list[RowStack], list[RowStack]]:
     """The same rows of every joint twice: what has been read once is in the cache."""
     random = np.random.default_rng(count)
-    stretch = np.repeat(np.arange(STRETCHES), count)
-    values = [random.normal(size=(len(stretch), BASE + 2 * candidates + 1)) for _ in range(JOINTS)]
-    return tuple([RowStack(each.copy(), stretch, STRETCHES) for each in values] for _ in range(2))
+    row_block = np.repeat(np.arange(STRETCHES), count)
+    values = [random.normal(size=(len(row_block), BASE + 2 * candidates + 1)) for _ in range(JOINTS)]
+    return tuple([RowStack(each.copy(), row_block, STRETCHES) for each in values] for _ in range(2))
 
 
 def made(stack: RowStack) -> FloatArray:

@@ -27,10 +27,10 @@ def gathered(most_rows: int, monkeypatch: pytest.MonkeyPatch) -> Products:
     having = [np.arange(COLUMNS), np.array([0, 2, 3, 5, 8]), np.arange(COLUMNS)]
     collected = RowAccumulator([len(columns) for columns in having], 2, STRETCHES)
     for piece in range(PIECES):
-        stretch = np.sort(random.integers(0, STRETCHES, 70)) if piece else np.arange(70) % STRETCHES
+        row_block = np.sort(random.integers(0, STRETCHES, 70)) if piece else np.arange(70) % STRETCHES
         rows = [random.normal(size=(70, len(columns) + 1)) for columns in having]
         moving = random.random((70, JOINTS)) < 0.7
-        collected.push(stretch, rows, (moving, ~moving))
+        collected.push(row_block, rows, (moving, ~moving))
     (moving_stacks, counts), (others, _) = collected.finish(STRETCHES)
     position = []
     for columns in having:

@@ -76,10 +76,10 @@ class Rows:
 
     def kept(self):
         """The same with the rows themselves."""
-        stretch = np.arange(len(self.t)) // PER_STRETCH
+        row_block = np.arange(len(self.t)) // PER_STRETCH
         made = self.products()
         stacks = tuple(
-            (RowStack(np.column_stack([w[:, c], y]), stretch, STRETCHES),)
+            (RowStack(np.column_stack([w[:, c], y]), row_block, STRETCHES),)
             for w, c, y in zip(self.wide, CONTAINS, self.y, strict=True)
         )
         return replace(made, stacks=stacks)

@@ -65,7 +65,7 @@ class DataRows:
         Number of rows in which each joint moves.
     n_rows : int
         Number of rows of data that these stand for.
-    stretch : int
+    window_rows : int
         Number of consecutive rows that belong together, because their residuals are correlated.
     borders : tuple of int
         Indices of the rows at which recordings begin and end.
@@ -75,7 +75,7 @@ class DataRows:
     residual: FloatArray
     counts: FloatArray
     n_rows: int
-    stretch: int
+    window_rows: int
     borders: tuple[int, ...]
 
     @property
@@ -162,8 +162,8 @@ def evaluate_data_rows(
         counts += moves.sum(axis=0)
         borders.append(borders[-1] + len(samples))
     # A block has to be longer than residuals are correlated, and there have to be enough blocks to estimate a variance.
-    stretch = max(1, round(float(np.clip(seconds / _STRETCHES, _SHORTEST, _LONGEST)) / (step * every)))
-    return DataRows(np.concatenate(w), np.concatenate(residual), counts, total, stretch, tuple(borders))
+    window_rows = max(1, round(float(np.clip(seconds / _STRETCHES, _SHORTEST, _LONGEST)) / (step * every)))
+    return DataRows(np.concatenate(w), np.concatenate(residual), counts, total, window_rows, tuple(borders))
 
 
 def _evaluate_run_signals(model: DesignModel, segments: FloatArray, recording: Recording) -> FloatArray:
@@ -214,11 +214,11 @@ def _compute_overstatement(rows: DataRows, rest: FloatArray, joint: int) -> floa
     starts = [
         start
         for first, last in zip(rows.borders, rows.borders[1:], strict=False)
-        for start in range(first, last - rows.stretch + 1, rows.stretch)
+        for start in range(first, last - rows.window_rows + 1, rows.window_rows)
     ]
     if not starts:
         return 1.0
-    windows = np.array(starts)[:, None] + np.arange(rows.stretch)
+    windows = np.array(starts)[:, None] + np.arange(rows.window_rows)
     w = rows.w[:, joint]
     # Columns that are zero for this joint would make its normal equations singular.
     used = np.flatnonzero((w != 0).any(axis=0))

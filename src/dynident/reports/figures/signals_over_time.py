@@ -49,14 +49,14 @@ class TimeAxis:
     ----------
     t : (m,) array
         Increases throughout: segments that overlap in time are set one after another.
-    stretches : tuple of slice
+    intervals : tuple of slice
         Samples without a gap between them.
     shifted : bool
         True where segments were set one after another.
     """
 
     t: FloatArray
-    stretches: tuple[slice, ...]
+    intervals: tuple[slice, ...]
     shifted: bool
 
     @property
@@ -80,10 +80,10 @@ class TimeAxis:
         # The stretches are cut wherever `rows` changes; each piece then is wanted, or not, as a whole.
         changes = np.flatnonzero(np.diff(rows)) + 1
         pieces: list[slice] = []
-        for part in self.stretches:
+        for part in self.intervals:
             inner = changes[(changes > part.start) & (changes < part.stop)].tolist()
             pieces += [slice(a, b) for a, b in pairwise([part.start, *inner, part.stop]) if rows[a]]
-        return replace(self, stretches=tuple(pieces))
+        return replace(self, intervals=tuple(pieces))
 
 
 def build_time_axis(comparison: Comparison) -> TimeAxis:
@@ -106,15 +106,15 @@ def build_time_axis(comparison: Comparison) -> TimeAxis:
     usual_step = float(np.median(forward)) if len(forward) else 0.0
     broken = (np.diff(comparison.segment) != 0) | (steps <= 0) | (steps > _GAP_RATIO * usual_step)
     borders = [0, *(np.flatnonzero(broken) + 1).tolist(), len(t)]
-    stretches = tuple(slice(first, last) for first, last in pairwise(borders) if last > first)
+    intervals = tuple(slice(first, last) for first, last in pairwise(borders) if last > first)
     shifted = False
-    pause = _PAUSE_SHARE * sum(float(t[part][-1] - t[part][0]) for part in stretches)
-    for before, after in pairwise(stretches):
+    pause = _PAUSE_SHARE * sum(float(t[part][-1] - t[part][0]) for part in intervals)
+    for before, after in pairwise(intervals):
         # Only what would lie on top of the stretch before it is moved, together with all that follows.
         if t[after.start] <= t[before.stop - 1]:
             t[after.start :] += t[before.stop - 1] + max(pause, usual_step) - t[after.start]
             shifted = True
-    return TimeAxis(t, stretches, shifted)
+    return TimeAxis(t, intervals, shifted)
 
 
 def thin_series(axis: TimeAxis, values: FloatArray, points: int) -> tuple[FloatArray, FloatArray]:
@@ -157,7 +157,7 @@ def thin_series_together(axis: TimeAxis, points: int, *series: FloatArray) -> tu
     """
     total = len(axis.t)
     parts: list[list[FloatArray]] = [[] for _ in range(len(series) + 1)]
-    for part in axis.stretches:
+    for part in axis.intervals:
         length = part.stop - part.start
         # Two extremes of each part are kept, so that half as many parts give the number of points.
         bins = max(1, round(0.5 * points * length / total))
@@ -364,7 +364,7 @@ def _shade_standstills(axes: Axes, axis: TimeAxis, standing: BoolArray) -> None:
     """Shade the times at which the joint stands; halts too close for paper to separate become one."""
     least = _MIN_SEPARATION * float(axis.t[-1] - axis.t[0])
     spans: list[list[float]] = []
-    for part in axis.restrict(standing).stretches:
+    for part in axis.restrict(standing).intervals:
         first, last = float(axis.t[part.start]), float(axis.t[part.stop - 1])
         if spans and first - spans[-1][1] < least:
             spans[-1][1] = last

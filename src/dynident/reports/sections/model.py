@@ -231,7 +231,7 @@ def build_model_section(identification: Identification) -> Section:
     choices = identification.choices
     strategy = choices.strategy if choices.strategy != "sequential" else f"sequential, {choices.steps}"
     # What a step of the ladder added is marked: those effects were found, and not assumed.
-    added = {choice for rung in identification.ladder() for choice in rung.step.added}
+    added = {choice for ladder_model in identification.ladder() for choice in ladder_model.step.added}
     content = ModelContent(
         tuple(_build_effect_row(choice, robot, choice in added) for choice in choices.effects),
         (
@@ -290,7 +290,7 @@ class JointErrorRow:
 class LadderContent:
     """The content of the section: the models, their errors per joint, and both as a figure."""
 
-    rungs: tuple[StepRow, ...]
+    steps: tuple[StepRow, ...]
     joints: tuple[JointErrorRow, ...]
     kind: str
     best: str

@@ -92,13 +92,16 @@ def build_commands(
     """
     command_lines = []
     windows = {recording.name: recording.windows for recording in recordings}
-    for number, rung in enumerate(identification.ladder(), 1):
-        files = [*rung.data.measurement_names, *(part for name in rung.data.validation_names for part in ("-v", name))]
-        names = [*rung.data.measurement_names, *rung.data.validation_names]
+    for number, ladder_model in enumerate(identification.ladder(), 1):
+        files = [
+            *ladder_model.data.measurement_names,
+            *(part for name in ladder_model.data.validation_names for part in ("-v", name)),
+        ]
+        names = [*ladder_model.data.measurement_names, *ladder_model.data.validation_names]
         files += [*_list_window_options(names, windows), *_list_metadata_options(names, said)]
         before, out = f"model{number - 1}.npz", ["-o", f"model{number}.npz"]
         # An extension or a removal starts from the model of the step before, so that its file has to be named.
-        step = rung.step
+        step = ladder_model.step
         if step.added:
             texts = ",".join(format_effect(choice, _DIGITS) for choice in step.added)
             words = ["extend", before, *files, "--effects", texts, *out]
@@ -107,12 +110,12 @@ def build_commands(
             words = ["remove", before, "--effects", texts, *out]
         else:
             options = [
-                *_list_robot_options(rung.model.robot),
-                *_list_choice_options(rung.choices),
-                *_list_filter_options(rung.preprocessing),
+                *_list_robot_options(ladder_model.model.robot),
+                *_list_choice_options(ladder_model.choices),
+                *_list_filter_options(ladder_model.preprocessing),
             ]
             words = ["identify", ROBOT, *files, *options, *out]
-        step_effects = step.added or step.removed or rung.choices.effects
+        step_effects = step.added or step.removed or ladder_model.choices.effects
         command_lines.append(shlex.join(["dynident", *words]) + _comment_on_segments(step_effects))
     return tuple(command_lines)
 
