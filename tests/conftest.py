@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import zlib
+from collections import Counter
+from collections.abc import Generator
 
 # Small matrices jitter in a multi-threaded BLAS, the more so beside other work.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -62,3 +64,35 @@ def _sample_sweeps(config: pytest.Config, items: list[pytest.Item]) -> None:
 def thorough(pytestconfig: pytest.Config) -> bool:
     """Whether all cases of a study are wanted, and not only as many as show that something broke."""
     return bool(pytestconfig.getoption("--thorough"))
+
+
+_BEGUN = pytest.StashKey[float]()
+
+
+def _processor_seconds() -> float:
+    """Those of this process, and of its children that have ended."""
+    return sum(os.times()[:4])
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    item.stash[_BEGUN] = _processor_seconds()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Generator[None, object, object]:
+    if call.when == "teardown" and _BEGUN in item.stash:
+        item.user_properties.append(("processor_seconds", _processor_seconds() - item.stash[_BEGUN]))
+    return (yield)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say where the processor time of a whole run is: in the dearest files, with fixtures and ended children."""
+    seconds: Counter[str] = Counter()
+    for report in (report for reports in terminalreporter.stats.values() for report in reports):
+        if getattr(report, "when", None) == "teardown":
+            seconds[report.nodeid.partition("::")[0]] += dict(report.user_properties).get("processor_seconds", 0.0)
+    if terminalreporter.config.getoption("--slow") and len(seconds) > 10:
+        terminalreporter.section(f"dearest files, of {seconds.total():.0f} s of processor time")
+        for path, spent in seconds.most_common(10):
+            terminalreporter.write_line(f"{spent:7.1f} s  {path}")
