@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import zlib
 from collections import Counter
@@ -10,6 +11,10 @@ from collections.abc import Generator
 # Small matrices jitter in a multi-threaded BLAS, the more so beside other work.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# Ten thousand tests are objects that stay: looking through them for garbage again and again takes a sixth of the time
+# of their collection.
+gc.set_threshold(100_000, 50, 50)
 
 import pytest  # noqa: E402
 
@@ -43,6 +48,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
                 item.add_marker(pytest.mark.skip(reason=f"{name}: run with --{name}"))
     if not thorough:
         _sample_sweeps(config, items)
+    gc.freeze()
 
 
 def _sample_sweeps(config: pytest.Config, items: list[pytest.Item]) -> None:
