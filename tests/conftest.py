@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import gc
+import hashlib
 import os
+import pickle
+import sys
 import zlib
 from collections import Counter
-from collections.abc import Generator
+from collections.abc import Generator, Iterator, Sequence
+from functools import wraps
+from typing import TYPE_CHECKING
 
 # Small matrices jitter in a multi-threaded BLAS, the more so beside other work.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -19,6 +24,11 @@ gc.set_threshold(100_000, 50, 50)
 import pytest  # noqa: E402
 
 from dynident.parallel import count_processors  # noqa: E402
+
+if TYPE_CHECKING:
+    from dynident.identification.recording_faults.fault_checks import DynamicsCheck
+    from dynident.recordings import Recording
+    from dynident.robot import Robot
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -70,6 +80,32 @@ def _sample_sweeps(config: pytest.Config, items: list[pytest.Item]) -> None:
 def thorough(pytestconfig: pytest.Config) -> bool:
     """Whether all cases of a study are wanted, and not only as many as show that something broke."""
     return bool(pytestconfig.getoption("--thorough"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _the_same_rows_are_checked_once() -> Iterator[None]:
+    """Check rows that tests read from many files, and import again and again, against their robot once in a process."""
+    checks = sys.modules.get("dynident.identification.recording_faults.fault_checks")
+    if checks is None:
+        yield
+        return
+    compute, known = checks.check_recording_faults, {}
+
+    @wraps(compute)
+    def check(robot: Robot, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> DynamicsCheck:
+        read = recording.source.rows(0, sum(segment.length for segment in recording.segments), 100_000)
+        about = (recording.joint_names, recording.sampling_rate, recording.segments, recording.windows)
+        content = (robot, about, recording.joints_without_torque, tuple(q), tuple(tau), [rows[:2] for rows in read])
+        key = hashlib.sha256(pickle.dumps(content)).digest()
+        if key not in known:
+            known[key] = compute(robot, recording, q, tau)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in list(sys.modules.values()):
+            if getattr(module, "__name__", "").startswith("dynident") and vars(module).get(compute.__name__) is compute:
+                patch.setattr(module, compute.__name__, check)
+        yield
 
 
 _BEGUN = pytest.StashKey[float]()
