@@ -114,7 +114,7 @@ def test_extending_works_or_says_why_not(name):
 
 @pytest.mark.real_data
 @pytest.mark.skipif(not DATA.is_dir(), reason="the recordings of real robots are not here")
-@pytest.mark.parametrize("files", [("run1",), ("run1", "run2", "run3")])
+@pytest.mark.parametrize("files", [pytest.param(("run1",), marks=pytest.mark.thorough), ("run1", "run2", "run3")])
 def test_a_diagnosis_of_an_arm_with_rounded_angles_can_be_added(files, tmp_path):
     robot = robot_from_urdf("kinova", (DATA / "kinova.urdf").read_text(encoding="utf-8"))
     recordings = [
