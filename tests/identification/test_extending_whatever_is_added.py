@@ -65,6 +65,7 @@ def test_columns_that_are_known_to_be_independent_stay_whatever_other_states_sho
     np.testing.assert_allclose(found.grouping[:, 3], [0, 1, 1], atol=1e-4)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", ["ur10", "franka_panda"])
 def test_a_model_keeps_its_parameters_whatever_is_added(name, seed):
