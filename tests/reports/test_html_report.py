@@ -25,6 +25,8 @@ from dynident.identification import Identification, IdentificationChoices, Ladde
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.recordings.joint_phases import Phase
 from dynident.reports import ReportedRecording, html_report
+from dynident.reports.figures.residuals import draw_residuals, draw_spectra
+from dynident.reports.figures.signals_over_time import draw_torque
 from dynident.reports.number_format import format_estimate, format_number, format_percent
 from dynident.reports.sections import accuracy
 from dynident.robot import Joint, Robot
@@ -85,7 +87,7 @@ def _figures_of_the_same_runs_are_drawn_once() -> Iterator[None]:
         return drawn
 
     with pytest.MonkeyPatch.context() as patch:
-        for draw in (accuracy.draw_torque, accuracy.draw_residuals, accuracy.draw_spectra):
+        for draw in (draw_torque, draw_residuals, draw_spectra):
             patch.setattr(accuracy, draw.__name__, drawn_once(draw))
         yield
 
