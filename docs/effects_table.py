@@ -20,11 +20,12 @@ WHEN = {
 INTRODUCTION = """\
 # The catalogue of effects
 
-These effects can be identified, diagnosed, designed for and simulated. Each is defined once, and is linear in its parameters
-for given shape constants. `dynident effects` and `GET /v1/effects` give the same description to programs. Symbols are those of
-[Concepts](concepts.md): $q$ is the position of a joint, $\\hat\\tau_l$ the predicted torque of the links on it,
-$\\hat\\Gamma$ all of its predicted torque, and $z$ a state that depends on the path. Units are those of a revolute joint. The
-shape constants that a diagnosis tries are those of a joint of the UR10; the best of them is refined.
+These effects can be identified, diagnosed, designed for and simulated. Each is defined once, and is linear in its
+parameters for given shape constants. `dynident effects` and `GET /v1/effects` give the same description to programs.
+Symbols are those of [Concepts](concepts.md): $q$ is the position of a joint, $\\hat\\tau_l$ the predicted torque of
+the links on it, $\\hat\\Gamma$ all of its predicted torque, and $z$ a state that depends on the path. Units are those
+of a revolute joint. The shape constants that a diagnosis tries are those of a joint of the UR10; the best of them is
+refined.
 
 `rigid_body`, `rotor_inertia`, `coulomb` and `viscous` are in every model by default. You can add [an effect of your
 own](own-effects.md).
