@@ -74,7 +74,7 @@ def rank_findings(
         twins = tuple(sorted(others | set(get_effect(choice.effect).same_function)))
         why = finding.why or f"Its signature in a residual: {get_effect(choice.effect).signature}."
         if twins:
-            why += f" These data cannot distinguish it from: {', '.join(twins)}."
+            why += f" These data cannot distinguish it from: {', '.join(get_effect(twin).title for twin in twins)}."
         if places := _list_other_places(finding, choice):
             why += f" It may equally well act on: {', '.join(places)}."
         scored = _narrow_to_joints(finding.judged, choice)
@@ -199,7 +199,8 @@ def _build_ranked_effect(
 
 
 def _word_evidence(title: str, scored: ScoredCandidate, before: float, after: float, why: str) -> str:
-    place = describe_place(scored.candidate.joints)
+    joints = scored.candidate.joints
+    place = "all joints" if 1 < len(joints) == scored.before.shape[1] else describe_place(joints)
     if after >= before:
         return f"{title} on {place} does not improve the prediction of blocks left out of the fit. {why}"
     return (

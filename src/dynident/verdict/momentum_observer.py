@@ -218,7 +218,7 @@ class ContactDetection:
         """Describe what is detected, in a sentence."""
         rate = f"{self.false_alarms_an_hour:g} false alarm{'' if self.false_alarms_an_hour == 1 else 's'} an hour"
         return (
-            f"A momentum observer detects {self.force:.2g} N at the tool in {1e3 * self.within:.0f} ms, at {rate} "
+            f"A momentum observer detects {float(f'{self.force:.2g}'):g} N at the tool in {1e3 * self.within:.0f} ms, with {rate} "
             f"(in {SEEN:.0%} of directions and postures of the held-out motion)."
         )
 

@@ -161,7 +161,7 @@ def judge_collision_detection(
             UseFinding("not_judged", "The held-out data are too short to determine a threshold.", _LONGER),
         ]
     figures = (
-        f"At {FALSE_ALARMS_AN_HOUR:g} false alarm per hour, a force of {force.force:.3g} N at the tool is detected "
+        f"With {FALSE_ALARMS_AN_HOUR:g} false alarm an hour, a force of {force.force:.3g} N at the tool is detected "
         f"(in {SEEN:.0%} of directions and postures of the held-out motion, {force.seconds:.0f} s)."
     )
     # What an observer detects as it happens counts; behind the filters of the identification, which see the future, a
@@ -402,7 +402,7 @@ def judge_feed_forward(evidence: HeldOutEvidence) -> list[UseFinding]:
     error, each, joints = evidence.error, evidence.joint_errors, evidence.joints
     # One poor joint spoils the whole motion, whatever the others do.
     worst = int(np.argmax(each))
-    figures = [f"moving {each[worst]:.0%} ({joints[worst]})"]
+    figures = [f"where it moves {each[worst]:.0%} ({joints[worst]})"]
     findings = judge_errors(evidence)
     slow = describe_slow_motion(evidence.identification.parameters)
     if slow is not None:
@@ -429,5 +429,5 @@ def judge_feed_forward(evidence: HeldOutEvidence) -> list[UseFinding]:
     if not evidence.phases:
         sentence = "The errors at reversals and starts can only be computed from the held-out recordings."
         findings.append(UseFinding("limited", sentence, GIVE_RECORDINGS))
-    good = f"The held-out error is {error:.1%}; the worst joint {', '.join(figures)}."
+    good = f"The held-out error is {error:.1%}. The error of the worst joint: {', '.join(figures)}."
     return [*findings, UseFinding("yes", good)]
