@@ -61,7 +61,7 @@ def print_experiment(console: Console, runs: Sequence[MeasuredRun], seconds: flo
         kind = "optimised" if run.design.request.kind == "optimized" else "from point to point"
         rows.append([run.path.name, kind, f"{run.design.duration:.0f} s", str(run.n_samples),
                      format_number(values.condition_number), best])  # fmt: skip
-    columns = ("recording", "trajectory", "length", "samples", "condition number", "best random one")
+    columns = ("recording", "trajectory", "length", "samples", "condition number", "best random motion")
     console.print(build_table("", columns, rows, right_from=2))
     console.print(
         f"Encoders of 2^19 counts, torque noise of 0.5 % of each joint's limit; {seconds:.1f} s to design and "

@@ -217,8 +217,10 @@ class ContactDetection:
     def describe(self) -> str:
         """Describe what is detected, in a sentence."""
         rate = f"{self.false_alarms_an_hour:g} false alarm{'' if self.false_alarms_an_hour == 1 else 's'} an hour"
+        # Two digits, but no power of ten.
+        force = float(f"{self.force:.2g}")
         return (
-            f"A momentum observer detects {float(f'{self.force:.2g}'):g} N at the tool in {1e3 * self.within:.0f} ms, with {rate} "
+            f"A momentum observer detects {force:g} N at the tool in {1e3 * self.within:.0f} ms, with {rate} "
             f"(in {SEEN:.0%} of directions and postures of the held-out motion)."
         )
 
