@@ -116,8 +116,8 @@ def note_reach(
     return (
         f"{heading}: no floor, wall or box was stated (surroundings). The lowest joint is {reach.lowest_joint}, "
         f"{height} at {reach.lowest_time:.1f} s{below}. The joint farthest from the base's axis is "
-        f"{reach.widest_joint}, at {reach.widest:.2f} m. Links and tool reach further. Make sure that this space is free, and run the motion "
-        "at a third of the speed first.",
+        f"{reach.widest_joint}, at {reach.widest:.2f} m. Links and tool reach further. Make sure that this space is "
+        "free, and run the motion at a third of the speed first.",
     )
 
 
