@@ -301,5 +301,5 @@ def _word_friction_bound(changed: Collection[str], friction: Sequence[FrictionDi
     (least, best), (most, worst) = bounds[0], bounds[-1]
     if best == worst:
         return f" The friction of {best} differs by no more than {most:.1%}."
-    others = " of the other joints" if changed else ""
-    return f" Friction{others} differs by no more than {least:.1%} ({best}) to {most:.1%} ({worst})."
+    others = "other " if changed else ""
+    return f" The friction of each {others}joint differs by no more than {least:.1%} ({best}) to {most:.1%} ({worst})."

@@ -207,7 +207,7 @@ def describe_best_step(best_rung: BestStep | None, count: int) -> str:
     if not best_rung.rises:
         return f"{best}."
     rise = best_rung.rises[0] + 1
-    return f"{best}; from model {rise} on the held-out error is larger: the effects added there do not help."
+    return f"{best}; from model {rise} on the held-out error is larger: the steps from there on do not help."
 
 
 @dataclass(frozen=True)

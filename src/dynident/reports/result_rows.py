@@ -67,7 +67,15 @@ def format_reason(candidate: RankedEffect) -> str:
 
 CHANGE_COLUMNS = ("changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")
 
-FRICTION_COLUMNS = ("friction of", "at a speed of", "before", "difference", "95 % interval", "unit", "of what it was")
+FRICTION_COLUMNS = (
+    "friction of",
+    "at a speed of",
+    "before",
+    "difference",
+    "95 % interval",
+    "unit",
+    "relative to before",
+)
 
 
 class ChangeCells(NamedTuple):
