@@ -210,10 +210,9 @@ def test_the_first_page_says_what_when_from_which_data_and_the_error_before_and_
     assert "report made 2026-03-04 05:06 UTC" in head
     assert "identified from run 1 <u> held-out recordings run 2 <u>" in head
     assert (
-        single_spaced(f"is {format_percent(after)} on held-out data, with Stribeck friction on {ROBOT.joint_names[0]}")
-        in head
+        single_spaced(f"is {format_percent(after)} on held-out data; it was {format_percent(before)} before.") in head
     )
-    assert single_spaced(f"it was {format_percent(before)} before.") in head
+    assert f"Added: Stribeck friction on {ROBOT.joint_names[0]}." in head
     # Warnings come after all this.
     assert text.index(" about this result") > len(head)
     assert format_number(second_model().equilibrated_condition_number) in text
