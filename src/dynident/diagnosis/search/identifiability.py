@@ -42,7 +42,7 @@ def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
             shares[key] = max(shares.get(key, 0.0), scored.separability)
     why = "of its column is independent of the model on this motion, so these data cannot show it"
     return tuple(
-        Invisible(*key, f"only {share:.1%} {why}", f"{share:.1%} left")
+        Invisible(*key, f"only {share:.1%} {why}", f"{share:.1%} independent")
         for key, share in shares.items()
         if share < RULES.least_separability
     )

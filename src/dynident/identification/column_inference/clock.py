@@ -161,5 +161,5 @@ def guess_efforts_at_poses(
     unexplained = None if q is None else fits.measure_unexplained(q, tau)
     if unexplained is not None:
         reason = "share of the torque at rest that gravity and constant torques do not explain"
-        work.add_guess("check", f"{unexplained:.0%} left", 0.9 if unexplained < _EXPLAINED else 0.4, reason)
+        work.add_guess("check", f"{unexplained:.0%} unexplained", 0.9 if unexplained < _EXPLAINED else 0.4, reason)
     return kind

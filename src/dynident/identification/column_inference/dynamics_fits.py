@@ -242,10 +242,10 @@ def check_against_dynamics(
     # The masses of the description explain no residual: identification does not use them.
     causes = [check for check in wrong if check.name != DESCRIPTION_UNITS]
     if unexplained.average_share < _UNEXPLAINED_LIMIT and not causes:
-        return [*guesses, Guess("check", f"{unexplained.average_share:.0%} left", 0.9, reason)], questions
+        return [*guesses, Guess("check", f"{unexplained.average_share:.0%} unexplained", 0.9, reason)], questions
     # The most probable cause comes first, before all other guesses.
     cause = f"; most probably: {causes[0].detail}" if causes else ""
-    return [Guess("check", f"{unexplained.average_share:.0%} left", 0.4, f"{reason}{cause}"), *guesses], questions
+    return [Guess("check", f"{unexplained.average_share:.0%} unexplained", 0.4, f"{reason}{cause}"), *guesses], questions
 
 
 def _is_finding(check: Check, *, in_si: bool) -> bool:
