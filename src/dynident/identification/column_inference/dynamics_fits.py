@@ -245,7 +245,10 @@ def check_against_dynamics(
         return [*guesses, Guess("check", f"{unexplained.average_share:.0%} unexplained", 0.9, reason)], questions
     # The most probable cause comes first, before all other guesses.
     cause = f"; most probably: {causes[0].detail}" if causes else ""
-    return [Guess("check", f"{unexplained.average_share:.0%} unexplained", 0.4, f"{reason}{cause}"), *guesses], questions
+    return [
+        Guess("check", f"{unexplained.average_share:.0%} unexplained", 0.4, f"{reason}{cause}"),
+        *guesses,
+    ], questions
 
 
 def _is_finding(check: Check, *, in_si: bool) -> bool:
