@@ -38,7 +38,7 @@ def currents(
     effects: Effects,
     result: OutputOptions,
 ) -> None:
-    """Identify the parameters of every joint's current, without any drive gain.
+    """Identify a model of every joint's current. It needs no drive gains.
 
     The parameters are in units of current, separate for each joint. --out writes them as JSON.
     """
@@ -139,7 +139,7 @@ def gains(
     request_options: Annotated[TypedValues, RequestOptions(KnownLoad)],
     as_json: Json = False,
 ) -> None:
-    """Identify the drive gains from runs without and with a load of known mass.
+    """Identify drive gains from a load of known mass.
 
     MEASUREMENT are the runs without the load. If they have currents with unknown gains, give --drive-gains 1,1,….
     """

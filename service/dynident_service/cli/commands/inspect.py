@@ -39,7 +39,9 @@ def inspect(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Inspect a file: what its columns most probably are, why, and what you must answer before you can use it.
+    """Find out what the columns of a file are.
+
+    The answer has reasons, and the questions that you must answer before you can use the file.
 
     --out writes the proposal as JSON, for `dynident identify --metadata`.
     """
