@@ -20,10 +20,10 @@ from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import Identification, IdentificationChoices, LadderStep, extend, identify, remove
+from dynident.number_format import format_estimate, format_number, format_percent
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.recordings.joint_phases import Phase
 from dynident.reports import ReportedRecording, html_report
-from dynident.reports.number_format import format_estimate, format_number, format_percent
 from dynident.robot import Joint, Robot
 
 PLAIN = arm("scara")
@@ -347,7 +347,7 @@ def test_where_a_joint_stands_the_report_draws_what_friction_may_hold_and_says_h
     assert "range of static friction at standstill" in page.text["torque"]
     assert "On a grey background the joint stands" in page.text["torque"]
     stands = ", ".join(f"{100 * share:.0f}" for share in phase_shares(runs[1]).standing)
-    assert f"{stands} %" in page.text["data"]
+    assert f"{stands}\u202f%" in page.text["data"]
     # Where no joint stands nothing is said of it.
     moves = replace(comparison, phase=np.zeros_like(comparison.phase))
     without = Page(html_report(found, [ReportedRecording(runs[1], moves, True)])).text["torque"]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynident.reports.number_format import format_count, format_estimate, format_number, format_p_value, format_percent
+from dynident.number_format import format_count, format_estimate, format_number, format_p_value, format_percent
 
 
 @pytest.mark.parametrize(

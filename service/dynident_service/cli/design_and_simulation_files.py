@@ -25,8 +25,8 @@ from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.known_robots import locate_robot
 from dynident.motion import Surroundings
+from dynident.number_format import format_number, format_percent
 from dynident.progress import Progress
-from dynident.reports.number_format import format_number, format_percent
 from dynident.robot import Limits, Robot
 from dynident.robot.collision_reader import find_mesh_folders
 from dynident.simulation import ActingEffect, Reference

@@ -18,6 +18,7 @@ from dynident.identification.identified_models.correlated_and_essential_paramete
     parameter_dependence,
 )
 from dynident.identification.identified_models.held_out_gain import find_best_step
+from dynident.number_format import format_number, format_percent
 from dynident.recordings import phase_shares
 from dynident.recordings.joint_phases import Phase
 from dynident.reports.labels import (
@@ -29,7 +30,6 @@ from dynident.reports.labels import (
     get_effect_title,
     get_step_mark,
 )
-from dynident.reports.number_format import format_number, format_percent
 from dynident.reports.result_tables import CANDIDATE_COLUMNS as CANDIDATES
 from dynident.reports.result_tables import (
     CHANGE_COLUMNS,

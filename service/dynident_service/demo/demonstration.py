@@ -13,8 +13,8 @@ from rich.console import Console
 from dynident.effects import get_effect
 from dynident.errors import DynidentError
 from dynident.identification import to_bytes
+from dynident.number_format import format_number, format_percent
 from dynident.progress import scale_progress
-from dynident.reports.number_format import format_number, format_percent
 from dynident.reports.result_tables import CANDIDATE_COLUMNS, format_candidates
 from dynident.robot import Robot
 from dynident.text_encoding import encode_text

@@ -81,8 +81,8 @@ def _without_scale_checks(measurements: Sequence[LoadedRecording]) -> list[Loade
 
 
 def _print_current_models(console: Console, models: Sequence[CurrentModel]) -> None:
+    from dynident.number_format import format_estimate, format_number, format_percent
     from dynident.reports.labels import PARAMETER_JUDGEMENTS
-    from dynident.reports.number_format import format_estimate, format_number, format_percent
     from dynident_service.cli import terminal
 
     rows = [
