@@ -156,8 +156,8 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
     console.print(build_table(f"Measured against predicted: {name}", columns, rows))
     if (comparison.phase == Phase.STANDING).any():
         console.print(
-            "  While a joint stands still, static friction may balance the torque. Compared with the predicted "
-            f"torque itself, the error on all rows is {format_percent(comparison.raw_errors.relative_total)}."
+            "  While a joint stands still, static friction may balance the torque. Compared with the predicted torque "
+            f"itself, the error on all rows is {format_percent(comparison.raw_errors.relative_total)}."
         )
     worst = [
         [

@@ -77,8 +77,8 @@ def print_findings(console: Console, robot: Robot, analysis: Analysis) -> None:
     held_out = first.held_out_judged
     assert held_out is not None
     console.print(
-        f"{first.model.n_parameters} base parameters: links, rotor inertia, Coulomb and viscous friction. Error "
-        f"where joints move: {format_percent(first.fit_judged.relative_total)} in the fit, "
+        f"{first.model.n_parameters} base parameters: links, rotor inertia, Coulomb and viscous friction. Error where "
+        f"joints move: {format_percent(first.fit_judged.relative_total)} in the fit, "
         f"{format_percent(held_out.relative_total)} held out.",
     )
     _print_heading(console, "Compare")

@@ -390,11 +390,10 @@ def _complete_nearest(identification: Identification, rotors_in_links: bool, bla
     before = compute_errors(data.torque, identification.values).relative_total
     after = compute_errors(data.torque, values).relative_total
     note = (
-        f"These are not the identified parameters but the nearest feasible ones. Not feasible: {'; '.join(blamed)}. "
-        "On the data of the identification the torque differs by "
-        f"{_describe_torque_difference(identification, values)} (rms), and its relative error is "
-        f"{format_percent(after, decimals=2)} instead "
-        f"of {format_percent(before, decimals=2)}."
+        f"These are not the identified parameters but the nearest feasible ones. Not feasible: {'; '.join(blamed)}. On "
+        f"the data of the identification the torque differs by {_describe_torque_difference(identification, values)} "
+        f"(rms), and its relative error is {format_percent(after, decimals=2)} instead of "
+        f"{format_percent(before, decimals=2)}."
     )
     unknowns = LinkUnknowns.from_model(identification.model, rotors_in_links=rotors_in_links, estimated=fit.standard)
     completed = _solve_completion(unknowns, _build_equations(unknowns, values), values, _SMALL_MARGINS)

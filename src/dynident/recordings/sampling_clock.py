@@ -438,9 +438,8 @@ def _check_jitter(base: TimeBase, column: str) -> Check:
         "warning",
         f"Steps of {column} run from {1e3 * base.shortest:.3g} to {1e3 * base.longest:.3g} ms (standard deviation "
         f"{format_percent(spread, 2)} of the period; farthest off in row {base.worst_row}); resampled onto a uniform "
-        "grid of "
-        f"{rate:.5g} Hz by cubic interpolation. If possible, log with a steady clock and take the time stamp when the "
-        "sample is measured, not when it is written.",
+        f"grid of {rate:.5g} Hz by cubic interpolation. If possible, log with a steady clock and take the time stamp "
+        "when the sample is measured, not when it is written.",
         column,
         base.worst_row,
     )
@@ -456,9 +455,8 @@ def _check_gaps(base: TimeBase, column: str) -> Check:
             "gaps",
             "error",
             f"Gaps take {format_percent(base.missing, 2)} of the time (gaps: {base.n_gaps}); the first is "
-            f"{first.length:.4g} "
-            f"s long, after t = {first.start:.6g} s (row {first.row}). Too few samples are left. Record without "
-            "dropping samples, or choose windows without gaps.",
+            f"{first.length:.4g} s long, after t = {first.start:.6g} s (row {first.row}). Too few samples are left. "
+            "Record without dropping samples, or choose windows without gaps.",
             column,
             first.row,
             first.start,

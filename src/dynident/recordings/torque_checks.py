@@ -127,8 +127,7 @@ def _check_saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimi
                 status,
                 f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} N m) for "
                 f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {t[first]:.6g} s): the drive, "
-                "or "
-                "the log, saturates there. Move more slowly or with less payload, or choose windows without "
+                "or the log, saturates there. Move more slowly or with less payload, or choose windows without "
                 "saturation.",
                 layout.tau[joint].source,
                 int(row[first]),

@@ -146,8 +146,8 @@ def validate_cross(
     judged = ValidationOutcome(
         "fail",
         f"The error is {format_percent(error, decimals=1)} on held-out data and {format_percent(own, decimals=1)} in "
-        "the fit: the motion of the identification does "
-        "not determine the model, or this motion shows an effect that the other did not show.",
+        "the fit: the motion of the identification does not determine the model, or this motion shows an effect that "
+        "the other did not show.",
     )
     return replace(validation, judged=judged)
 

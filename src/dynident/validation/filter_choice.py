@@ -345,8 +345,7 @@ def _judge_filters(used: FilterTrial, best: FilterTrial, residual: float) -> Val
     return ValidationOutcome(
         "fail",
         f"{own}; with {_word_cutoffs(best.preprocessing)} it would be {format_percent(best.error, decimals=2)}. "
-        "Identify again with these "
-        "cut-offs.",
+        "Identify again with these cut-offs.",
     )
 
 

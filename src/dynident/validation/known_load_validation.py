@@ -104,6 +104,6 @@ def _judge_mass(stated: float, weighed: PayloadVerdict) -> ValidationOutcome:
     return ValidationOutcome(
         "fail",
         f"{text}, {format_percent(abs(off) / stated, decimals=1)} {'less' if off > 0 else 'more'}: the drive gains are "
-        "probably too "
-        f"{'high' if off > 0 else 'low'} by the same share, or the recorded torque is not the joint torque.",
+        f"probably too {'high' if off > 0 else 'low'} by the same share, or the recorded torque is not the joint "
+        "torque.",
     )

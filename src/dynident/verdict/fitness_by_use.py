@@ -295,8 +295,7 @@ def _judge_drift(drift: Drift) -> UseFinding:
     if drift.worst_share > LARGEST_DRIFT:
         sentence = (
             f"{figures} More than {format_percent(LARGEST_DRIFT, decimals=0)} of the travel within {AFTER[1]:g} s is "
-            "too much for a "
-            "simulation of the robot."
+            "too much for a simulation of the robot."
         )
         return UseFinding("no", sentence, DIAGNOSE)
     if drift.worst_share > NOTABLE_DRIFT:

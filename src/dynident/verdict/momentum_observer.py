@@ -227,8 +227,8 @@ class ContactDetection:
         # Two digits, but no power of ten.
         force = float(f"{self.force:.2g}")
         return (
-            f"A momentum observer detects {force:g} N at the tool in {1e3 * self.within:.0f} ms, with {rate} "
-            f"(in {format_percent(SEEN, decimals=0)} of directions and postures of the held-out motion)."
+            f"A momentum observer detects {force:g} N at the tool in {1e3 * self.within:.0f} ms, with {rate} (in "
+            f"{format_percent(SEEN, decimals=0)} of directions and postures of the held-out motion)."
         )
 
 

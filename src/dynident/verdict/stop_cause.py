@@ -99,10 +99,9 @@ def find_stop_cause(
     if moving is not None and moving.counts.any() and moving.relative_total <= STOP:
         return Stop(
             f"The model does not explain {format_percent(error.relative_total, decimals=0)} of the torque on all rows, "
-            "but only "
-            f"{format_percent(moving.relative_total, decimals=0)} where the joints move: the fault is in the rows at "
-            "standstill. Engaged "
-            "brakes or drives that are off make the torque there meaningless: leave these seconds out."
+            f"but only {format_percent(moving.relative_total, decimals=0)} where the joints move: the fault is in the "
+            "rows at standstill. Engaged brakes or drives that are off make the torque there meaningless: leave these "
+            "seconds out."
         )
     if (
         data_name == "held out"
@@ -111,11 +110,10 @@ def find_stop_cause(
     ):
         return Stop(
             f"The model leaves {format_percent(identification.fit.relative_total, decimals=0)} of the torque "
-            "unexplained in the fit, but "
-            f"{format_percent(error.relative_total, decimals=0)} on the held-out data. Columns and units are right, "
-            "because the fit is good: "
-            "either its motion does not determine the parameters that the held-out data need, or the held-out data "
-            "have another load. Record a designed motion.",
+            f"unexplained in the fit, but {format_percent(error.relative_total, decimals=0)} on the held-out data. "
+            "Columns and units are right, because the fit is good: either its motion does not determine the "
+            "parameters that the held-out data need, or the held-out data have another load. Record a designed "
+            "motion.",
             records_more=True,
         )
     return Stop(_word_by_joints(robot, moving if moving is not None and moving.counts.any() else error, data_name))
@@ -164,8 +162,8 @@ def _word_by_joints(robot: Robot, error: Errors, data_name: str) -> str:
         return (
             f"On {data_words} the model does not explain "
             f"{', '.join(f'{names[j]} ({format_percent(relative[j], decimals=0)})' for j in bad)}, but it explains the "
-            "other joints: check "
-            "the unit, the drive gain and the zero position of these joints, and their axes in the description."
+            "other joints: check the unit, the drive gain and the zero position of these joints, and their axes in "
+            "the description."
         )
     both = (
         "The model does not explain the data of the fit"

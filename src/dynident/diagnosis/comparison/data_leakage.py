@@ -64,13 +64,11 @@ class DataOverlap:
             return (
                 f"{self.held_out} holds the same samples as {self.fitted}, which the model was fitted to "
                 f"({format_percent(self.share, decimals=0)} of its motion): the held-out error is {says}. Give a "
-                "recording that was made "
-                "independently."
+                "recording that was made independently."
             )
         return (
             f"{self.held_out} repeats the motion of {self.fitted} ({format_percent(self.share, decimals=0)}): the "
-            "held-out error holds for "
-            "this motion only, not for other motions."
+            "held-out error holds for this motion only, not for other motions."
         )
 
 

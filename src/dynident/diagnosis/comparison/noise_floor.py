@@ -136,8 +136,8 @@ def _word_notes(
     if repeated is not None:
         notes.append(
             f"{format_percent(repeated.share, decimals=0)} of this motion repeats the motion of {repeated.name}, from "
-            "which the model was "
-            "identified: the comparison tests noise, not generalisation. Compare with another motion."
+            "which the model was identified: the comparison tests noise, not generalisation. Compare with another "
+            "motion."
         )
     if noise.source == "repeated_periods":
         notes.append(

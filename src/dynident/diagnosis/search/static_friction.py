@@ -209,8 +209,8 @@ def find_static_friction(
         why = (
             f"These are halts: in {halts.count_large(noise)} of {len(halts.beyond)} the joint held at least "
             f"{format_percent(_MUCH, decimals=0)} more than the model's friction (median "
-            f"{format_percent(np.median(halts.share), decimals=0)}). The data hardly "
-            "resolve the speed at which this additional friction vanishes."
+            f"{format_percent(np.median(halts.share), decimals=0)}). The data hardly resolve the speed at which this "
+            "additional friction vanishes."
         )
         findings.append(Finding(judged, tuple(_list_equivalents(judged)), p, why=why))
         grown, final = larger, after

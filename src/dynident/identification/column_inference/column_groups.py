@@ -405,8 +405,7 @@ def infer_by_elimination(
         if share < EXPLAINED:
             reason = (
                 "no other column has the name of a position, and with it the dynamics leave "
-                f"{format_percent(share, decimals=0)} of the "
-                "torque unexplained"
+                f"{format_percent(share, decimals=0)} of the torque unexplained"
             )
             return [replace(only, signal="q", reason=reason)]
     return []

@@ -263,16 +263,14 @@ def _classify_measured(
         if without < _LOST * with_gravity and find_mounting(fits.robot, motion).unexplained > without / _LOST:
             reason = (
                 f"the robot's dynamics leave {format_percent(without, decimals=0)} of it unexplained without gravity, "
-                f"and {format_percent(with_gravity, decimals=0)} "
-                "with gravity"
+                f"and {format_percent(with_gravity, decimals=0)} with gravity"
             )
             return EffortGuess("gravity_compensated", 0.9, reason)
     taken_out = detect_compensated_gravity(fits.robot, motion, torque_factor)
     if taken_out is not None:
         reason = (
             f"it contains {format_percent(taken_out.gravity, decimals=0)} of the gravity torque of the description, "
-            "and "
-            f"{format_percent(taken_out.motion, decimals=0)} of the torque for the motion"
+            f"and {format_percent(taken_out.motion, decimals=0)} of the torque for the motion"
         )
         return EffortGuess("gravity_compensated", 0.85, reason)
     if signal == "tau":

@@ -281,7 +281,7 @@ def _list_warnings(
     if before > 0 and after > FREE * before:
         sentences.append(
             "Physical feasibility increases the residual of the fit by "
-            f"{format_percent(after / before - 1, decimals=0)}: without it the data "
-            "give parameters that no robot has, because the motion does not determine them or an effect is missing."
+            f"{format_percent(after / before - 1, decimals=0)}: without it the data give parameters that no robot has, "
+            "because the motion does not determine them or an effect is missing."
         )
     return tuple(sentences)

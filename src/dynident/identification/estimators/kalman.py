@@ -462,10 +462,9 @@ def _list_warnings(run: KalmanRun, uncertainty: Statistics, share: float, changi
     own = np.maximum(run.deviations[-1], np.finfo(float).tiny)
     sentences = [
         f"The Kalman filter used the first {format_percent(share, decimals=0)} of the data for its initial values, and "
-        "processed "
-        f"{run.times[-1]:.1f} s. Its standard deviations are {np.median(uncertainty.standard_deviations / own):.2g} "
-        "times those of its own covariance (median), which assumes that its residuals are white noise of the expected "
-        "size.",
+        f"processed {run.times[-1]:.1f} s. Its standard deviations are "
+        f"{np.median(uncertainty.standard_deviations / own):.2g} times those of its own covariance (median), which "
+        "assumes that its residuals are white noise of the expected size.",
     ]
     if changing:
         sentences.append(

@@ -125,9 +125,8 @@ def _warn_of_misfit(identification: Identification) -> list[str]:
     worst = identification.model.robot.joint_names[int(np.argmax(identification.fit.rms))]
     return [
         f"Even in the fit {format_percent(share, decimals=0)} of the torque is unexplained, most on {worst}: check the "
-        "order, signs and units "
-        "of the columns, the joint axes and gravity in the description, loads that the description does not contain, "
-        "and flexible joints."
+        "order, signs and units of the columns, the joint axes and gravity in the description, loads that the "
+        "description does not contain, and flexible joints."
     ]
 
 
@@ -197,8 +196,8 @@ def _warn_of_uncertain(estimate: Estimate) -> list[str]:
     others = f" {zero} more are not significantly different from zero." if zero else ""
     return [
         f"{len(unsure)} of {len(parameters)} parameters are uncertain (standard deviation above "
-        f"{format_percent(DETERMINED, decimals=0)} of "
-        f"the value, or known from the prior rather than from the data): {names}.{others}"
+        f"{format_percent(DETERMINED, decimals=0)} of the value, or known from the prior rather than from the data): "
+        f"{names}.{others}"
     ]
 
 

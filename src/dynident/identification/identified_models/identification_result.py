@@ -336,8 +336,7 @@ class Identification:
         return (
             f"Identification({self.model.robot.name}: {self.model.n_parameters} base parameters, {self.choices.model} "
             f"model, {self.choices.solver.name_with_options}; error of the fit "
-            f"{format_percent(self.fit_judged.relative_total, decimals=2)}, "
-            f"{held_out})"
+            f"{format_percent(self.fit_judged.relative_total, decimals=2)}, {held_out})"
         )
 
     @property

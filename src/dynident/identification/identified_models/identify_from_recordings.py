@@ -169,10 +169,8 @@ def find_narrower_band(
         return None
     why = (
         f"Below {narrow.torque_cutoff:g} Hz the model leaves {format_percent(share_left, decimals=0)} of the torque "
-        "unexplained, but "
-        f"{format_percent(before, decimals=0)} up to {chosen.torque_cutoff:g} Hz: a joint or a belt is flexible, or "
-        "the clock has jitter. The "
-        f"model is identified below {narrow.torque_cutoff:g} Hz."
+        f"unexplained, but {format_percent(before, decimals=0)} up to {chosen.torque_cutoff:g} Hz: a joint or a belt "
+        f"is flexible, or the clock has jitter. The model is identified below {narrow.torque_cutoff:g} Hz."
     )
     return replace(narrow, reasons=(why, *narrow.reasons)), why
 

@@ -156,8 +156,7 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     wrong = {_CHECK[finding.fault.kind] for finding in faults}
     fine = (
         "No other order or sign of the columns explains the torque clearly better: "
-        f"{format_percent(now.average_share, decimals=0)} of it is "
-        "unexplained."
+        f"{format_percent(now.average_share, decimals=0)} of it is unexplained."
     )
     passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _SILENT]
     if mounted is not None:
@@ -214,8 +213,7 @@ def _report_fault(finding: DetectedFault, recording: Recording, q: Sequence[str]
     known, otherwise = ("It seems that", "") if finding.certain else ("Possibly", _OTHER_CAUSES)
     why = (
         f"the robot's dynamics leave {format_percent(finding.left_with, decimals=0)} of an average joint's torque "
-        "unexplained, and "
-        f"{format_percent(finding.left_without, decimals=0)} after the correction"
+        f"unexplained, and {format_percent(finding.left_without, decimals=0)} after the correction"
     )
     if finding.left_with < _HARDLY_BETTER * finding.left_without:
         why = "friction would drive the joint, which is impossible"
@@ -254,11 +252,9 @@ def _report_compensated(robot: Robot, motion: Motion, tau: Sequence[str]) -> tup
             "gravity_load",
             "error",
             f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): it contains "
-            f"{format_percent(shares.gravity, decimals=0)} of "
-            "the gravity torque that the masses of the description need, and "
-            f"{format_percent(shares.motion, decimals=0)} of the torque for "
-            f"the motion. {NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or current, that was "
-            "measured.",
+            f"{format_percent(shares.gravity, decimals=0)} of the gravity torque that the masses of the description "
+            f"need, and {format_percent(shares.motion, decimals=0)} of the torque for the motion. "
+            f"{NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or current, that was measured.",
             tau[0],
         ),
     )
@@ -270,16 +266,15 @@ def _report_mounting(mounting: Mounting, robot: Robot) -> Check:
     worst = robot.joint_names[int(np.argmax(mounting.as_stated.joints))]
     why = (
         "With the given gravity the robot's dynamics leave "
-        f"{format_percent(mounting.unexplained_as_stated, decimals=0)} of the torque of "
-        f"{worst} unexplained, with this one at most {format_percent(mounting.unexplained, decimals=0)} for any joint."
+        f"{format_percent(mounting.unexplained_as_stated, decimals=0)} of the torque of {worst} unexplained, with this "
+        f"one at most {format_percent(mounting.unexplained, decimals=0)} for any joint."
     )
     if mounting.is_of_masses:
         why = (
             "With the given gravity the masses of the description leave "
-            f"{format_percent(mounting.unexplained_as_stated, decimals=0)} of an "
-            f"average joint's torque unexplained, with this one {format_percent(mounting.unexplained, decimals=0)}. "
-            "(Zeros of the joints that "
-            "are elsewhere look the same.)"
+            f"{format_percent(mounting.unexplained_as_stated, decimals=0)} of an average joint's torque unexplained, "
+            f"with this one {format_percent(mounting.unexplained, decimals=0)}. (Zeros of the joints that are "
+            "elsewhere look the same.)"
         )
     return Check(
         GRAVITY,
@@ -314,8 +309,8 @@ def _check_delay(
         "warning",
         f"The torque is about {1e3 * abs(delay.seconds):.0f} ms {word} against the position: the robot's dynamics "
         f"leave {format_percent(delay.left_with, decimals=1)} of an average joint's torque unexplained, and "
-        f"{format_percent(delay.left_without, decimals=1)} without "
-        f"this delay. Log both at the same instant, or correct the delay by {remedy} (in s).",
+        f"{format_percent(delay.left_without, decimals=1)} without this delay. Log both at the same instant, or "
+        f"correct the delay by {remedy} (in s).",
         tau[0],
         apply=Revision(torque_delay=seconds),
         remedies=(remedy,),
