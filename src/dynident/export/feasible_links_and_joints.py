@@ -216,8 +216,8 @@ class FeasibleLinks:
         """What a user must know: parameters that were changed, effects that are left out, rounded geometry."""
         choices_in_file = select_held_effects(self.identification, self.held)
         left_out = [
-            f"{get_effect(choice.effect).title} is not in this file, because the format cannot express it "
-            f"({describe_effect(choice)})."
+            f"{get_effect(choice.effect).title} is not in this file, because the format cannot express it: "
+            f"{describe_effect(choice)}."
             for choice in self.identification.choices.effects
             if choice not in choices_in_file
         ]
