@@ -155,7 +155,7 @@ def _build_method_tables(methods: Sequence[MethodView], joint_columns: Sequence[
         yield ReportedTable(title, columns, rows)
     failed_rows = tuple((Cell(method.method), Cell(method.problem)) for method in methods if method.problem)
     if failed_rows:
-        title = f"Methods that cannot use this data: {len(failed_rows)}"
+        title = f"Methods that cannot use these data: {len(failed_rows)}"
         yield ReportedTable(title, ("method", "why"), failed_rows, numbers_from=2)
 
 

@@ -215,7 +215,7 @@ def show_diagnosis(
         rows = format_limits(diagnosis.detection_limits, robot)
         console.print(build_table("What these data would have shown", LIMIT_COLUMNS, rows, wrapped=3))
     elif diagnosis.not_visible:
-        console.print(f"  This data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
+        console.print(f"  These data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
     if diagnosis.recommended:
         console.print(f"To add what is missing: {extend_command}", soft_wrap=True, markup=False, highlight=False)
     for variable, joints, shares in group_patterns(diagnosis.unknown, robot.joint_names):
@@ -250,7 +250,7 @@ def show_changes(console: Console, diagnosis: Diagnosis, robot: Robot) -> None:
 
 
 def _show_evidence(console: Console, change: Change) -> None:
-    doubt = f" This data cannot distinguish it from: {', '.join(change.equivalent)}." if change.equivalent else ""
+    doubt = f" These data cannot distinguish it from: {', '.join(change.equivalent)}." if change.equivalent else ""
     console.print(f"  {change.evidence}{doubt}")
 
 

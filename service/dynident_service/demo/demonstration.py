@@ -179,7 +179,8 @@ def _print_candidates(console: Console, robot: Robot, analysis: Analysis) -> Non
     console.print(analysis.diagnosis.summary, style="bold")
     for item in analysis.diagnosis.candidates:
         if item.significant and item.equivalent:
-            console.print(f"This data cannot distinguish {item.effect} from {', '.join(item.equivalent)}.")
+            others = ", ".join(get_effect(name).title for name in item.equivalent)
+            console.print(f"These data cannot distinguish {item.title} from {others}.")
 
 
 def _print_ladder(console: Console, robot: Robot, analysis: Analysis) -> None:

@@ -454,7 +454,7 @@ def _compute_contributions(reduction: Reduction, noise: FloatArray, row: FloatAr
 def _warn_of_uncertain_gains(robot: Robot, deviations: FloatArray, identifiable: Sequence[bool]) -> list[str]:
     """Return a warning for every gain that the data do not determine."""
     return [
-        f"The gain of {name} is not identifiable from this data: its standard deviation is "
+        f"The gain of {name} is not identifiable from these data: its standard deviation is "
         f"{format_percent(deviation, decimals=0)}. The payload changes the torque of this joint too little: carry a "
         "heavier payload, or move more."
         for name, deviation, good in zip(robot.joint_names, deviations, identifiable, strict=True)
