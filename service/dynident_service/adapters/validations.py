@@ -51,7 +51,7 @@ from dynident_service.wire_types.validations import (
 
 TITLES = {
     "direct": "Direct validation: the identification's own data",
-    "cross": "Cross validation: data that no parameter saw",
+    "cross": "Cross validation: held-out data",
     "inertia_matrix": "Inertia matrix over the whole joint range",
     "payload": "A known load",
     "methods": "Different methods on the same data",
