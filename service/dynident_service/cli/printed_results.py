@@ -219,7 +219,7 @@ def show_diagnosis(
     if diagnosis.recommended:
         console.print(f"To add what is missing: {extend_command}", soft_wrap=True, markup=False, highlight=False)
     for variable, joints, shares in group_patterns(diagnosis.unknown, robot.joint_names):
-        console.print(f"  Depends still on {variable}: {joints} ({shares})")
+        console.print(f"  The residual still depends on the {variable}: {joints} ({shares})")
     if diagnosis.conclusion is not None:
         console.print(f"  {diagnosis.conclusion.headline} {diagnosis.conclusion.next_step}")
     if n_open:
