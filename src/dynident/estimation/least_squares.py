@@ -34,7 +34,7 @@ class EstimationError(DynidentError):
     Parameters
     ----------
     detail : str
-        What is wrong with this data, and what to do about it.
+        What is wrong with these data, and what to do about it.
     pointer, title : str, optional
         JSON pointer to the cause in the caller's request, and short name of the kind of error.
     """

@@ -21,7 +21,7 @@ _TINY = 1e-9
 def find_undetermined_parameters(
     model: Model, reduction: Reduction, known: PriorInformation | None = None
 ) -> list[str]:
-    """Return the names of the parameters whose column is zero, or depends on the others, on this data.
+    """Return the names of the parameters whose column is zero, or depends on the others, on these data.
 
     What is known beside the data counts as rows of it, in units of each equation's torque.
 
@@ -288,7 +288,7 @@ def check_reduction(model: Model, reduction: Reduction, known: PriorInformation 
     unseen = find_undetermined_parameters(model, reduction, known)
     if unseen:
         raise EstimationError(
-            f"not identifiable from this data: {_name_parameters(model, unseen)} (the data do not determine the "
+            f"not identifiable from these data: {_name_parameters(model, unseen)} (the data do not determine the "
             "parameters of a joint that moves too little); lock that joint, leave its effects out, or add a run in "
             "which it moves",
             pointer="/recordings",
