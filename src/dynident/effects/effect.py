@@ -1,4 +1,7 @@
-"""The base class of effects: a named block of columns of the observation matrix, with parameters, units, sources."""
+"""The base class of effects: columns, parameters, shape constants, usual size, experiments that show it.
+
+Decides which estimates, and which changes of a parameter between two identifications, are plausible.
+"""
 
 from __future__ import annotations
 

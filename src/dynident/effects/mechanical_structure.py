@@ -1,4 +1,4 @@
-"""Effects of the mechanical structure.
+"""Effects of offsets, joint springs, torque ripple, a tilted base, coupled motors, encoder and geometry errors.
 
 Offsets, springs, ripple of gears, a tilted base, joints that share a motor, and errors of the described geometry.
 """
