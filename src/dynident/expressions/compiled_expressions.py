@@ -11,7 +11,7 @@ import ctypes
 import platform
 import threading
 from collections.abc import Sequence
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from importlib.metadata import version
 from typing import Any
 
@@ -72,6 +72,12 @@ class Compiled:
         for item in inputs:
             arguments += (item.ctypes.data, item.strides[0] // NUMBER if item.ndim == 2 else 0)
         self._call(m, out.ctypes.data, out.strides[0] // NUMBER, *arguments)
+
+
+@lru_cache(maxsize=32)
+def _compile(serialised: str, widths: tuple[int, ...], lanes: int) -> Compiled:
+    """Compile a CasADi function once in a process: every identification of a robot asks for the same ones."""
+    return Compiled(ca.Function.deserialize(serialised), widths, lanes)
 
 
 def build_engine(text: str, optimisation: int = 0) -> llvm.ExecutionEngine:
@@ -174,7 +180,7 @@ class Recurrence:
         self._width = int(outputs.numel())
         function = ca.Function("step", [ca.vertcat(state, inputs, constants)], [ca.cse(outputs)])
         # One lane: a step needs the result of the step before, so that none can be taken side by side.
-        self._compiled = Compiled(function, self._sizes, 1)
+        self._compiled = _compile(function.serialize(), self._sizes, 1)
 
     def run(self, state: FloatArray, inputs: FloatArray, constants: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Step the state through m samples.
@@ -258,11 +264,11 @@ class Program:
 
     @cached_property
     def _vector_code(self) -> Compiled:
-        return Compiled(self._function, self.widths, _LANES)
+        return _compile(self._function.serialize(), self.widths, _LANES)
 
     @cached_property
     def _scalar_code(self) -> Compiled:
-        return Compiled(self._function, self.widths, 1)
+        return _compile(self._function.serialize(), self.widths, 1)
 
     def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """Evaluate at samples.
