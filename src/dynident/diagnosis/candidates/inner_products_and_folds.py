@@ -56,7 +56,9 @@ def sum_by_block(values: FloatArray, row_block: IndexArray, n_blocks: int) -> Fl
     sums = np.zeros((*values.shape[:-1], n_blocks))
     if len(row_block):
         # `reduceat` sums from one start to the next, so that only blocks with rows may be among the starts.
-        first = np.flatnonzero(np.diff(row_block, prepend=-1))
+        is_first = np.ones(len(row_block), dtype=bool)
+        np.not_equal(row_block[1:], row_block[:-1], out=is_first[1:])
+        first = np.flatnonzero(is_first)
         sums[..., row_block[first]] = np.add.reduceat(values, first, axis=-1)
     return sums
 
