@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import runpy
 import subprocess
 import sys
 from collections import Counter
@@ -28,6 +29,12 @@ def test_there_are_modules_to_look_at() -> None:
 def test_no_module_is_longer_than_one_can_read() -> None:
     lengths = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES}
     assert {name: length for name, length in lengths.items() if length > LONGEST} == {}
+
+
+def test_the_page_of_the_architecture_lists_every_module() -> None:
+    modules = runpy.run_path(str(ROOT / "docs" / "list_modules.py"))["list_modules"]()
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    assert f"\n{modules}\n" in page, "run `python docs/list_modules.py`"
 
 
 def test_imports_run_downward_only() -> None:

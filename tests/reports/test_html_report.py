@@ -22,12 +22,12 @@ from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import Identification, IdentificationChoices, LadderStep, extend, identify, remove
+from dynident.number_format import format_estimate, format_number, format_percent
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.recordings.joint_phases import Phase
 from dynident.reports import ReportedRecording, html_report
 from dynident.reports.figures.residuals import draw_residuals, draw_spectra
 from dynident.reports.figures.signals_over_time import draw_torque
-from dynident.reports.number_format import format_estimate, format_number, format_percent
 from dynident.reports.sections import accuracy
 from dynident.robot import Joint, Robot
 
@@ -236,10 +236,9 @@ def test_the_first_page_says_what_when_from_which_data_and_the_error_before_and_
     assert "report made 2026-03-04 05:06 UTC" in head
     assert "identified from run 1 <u> held-out recordings run 2 <u>" in head
     assert (
-        single_spaced(f"is {format_percent(after)} on held-out data, with Stribeck friction on {ROBOT.joint_names[0]}")
-        in head
+        single_spaced(f"is {format_percent(after)} on held-out data; it was {format_percent(before)} before.") in head
     )
-    assert single_spaced(f"it was {format_percent(before)} before.") in head
+    assert f"Added: Stribeck friction on {ROBOT.joint_names[0]}." in head
     # Warnings come after all this.
     assert text.index(" about this result") > len(head)
     assert format_number(second_model().equilibrated_condition_number) in text
@@ -374,7 +373,7 @@ def test_where_a_joint_stands_the_report_draws_what_friction_may_hold_and_says_h
     assert "range of static friction at standstill" in page.text["torque"]
     assert "On a grey background the joint stands" in page.text["torque"]
     stands = ", ".join(f"{100 * share:.0f}" for share in phase_shares(runs[1]).standing)
-    assert f"{stands} %" in page.text["data"]
+    assert f"{stands}\u202f%" in page.text["data"]
     # Where no joint stands nothing is said of it.
     moves = replace(comparison, phase=np.zeros_like(comparison.phase))
     without = Page(html_report(found, [ReportedRecording(runs[1], moves, True)])).text["torque"]

@@ -190,7 +190,7 @@ def test_a_joint_at_45_percent_fails_the_simulation_along_a_recording() -> None:
     wrong = ARM.measure("other", 2, ARM.torque(motion) + np.outer(wave, size(ARM) * (np.arange(ARM.robot.n) == 3)))
     judged_so = validate_simulation(found, wrong, limit=1.0, longest=5.0).judged
     assert judged_so.verdict == "fail"
-    assert "above 30% on j3" in judged_so.reason
+    assert "above 30\u202f% on j3" in judged_so.reason
 
 
 def test_a_model_tried_on_its_own_data_is_not_to_be_used() -> None:
