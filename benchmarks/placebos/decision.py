@@ -30,7 +30,7 @@ from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase
 from dynident.regressors.filtered_rows import FilteredSamples, stream_filtered_samples
 from dynident.regressors.model_structure import Model
-from dynident.regressors.observation_matrix import Observation
+from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.row_phases import RowPhases, find_joints_with_friction
 from placebos.shifting import IndexArray, SamplesOf, remembered
 
@@ -64,9 +64,7 @@ class ChangedRows:
         return gather_products(
             pool.observation,
             self.model.signals,
-            self.recordings,
-            self.identification.preprocessing,
-            self.reference,
+            RegressorInputs(self.recordings, self.identification.preprocessing, self.reference),
             pool.n_base,
             samples_of=self.change(pool.observation, plain),
         )
@@ -76,7 +74,10 @@ class ChangedRows:
         found = [finding.judged.candidate.choice for finding in findings]
         preprocessing = self.identification.preprocessing
         return replace(
-            self, reference=improve_reference(self.model, found, self.recordings, preprocessing, self.reference)
+            self,
+            reference=improve_reference(
+                self.model, found, RegressorInputs(self.recordings, preprocessing, self.reference)
+            ).reference,
         )
 
 

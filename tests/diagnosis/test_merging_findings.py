@@ -15,6 +15,7 @@ from dynident.diagnosis.search.forward_selection import merge_findings
 from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
+from dynident.regressors.observation_matrix import RegressorInputs
 
 JOINT = (NAMES[1],)
 
@@ -44,7 +45,9 @@ def test_of_an_offset_and_a_wave_one_spring_remains_where_it_says_both(hidden, k
     pool = build_pool_of_choices(
         model.model, [*two, *(EffectChoice("gravity_compensator", JOINT, shape) for shape in grid)]
     )
-    rows = RecordedSource(model.model, (recording,), model.preprocessing, model.estimate.next_reference())
+    rows = RecordedSource(
+        model.model, RegressorInputs((recording,), model.preprocessing, model.estimate.next_reference())
+    )
     data = rows.gather_products(pool)
     base = tuple(range(pool.n_base))
     state = State(base, estimate_residual_noise(data, base), np.full(6, 0.05), ())

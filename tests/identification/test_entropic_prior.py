@@ -27,6 +27,7 @@ from dynident.identification.estimators.feasible_problem import build_problem, b
 from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import robot_from_urdf
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS, inertial_parameters, pseudo_inertia
 
@@ -54,7 +55,9 @@ class TwoLinks:
         self.choices = replace(CHOICES, effects=LINKS)
         run = recorded(self.robot, self.truth, 0.3, noise, friction=False)
         data = reduce_to_rows(
-            self.model, self.choices.row_options, [run], FILTERS, ReferenceParameters.massless(self.robot)
+            self.model,
+            self.choices.row_options,
+            RegressorInputs([run], FILTERS, ReferenceParameters.massless(self.robot)),
         )
         known = build_prior(self.model, self.choices.trust)
         start = weighted(data.equations, known)

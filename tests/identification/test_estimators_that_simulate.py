@@ -25,6 +25,7 @@ from dynident.identification.estimators.instrumental_variables_and_output_error 
 )
 from dynident.recordings import Preprocessing
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 
 NAMES = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")
 EFFECTS = tuple(EffectChoice(name) for name in NAMES)
@@ -133,7 +134,7 @@ def test_instrumental_variables_remove_the_bias_that_encoder_noise_leaves_in_lea
     least, least_deviations, found, deviations = [], [], [], []
     for seed in range(runs):
         data = reduce_torque(
-            big.model, [big.recorded(seed, 1e-4, noise)], WIDE, ReferenceParameters.massless(big.robot)
+            big.model, RegressorInputs([big.recorded(seed, 1e-4, noise)], WIDE, ReferenceParameters.massless(big.robot))
         )
         plain = ordinary(data.equations)
         least.append(plain.values)

@@ -72,6 +72,7 @@ from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.recordings.pose_recordings import has_poses
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot.limits_and_drives import split_hardware
 
 _AT_FIRST = (
@@ -229,7 +230,8 @@ def examine(
     # The floor must not depend on the model, in which something may be missing.
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
     reference = identification.estimate.next_reference()
-    rows = RecordedSource(model, tuple(recordings), identification.preprocessing, reference)
+    inputs = RegressorInputs(recordings, identification.preprocessing, reference)
+    rows = RecordedSource(model, inputs)
     # One pass over the recordings for the model and all candidates: every score of the search comes from these
     # products.
     data = rows.gather_products(pool, scale_progress(progress, 0.1, 0.5))
@@ -239,14 +241,7 @@ def examine(
     # First the best candidates of a coarse grid, then their shape constants, on all rows.
     record = search_findings(data, pool, start, first, most_effects, rows, scale_progress(progress, 0.5, 0.8))
     findings, recommended, dropped = refine_findings(
-        identification,
-        record.findings,
-        recordings,
-        reference,
-        resolved,
-        floor,
-        since,
-        scale_progress(progress, 0.8, 0.9),
+        identification, record.findings, inputs, resolved, floor, since, scale_progress(progress, 0.8, 0.9)
     )
     record.dropped.update(dropped)
     # The findings are put to the test by identifying the model with them. Some cannot be added, or explain nothing any

@@ -35,6 +35,7 @@ from dynident.recordings import (
     recording_from_arrays,
 )
 from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.simulation import SimulatedRecording
 from dynident.validation.validation_outcome import ValidationOutcome
 
@@ -297,7 +298,9 @@ def _try_filters(
     model = identification.model
     try:
         reductions = [
-            reduce_recordings(model.observation, [draw], preprocessing, identification.estimate.reference)
+            reduce_recordings(
+                model.observation, RegressorInputs([draw], preprocessing, identification.estimate.reference)
+            )
             for draw in draws
         ]
         # Weighted least squares, whatever the estimator of the model: the filters are judged, not the estimator.

@@ -21,6 +21,7 @@ from dynident.identification.strategies.solve_by_strategy import solve_by_strate
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors, select_judged_errors
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.validation.validation_outcome import ValidationOutcome
 from dynident.validation.validation_request import Method, available_methods
 
@@ -167,7 +168,7 @@ def validate_methods(
     model, reference = identification.model, identification.estimate.reference
     preprocessing = identification.preprocessing
     held_out_data = (
-        reduce_torque(model, validation, preprocessing, reference, scale_progress(progress, 0.0, 0.1))
+        reduce_torque(model, RegressorInputs(validation, preprocessing, reference), scale_progress(progress, 0.0, 0.1))
         if validation
         else None
     )
@@ -197,9 +198,7 @@ def _reduce_recordings(
         return reduce_to_rows(
             identification.model,
             choices.row_options,
-            recordings,
-            identification.preprocessing,
-            identification.estimate.reference,
+            RegressorInputs(recordings, identification.preprocessing, identification.estimate.reference),
             progress,
         )
     except DynidentError as error:

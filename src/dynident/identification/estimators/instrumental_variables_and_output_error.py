@@ -214,7 +214,7 @@ def _solve_first(model: Model, data: Data, known: PriorInformation | None) -> Fl
     own = choose_preprocessing(data.recordings)
     if own.position_cutoff == data.preprocessing.position_cutoff:
         return weighted(data.equations, known).values
-    return weighted(reduce_recordings(model.observation, data.recordings, own, data.reference), known).values
+    return weighted(reduce_recordings(model.observation, replace(data.inputs, preprocessing=own)), known).values
 
 
 def _simulate_recordings(

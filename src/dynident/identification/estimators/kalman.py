@@ -438,7 +438,7 @@ def _solve_beginning(model: Model, data: Data, known: PriorInformation | None) -
     for share in START_SHARES:
         first = _cut_beginning(data.recordings, share)
         try:
-            beginning = reduce_recordings(model.observation, first, data.preprocessing, data.reference)
+            beginning = reduce_recordings(model.observation, replace(data.inputs, recordings=first))
             solution = weighted(beginning, known)
             break
         except EstimationError:

@@ -185,9 +185,7 @@ class _Passes:
         data = self.data
         return reduce_recordings(
             self.model.observation,
-            data.recordings,
-            data.preprocessing,
-            data.reference,
+            data.inputs,
             samples_of=lambda recording: (change(samples) for samples in self._iterate_samples(recording)),
         )
 

@@ -28,6 +28,7 @@ from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.base_parameters import BaseParameters, evaluate_at_random_states, select_base
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot
 
 _STATES = 400
@@ -143,11 +144,13 @@ def identify_currents(
     model = build_model(robot, effects)
     chosen = preprocessing or choose_preprocessing(recordings)
     nothing = ReferenceParameters.massless(robot)
-    training = reduce_recordings(model.observation, recordings, chosen, nothing, scale_progress(progress, 0.0, 0.7))
+    training = reduce_recordings(
+        model.observation, RegressorInputs(recordings, chosen, nothing), scale_progress(progress, 0.0, 0.7)
+    )
     held_out = None
     if validation:
         held_out = reduce_recordings(
-            model.observation, validation, chosen, nothing, scale_progress(progress, 0.7, 0.95)
+            model.observation, RegressorInputs(validation, chosen, nothing), scale_progress(progress, 0.7, 0.95)
         )
         # The same for the held-out data, whose errors are in A, too.
         held_out = scale_torque(held_out, 1.0 / gains)
