@@ -2,7 +2,7 @@
 
 A motion that is repeated shows the same again: whatever differs from the truth does so at the same place of every
 period, and a function that is wrong but flexible predicts it in one period as well as in the next. So all that is at
-one place of the period is one stretch, however often it was driven, and what is left out is other motion.
+one place of the period is one block, however often it was driven, and what is left out is other motion.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from dynident.regressors.qr_accumulation import choose_block_length, compute_use
 from dynident.regressors.row_phases import RowPhases, find_joints_with_friction, remembers_path, shows_at_starts
 
 MANY = 80
-"""Stretches of a period, as of a short recording as a whole, where they are then long enough."""
+"""Blocks of a period, as of a short recording as a whole, where they are then long enough."""
 
 _MOST_ROWS = 48
-"""A stretch, on average, and joint. From about as many on as a usual model has columns, scores are read as quickly from
+"""A block, on average, and joint. From about as many on as a usual model has columns, scores are read as quickly from
 their products (`benchmarks/rows_or_products.py`), which then take less memory."""
 
 
@@ -229,17 +229,17 @@ def _resize(stack: FloatArray, length: int) -> FloatArray:
 
 
 _FINER = 0.25
-"""Stretches are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
+"""Blocks are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
 most of them, as long as they are long against the filters' memory."""
 
 _MOST = 160
-"""Stretches in all: more make the test no sharper, and each holds products of all columns with each other."""
+"""Blocks in all: more make the test no sharper, and each holds products of all columns with each other."""
 
 _KINDS = 3
 """Of rows: moving, turning, partial."""
 
 _LONG = 2.0
-"""Times the width that the filters smear to either side: what is in one stretch is then so little in the next that the
+"""Times the width that the filters smear to either side: what is in one block is then so little in the next that the
 test keeps its level (`benchmarks/decision_level.py`)."""
 
 

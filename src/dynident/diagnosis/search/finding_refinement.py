@@ -426,7 +426,7 @@ class _RefinedModel:
         since: tuple[str, ...],
         inputs: RegressorInputs,
     ) -> _RefinedModel:
-        """Gather the products of the model and of the choices that the picks have become."""
+        """Gather the products of the model and of the choices that the findings have become."""
         columns = list(model.kept)
         refined: list[Finding] = []
         for finding, choice in zip(findings, choices, strict=True):

@@ -60,12 +60,12 @@ class Finding:
 
     @property
     def is_transient(self) -> bool:
-        """Whether it happened once, so that stretches that it shows in cannot be held out: a contact."""
+        """Whether it happened once, so that blocks that it shows in cannot be held out: a contact."""
         return get_effect(self.judged.candidate.effect).is_transient
 
     @property
     def columns(self) -> tuple[int, ...]:
-        """All columns that come with the pick."""
+        """All columns that come with the finding."""
         return self.judged.candidate.columns + self.around
 
 
