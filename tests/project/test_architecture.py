@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -22,6 +23,14 @@ NAMES_OF_TWO = {"Bootstrap", "Question"}
 
 def test_there_are_modules_to_look_at() -> None:
     assert len(MODULES) > 50
+
+
+def test_every_file_that_the_architecture_names_is_there() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([\w/]+/[\w/]*(?:\.\w+)?)`", page)) | set(re.findall(r"`(\w+\.py)`", page))
+    assert len(named) > 100
+    homes = (ROOT, ROOT / "src", ROOT / "src/dynident", ROOT / "service/dynident_service", ROOT / "docs")
+    assert {name for name in named if not any((home / name).exists() for home in homes)} == set()
 
 
 def test_no_module_is_longer_than_one_can_read() -> None:
