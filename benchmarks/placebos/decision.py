@@ -16,7 +16,6 @@ from dynident.diagnosis import compare
 from dynident.diagnosis.candidates.candidate_pool import Pool, build_pool
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
 from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
-from dynident.diagnosis.diagnosis_request import DEFAULT_MOST_EFFECTS
 from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import propose_shapes
 from dynident.diagnosis.search.external_contacts import find_contacts
@@ -109,7 +108,7 @@ class Question:
         data = rows.folded(pool, self.plain)
         start = self._start(data)
         first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
-        found = search_findings(data, pool, start, first, DEFAULT_MOST_EFFECTS, rows, ignore_progress)
+        found = search_findings(data, pool, start, first, rows, ignore_progress)
         return tuple(_told(finding) for finding in found.findings)
 
     def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IndexArray:

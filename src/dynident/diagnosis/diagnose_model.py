@@ -239,7 +239,7 @@ def examine(
     start = _build_start_state(data, pool, identification, floor, rules)
     first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
     # First the best candidates of a coarse grid, then their shape constants, on all rows.
-    record = search_findings(data, pool, start, first, most_effects, rows, scale_progress(progress, 0.5, 0.8))
+    record = search_findings(data, pool, start, first, rows, scale_progress(progress, 0.5, 0.8))
     findings, recommended, dropped = refine_findings(
         identification, record.findings, inputs, resolved, floor, since, scale_progress(progress, 0.8, 0.9)
     )
@@ -275,7 +275,7 @@ def examine(
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     everything, named = (*contacts, *findings), (*pushes, *recommended)
-    ranking = _rank_candidates(record, pool, start, everything, named, first, most_effects, has)
+    ranking = _rank_candidates(record, pool, start, everything, named, first, has)
     ranked, limits = ranking.ranked, ranking.limits
     unknown = (*undisturbed.unexplained_patterns, *unknown)
     # The contacts stand first in the ranking, and are no changes of the robot; `identify_on_both` puts the later
@@ -367,12 +367,11 @@ def _rank_candidates(
     findings: Sequence[Finding],
     choices: Sequence[EffectChoice],
     first: Sequence[ScoredCandidate],
-    most_effects: int,
     has: Sequence[str],
 ) -> _Ranking:
     """Score every candidate once more beside all findings, and say what became of it."""
     final = score_beside_findings(record.data, pool, start, findings, choices, first)
-    outcomes, beside = list_outcomes(final, pool, record, choices, first, most_effects)
+    outcomes, beside = list_outcomes(final, pool, record, choices, first)
     limits = compute_detection_limits(final, pool, choices)
     outcomes = add_limits(outcomes, limits)
     ranked_findings = rank_findings(findings, choices, has)

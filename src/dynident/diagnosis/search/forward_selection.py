@@ -274,7 +274,6 @@ def search_findings(
     pool: Pool,
     state: State,
     first: list[ScoredCandidate],
-    most: int,
     rows: ProductSource,
     progress: Progress,
 ) -> SearchRecord:
@@ -299,8 +298,6 @@ def search_findings(
         The model that the search starts from, with the contacts that disturb it.
     first : list of ScoredCandidate
         All candidates, scored beside that model.
-    most : int
-        Largest number of findings, contacts not counted.
     rows : ProductSource
         Gives products of further columns.
     progress : Progress
@@ -315,6 +312,7 @@ def search_findings(
     firm = is_determined(data.select_for_model(state.base), state)
     judged, contacts = first, state.findings
     remaining, asleep = [scored.candidate for scored in first], pool.faint
+    most = state.rules.most_effects
     # Contacts are events of a recording, not effects of the arm: they do not count.
     while (number := len(state.findings) - len(contacts)) < most:
         progress(number / most, f"{number} effects found, {len(remaining)} candidates")
