@@ -25,7 +25,7 @@ from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.search.acceptance_rules import compute_explained_error
 from dynident.diagnosis.search.external_contacts import drop_faded_contacts
 from dynident.diagnosis.search.pruning import prune_findings, select_harmless, trim_joints
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all, score_one
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all, score_candidate
 from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.estimation import EstimationError, weighted
 from dynident.estimation.residual_errors import compute_t
@@ -64,7 +64,7 @@ def split_groups(data: PhasedProducts, pool: Pool, state: State) -> State:
     return replace(state, findings=tuple(findings))
 
 
-def merge_alike(
+def merge_findings_with_close_constants(
     findings: Sequence[Finding], choices: Sequence[EffectChoice], robot: Robot, resolved: Resolution
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
     """Merge findings whose refined constants have come out alike.
@@ -163,7 +163,7 @@ def _judge_beside_others(
 ) -> ScoredCandidate:
     """Score one of several candidates beside the others."""
     base = (*rest, *(column for i, part in enumerate(parts) if i != k for column in part.columns))
-    return score_one(data, pool, base, parts[k], state.noise)
+    return score_candidate(data, pool, base, parts[k], state.noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,7 +333,7 @@ def refine_findings(
         return (), (), dropped
     model = identification.model
     choices = refine_shapes(model, choices, inputs, scale_progress(progress, 0.0, 0.5))
-    findings, choices = merge_alike(findings, choices, model.robot, resolved)
+    findings, choices = merge_findings_with_close_constants(findings, choices, model.robot, resolved)
     # Refining may lead to constants that the data cannot resolve.
     visible = [i for i, choice in enumerate(choices) if is_width_resolved(choice, model.robot, resolved)]
     findings, choices = select(visible, "not_resolved"), tuple(choices[i] for i in visible)

@@ -32,7 +32,7 @@ from dynident.progress import Progress
 from dynident.regressors.model_structure import Model
 
 
-def merge_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
+def merge_findings_on_joint(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
     """Merge several findings on a joint into one, where that one explains as much.
 
     Parameters
@@ -351,7 +351,7 @@ def search_findings(
             break
     # The order matters: names are settled before findings of one name are merged, and only then is anything dropped or
     # split.
-    state = merge_findings(rows, data, pool, revisit_findings(rows, data, pool, state))
+    state = merge_findings_on_joint(rows, data, pool, revisit_findings(rows, data, pool, state))
     pruned = prune_findings(data, pool, state)
     lasting = {finding.judged.candidate for finding in pruned.findings}
     superfluous = {finding.judged.candidate for finding in state.findings} - lasting

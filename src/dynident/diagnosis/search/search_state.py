@@ -212,7 +212,7 @@ def score_family(
     return ScoredFamily(tuple(replace(scored, p=float(value)) for scored, value in zip(whole, p, strict=True)), levels)
 
 
-def score_one(
+def score_candidate(
     data: PhasedProducts, pool: Pool, base: tuple[int, ...], candidate: Candidate, noise: FloatArray
 ) -> ScoredCandidate:
     """Score a finding beside another model by its gains alone; its p stays one.
