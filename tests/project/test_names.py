@@ -139,6 +139,26 @@ def test_no_word_of_the_old_dialect_names_a_class() -> None:
     assert classes & banned == set()
 
 
+def test_no_name_contains_a_word_that_the_glossary_replaces() -> None:
+    # Fields of the contract keep their names.
+    fields = {"rung", "rungs", "stretches"}
+    replaced = {"rung", "rungs", "pick", "picks", "mistake", "mistakes", "stretch", "stretches", "rooms"}
+    names = {
+        f"{path.relative_to(ROOT)}: {name}"
+        for path, tree in parse_modules().items()
+        for node in ast.walk(tree)
+        for name in (
+            getattr(node, "name", None),
+            getattr(node, "arg", None),
+            node.id if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) else None,
+        )
+        if isinstance(name, str) and name not in fields
+        # Words as they stand in WorstInterval, n_blocks, _MOST_BLOCKS.
+        if replaced & {word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)}
+    }
+    assert names == set()
+
+
 def test_every_word_of_the_glossary_stands_once() -> None:
     rows = re.findall(r"(?m)^\| ([^|]+) \| [^|]+ \|", (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8"))
     words = Counter(row.strip() for row in rows if row.strip() not in ("word", "---"))

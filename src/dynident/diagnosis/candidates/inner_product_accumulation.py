@@ -119,7 +119,7 @@ class RowAccumulator:
 
     def __init__(self, widths: Sequence[int], kinds: int, expected: int) -> None:
         self._heaps = [[_JointAccumulator(width + 1, max(expected, 1)) for width in widths] for _ in range(kinds)]
-        self._room, self._pending, self._folded = _MOST_ROWS * max(expected, 1), 0, False
+        self._capacity, self._pending, self._folded = _MOST_ROWS * max(expected, 1), 0, False
 
     def push(self, row_block: IndexArray, rows: Sequence[FloatArray], used: Sequence[BoolArray]) -> None:
         """Add rows of every joint.
@@ -138,7 +138,7 @@ class RowAccumulator:
                 heap.push(row_block[own], block if own.all() else block[own])
         self._pending += len(row_block)
         # Folding bounds the memory by the size of the products, however long the recordings are.
-        if self._pending > self._room:
+        if self._pending > self._capacity:
             self._fold()
 
     def finish(self, n_blocks: int) -> list[tuple[tuple[Stack, ...], FloatArray]]:

@@ -376,8 +376,8 @@ def _shade_standstills(axes: Axes, axis: TimeAxis, standing: BoolArray) -> None:
 
 
 def _set_time_range(axes: Axes, axis: TimeAxis) -> None:
-    room = 0.01 * float(axis.t[-1] - axis.t[0])
-    axes.set_xlim(float(axis.t[0]) - room, float(axis.t[-1]) + room)
+    margin = 0.01 * float(axis.t[-1] - axis.t[0])
+    axes.set_xlim(float(axis.t[0]) - margin, float(axis.t[-1]) + margin)
 
 
 def _draw_legend(figure: Figure, grid: AxesGrid, comparison: Comparison, joints: Sequence[int]) -> None:
