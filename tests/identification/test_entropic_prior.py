@@ -13,7 +13,7 @@ from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque,
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
-from dynident.estimation import build_weighted_factor, weighted
+from dynident.estimation import build_weighted_factor, solve_weighted
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.description_prior import (
     EntropicPrior,
@@ -60,7 +60,7 @@ class TwoLinks:
             RegressorInputs([run], FILTERS, ReferenceParameters.massless(self.robot)),
         )
         known = build_prior(self.model, self.choices.trust)
-        start = weighted(data.equations, known)
+        start = solve_weighted(data.equations, known)
         believed = build_standard_prior(self.model, self.choices.trust, start)
         at_nominal = build_problem(self.model, data.equations, known, believed.approximate_at(believed.belief.mean))
         _, found = minimise_entropic_cost(self.model, at_nominal, believed, start.noise)

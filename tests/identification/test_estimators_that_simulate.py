@@ -10,7 +10,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
-from dynident.estimation import ordinary, statistics
+from dynident.estimation import solve_ordinary, statistics
 from dynident.identification import IdentificationChoices, identify, remove
 from dynident.identification.equations.reduced_recordings import reduce_torque
 from dynident.identification.estimation_problem import Problem
@@ -136,7 +136,7 @@ def test_instrumental_variables_remove_the_bias_that_encoder_noise_leaves_in_lea
         data = reduce_torque(
             big.model, RegressorInputs([big.recorded(seed, 1e-4, noise)], WIDE, ReferenceParameters.massless(big.robot))
         )
-        plain = ordinary(data.equations)
+        plain = solve_ordinary(data.equations)
         least.append(plain.values)
         least_deviations.append(statistics(data.equations, plain).standard_deviations)
         fit = estimate_by_instrumental_variables(Problem.from_choices(big.model, choices("iv"), data))

@@ -75,7 +75,6 @@ DOCUMENTED = {
     "removed",
     "said",
     "shown",
-    "weighted",
 }
 """Names that users or templates read as data, or that documents show; no new ones."""
 

@@ -17,7 +17,7 @@ from dynident import parallel
 from dynident.effects import STOP, EffectChoice, ReferenceParameters
 from dynident.effects.effect_signals import MemorySignal
 from dynident.effects.hysteresis_states import step_state
-from dynident.estimation import compute_errors, ordinary, weighted
+from dynident.estimation import compute_errors, solve_ordinary, solve_weighted
 from dynident.recordings import (
     Preprocessing,
     Recording,
@@ -145,7 +145,7 @@ def assert_same_solution(recordings, preprocessing=PREPROCESSING) -> None:
     reduction = reduce_recordings(MODEL.observation, RegressorInputs(recordings, preprocessing, REFERENCE))
     assert reduction.n_rows == equations.sum() < y.size
     expected = least_squares(w, y)
-    found = ordinary(reduction).values
+    found = solve_ordinary(reduction).values
     # In torque: what a poorly determined parameter is off by must not be seen either.
     predicted, wanted = w @ found, w @ expected
     np.testing.assert_allclose(predicted, wanted, atol=1e-8 * np.abs(wanted).max())
@@ -187,7 +187,9 @@ def test_weighted_least_squares_is_that_of_the_whole_matrix():
     for _ in range(20):
         noise = np.sqrt(((y - w @ chi) ** 2).sum(axis=0) / equations.sum(axis=0) / share)
         chi = least_squares(w, y, noise)
-    solution = weighted(reduce_recordings(MODEL.observation, RegressorInputs(recordings, PREPROCESSING, REFERENCE)))
+    solution = solve_weighted(
+        reduce_recordings(MODEL.observation, RegressorInputs(recordings, PREPROCESSING, REFERENCE))
+    )
     # Rounds end once the noise changes by a millionth.
     np.testing.assert_allclose(solution.values, chi, rtol=1e-5, atol=1e-6 * np.abs(chi).max())
     np.testing.assert_allclose(solution.noise, noise, rtol=1e-5)
@@ -220,7 +222,7 @@ def test_two_runs_in_one_file_are_the_same_as_two_files():
         for group in ([together], apart)
     )
     assert one.n_rows == two.n_rows
-    np.testing.assert_allclose(ordinary(one).values, ordinary(two).values, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(solve_ordinary(one).values, solve_ordinary(two).values, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(one.spans, two.spans)
 
 

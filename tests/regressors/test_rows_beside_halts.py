@@ -7,7 +7,7 @@ import pytest
 from support.oracles import arm, pinocchio_torque
 
 from dynident.effects import EffectChoice, ReferenceParameters
-from dynident.estimation import Errors, compute_errors, weighted
+from dynident.estimation import Errors, compute_errors, solve_weighted
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
@@ -64,7 +64,7 @@ def test_rows_beside_halts_are_exact_whatever_the_joint_is_held_by_at_rest():
     (beside,) = (e.separate_rows for e in reduction.equations[:1])
     assert beside is not None
     assert beside.counted.count > 100
-    values = weighted(reduction).values
+    values = solve_weighted(reduction).values
     places = {(c.effect, c.link): k for k, c in enumerate(model.kept)}
     assert values[places["stribeck", NAMES[0]]] == pytest.approx(EXCESS, rel=1e-6)
     assert values[places["coulomb", NAMES[0]]] == pytest.approx(COULOMB, rel=1e-6)

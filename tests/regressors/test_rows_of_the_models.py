@@ -21,7 +21,7 @@ from dynident.effects import (
     build_columns,
     count_reference_parameters,
 )
-from dynident.estimation import Reduction, ordinary
+from dynident.estimation import Reduction, solve_ordinary
 from dynident.recordings import Preprocessing, Recording, Segment, filtered_blocks, low_pass, recording_from_arrays
 from dynident.recordings.recording import StoredRows
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
@@ -73,7 +73,7 @@ def reductions(model: Model, *runs: Recording, preprocessing=SLOW) -> dict[str, 
 
 def error(reduction: Reduction, truth: np.ndarray) -> float:
     """||D (χ - truth)|| / ||D truth|| with D the norms of W's columns: by what each parameter does to the equations."""
-    found = ordinary(reduction)
+    found = solve_ordinary(reduction)
     return float(np.linalg.norm(found.scales * (found.values - truth)) / np.linalg.norm(found.scales * truth))
 
 

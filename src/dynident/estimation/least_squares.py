@@ -232,7 +232,7 @@ def check_rank(factor: FloatArray, least: float, of: str = "") -> None:
         )
 
 
-def ordinary(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
+def solve_ordinary(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
     """Solve by ordinary least squares: all equations count alike.
 
     Prior knowledge is weighed against the common noise of the equations, with independent samples counted.
@@ -267,7 +267,7 @@ def ordinary(reduction: Reduction, known: PriorInformation | None = None) -> Sol
     return _iterate_weights(reduction, solve(reduction, alike, known), compute_common_noise, known)
 
 
-def weighted(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
+def solve_weighted(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
     """Solve by weighted least squares: each equation is divided by the standard deviation of its own residual.
 
     With prior knowledge, each row counts for as much as it is worth as an independent sample.
@@ -291,7 +291,7 @@ def weighted(reduction: Reduction, known: PriorInformation | None = None) -> Sol
     """
     # Equations are weighted by their residuals; against prior knowledge, correlated rows count for less.
     levels = compute_noise_levels if known is None else compute_correlated_noise
-    first = replace(ordinary(reduction, known), converged=True)
+    first = replace(solve_ordinary(reduction, known), converged=True)
     return _iterate_weights(reduction, first, lambda values: levels(reduction, values), known)
 
 

@@ -11,7 +11,7 @@ from dynident.array_types import FloatArray
 from dynident.effects import Column, EffectChoice, ShapeSpec, Signals, build_columns, get_effect
 from dynident.effects.effect_columns import check_shape_constants, find_joints
 from dynident.errors import DynidentError
-from dynident.estimation import build_weighted_factor, compute_noise_levels, ordinary
+from dynident.estimation import build_weighted_factor, compute_noise_levels, solve_ordinary
 from dynident.identification.shape_refinement import settle_shapes
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.regressors.model_structure import Model
@@ -395,7 +395,7 @@ def _tabulate(
     reduction = reduce_with_columns(model, more, inputs, progress, known)
     alone = reduction.select_columns(list(range(model.n_parameters)))
     # The noise is that of the model without the options, so that all options are compared with the same weights.
-    factor = build_weighted_factor(reduction, compute_noise_levels(alone, ordinary(alone).values))
+    factor = build_weighted_factor(reduction, compute_noise_levels(alone, solve_ordinary(alone).values))
     return _OptionTable(factor, model.n_parameters, numbers)
 
 

@@ -27,7 +27,7 @@ from dynident.diagnosis.search.external_contacts import drop_faded_contacts
 from dynident.diagnosis.search.pruning import prune_findings, select_harmless, trim_joints
 from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all, score_candidate
 from dynident.effects import EffectChoice, build_columns, get_effect
-from dynident.estimation import EstimationError, weighted
+from dynident.estimation import EstimationError, solve_weighted
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification import Identification
 from dynident.identification.shape_search import are_nearly_alike, refine_shapes
@@ -379,7 +379,7 @@ def improve_reference(
     for _ in range(_PASSES):
         reduction = reduce_recordings(grown.observation, inputs)
         try:
-            inputs = replace(inputs, reference=grown.build_reference(weighted(reduction).values))
+            inputs = replace(inputs, reference=grown.build_reference(solve_weighted(reduction).values))
         except EstimationError:
             # Together they are not determined: what they correct stays as it was.
             return inputs

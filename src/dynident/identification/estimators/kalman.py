@@ -27,8 +27,8 @@ from dynident.estimation import (
     compute_errors,
     compute_noise_levels,
     compute_row_freedom,
+    solve_weighted,
     statistics,
-    weighted,
 )
 from dynident.estimation.kalman_filter import (
     KalmanFilter,
@@ -439,7 +439,7 @@ def _solve_beginning(model: Model, data: Data, known: PriorInformation | None) -
         first = _cut_beginning(data.recordings, share)
         try:
             beginning = reduce_recordings(model.observation, replace(data.inputs, recordings=first))
-            solution = weighted(beginning, known)
+            solution = solve_weighted(beginning, known)
             break
         except EstimationError:
             if share == START_SHARES[-1]:

@@ -21,7 +21,7 @@ from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.effects import LINKS, EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, estimate_group_weights, weighted
+from dynident.estimation import EstimationError, estimate_group_weights, solve_weighted
 from dynident.estimation.residual_errors import compute_fitted_errors
 from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.filtered_energy_power_wrench import find_constants
@@ -191,7 +191,7 @@ def _compute_error(
     """Return the share of the torque below the cut-off that the model leaves; 1 where it is not determined."""
     reduction = reduce_recordings(identification.model.observation, RegressorInputs(recordings, band, reference))
     try:
-        return compute_fitted_errors(reduction, weighted(reduction).values).relative_total
+        return compute_fitted_errors(reduction, solve_weighted(reduction).values).relative_total
     # In a band without motion the parameters are not determined: nothing is explained.
     except EstimationError:
         return 1.0
@@ -283,7 +283,7 @@ def prepare_effects(
     check_reduction(first, reduction, prior)
     if choices.weighs_turns:
         reduction = reduction.weight_groups(estimate_group_weights(reduction, prior))
-    reference = first.build_reference(weighted(reduction, prior).values)
+    reference = first.build_reference(solve_weighted(reduction, prior).values)
     # Their constants are searched beside the first model, with loads that it predicts.
     others = tuple(choice for choice in effects if choice not in plain)
     completed = complete_shapes(

@@ -17,7 +17,7 @@ from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, Reduction, Solution, Statistics, compute_errors, statistics, weighted
+from dynident.estimation import Errors, Reduction, Solution, Statistics, compute_errors, solve_weighted, statistics
 from dynident.identification.equations.model_and_data_checks import check_recordings, check_temperature
 from dynident.identification.loads.drive_gains import get_stated_gains, refuse_coupled_drives
 from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS, scale_torque
@@ -206,7 +206,7 @@ def _identify_current(
     # A column of zeros would be fitted perfectly by zeros.
     if not own.equations[joint].whole_factor[:, -1].any():
         raise DynidentError(f"the current of {name} is zero everywhere", pointer="/measurement_ids", title="No current")
-    solution = weighted(own)
+    solution = solve_weighted(own)
     certainty = statistics(own, solution)
     per_unit = f"A/({model.robot.joints[joint].effort_unit})"
     parameters = tuple(
