@@ -91,7 +91,7 @@ def documented_parameters(value: object) -> set[str]:
 @pytest.mark.parametrize(("name", "value"), NAMES, ids=called)
 def test_every_parameter_of_a_public_name_is_described(name: str, value: object) -> None:
     if isinstance(value, type) and issubclass(value, tuple):
-        parameters = set(value._fields)
+        parameters = set(getattr(value, "_fields", ()))
     elif isinstance(value, FunctionType) or ("__init__" in vars(value) and not issubclass(value, dict)):
         signature = inspect.signature(value if isinstance(value, FunctionType) else vars(value)["__init__"])
         parameters = {one for one in signature.parameters if one not in ("self", "cls") and not one.startswith("_")}
