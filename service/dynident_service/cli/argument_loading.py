@@ -171,7 +171,7 @@ def load_recordings(
 
 
 def _list_neighbours(paths: Sequence[Path]) -> set[str]:
-    """Return the names of files in the same folders: windows may name them, as commands of a study share options."""
+    """Return the names of files in the same folders: windows may name them, as commands of one model share options."""
     folders = {path.parent for path in paths if path.parent.is_dir()}
     return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
 

@@ -49,7 +49,7 @@ class Compiled:
         self._engine = build_engine(translate_to_llvm(function, widths, lanes, _find_vector_functions(lanes)))
         place, number = ctypes.c_void_p, ctypes.c_int64
         kinds = [number, place, number, place, *(kind for _ in widths for kind in (place, number))]
-        self._room = int(function.numel_out(0)) * lanes
+        self._results_size = int(function.numel_out(0)) * lanes
         self._call: Any = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
 
     def run(self, m: int, out: FloatArray, inputs: Sequence[FloatArray]) -> None:
@@ -67,7 +67,7 @@ class Compiled:
         """
         # Of each call its own, so that threads may share the code.
         # Machine code has no bounds checks: the callers, `Program` and `Recurrence`, have checked all shapes.
-        results = np.empty(self._room)
+        results = np.empty(self._results_size)
         arguments = [results.ctypes.data]
         for item in inputs:
             arguments += (item.ctypes.data, item.strides[0] // NUMBER if item.ndim == 2 else 0)

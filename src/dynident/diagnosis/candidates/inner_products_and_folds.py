@@ -174,7 +174,7 @@ class Products:
 
     @property
     def n_blocks(self) -> int:
-        """Number of stretches of time."""
+        """Number of blocks of time."""
         return len(self.counts)
 
     @property

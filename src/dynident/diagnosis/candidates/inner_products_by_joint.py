@@ -202,7 +202,7 @@ class ProductBlock:
 
 
 class ProductErrors:
-    """One joint's squared errors in stretches, for a fit on others.
+    """One joint's squared errors in blocks, for a fit on others.
 
     A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
     """
@@ -349,7 +349,7 @@ class RowBlock:
 
 
 class RowErrors:
-    """One joint's squared errors in stretches, for a fit on others.
+    """One joint's squared errors in blocks, for a fit on others.
 
     A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
     """
@@ -385,7 +385,7 @@ class RowErrors:
 
 
 class JointErrors(Protocol):
-    """One joint's squared errors in stretches, for a fit on others."""
+    """One joint's squared errors in blocks, for a fit on others."""
 
     @property
     def alone(self) -> FloatArray:

@@ -83,7 +83,6 @@ def list_outcomes(
     record: SearchRecord,
     choices: Sequence[EffectChoice],
     first: Sequence[ScoredCandidate],
-    most: int,
 ) -> tuple[tuple[CandidateOutcome, ...], Mapping[Candidate, ScoredCandidate]]:
     """List what became of every effect on every place, with the constants that gain most there by themselves.
 
@@ -99,8 +98,6 @@ def list_outcomes(
         What the findings have become, in the order of their ranks.
     first : sequence of ScoredCandidate
         All candidates, scored beside the model alone.
-    most : int
-        Largest number of findings.
 
     Returns
     -------
@@ -114,7 +111,7 @@ def list_outcomes(
         key = candidate.effect, candidate.joints, candidate.runs
         if key not in best or scored.total_gain > best[key].total_gain:
             best[key] = scored
-    judge = _Judge(final, pool, record, tuple(choices), most)
+    judge = _Judge(final, pool, record, tuple(choices))
     outcomes = [
         CandidateOutcome(choice, finding.judged.error_drop, Reason.build("accepted", step))
         for step, (finding, choice) in enumerate(zip(final.state.findings, choices, strict=True), 1)
@@ -175,7 +172,6 @@ class _Judge:
     pool: Pool
     record: SearchRecord
     choices: tuple[EffectChoice, ...]
-    most: int
 
     def find_reason(self, alone: ScoredCandidate, last: ScoredCandidate | None) -> Reason:
         """Return the reason of a candidate, from its scores beside the model alone and beside all findings."""
@@ -200,10 +196,8 @@ class _Judge:
                 return self._number_step(rejection)
         if candidate in self.record.rejections:
             return self._number_step(self.record.rejections[candidate])
-        count = sum(not finding.is_transient for finding in state.findings)
-        return (
-            Reason.build("most_effects", most=float(self.most)) if count >= self.most else Reason.build("passed_over")
-        )
+        count, most = sum(not finding.is_transient for finding in state.findings), state.rules.most_effects
+        return Reason.build("most_effects", most=float(most)) if count >= most else Reason.build("passed_over")
 
     def _find_explanation(self, alone: ScoredCandidate, last: ScoredCandidate | None) -> Reason | None:
         """Return which finding explains what a candidate would gain by itself; None where none does."""

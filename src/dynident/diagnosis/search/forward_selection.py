@@ -32,7 +32,7 @@ from dynident.progress import Progress
 from dynident.regressors.model_structure import Model
 
 
-def merge_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
+def merge_findings_on_joint(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
     """Merge several findings on a joint into one, where that one explains as much.
 
     Parameters
@@ -274,7 +274,6 @@ def search_findings(
     pool: Pool,
     state: State,
     first: list[ScoredCandidate],
-    most: int,
     rows: ProductSource,
     progress: Progress,
 ) -> SearchRecord:
@@ -299,8 +298,6 @@ def search_findings(
         The model that the search starts from, with the contacts that disturb it.
     first : list of ScoredCandidate
         All candidates, scored beside that model.
-    most : int
-        Largest number of findings, contacts not counted.
     rows : ProductSource
         Gives products of further columns.
     progress : Progress
@@ -315,6 +312,7 @@ def search_findings(
     firm = is_determined(data.select_for_model(state.base), state)
     judged, contacts = first, state.findings
     remaining, asleep = [scored.candidate for scored in first], pool.faint
+    most = state.rules.most_effects
     # Contacts are events of a recording, not effects of the arm: they do not count.
     while (number := len(state.findings) - len(contacts)) < most:
         progress(number / most, f"{number} effects found, {len(remaining)} candidates")
@@ -353,7 +351,7 @@ def search_findings(
             break
     # The order matters: names are settled before findings of one name are merged, and only then is anything dropped or
     # split.
-    state = merge_findings(rows, data, pool, revisit_findings(rows, data, pool, state))
+    state = merge_findings_on_joint(rows, data, pool, revisit_findings(rows, data, pool, state))
     pruned = prune_findings(data, pool, state)
     lasting = {finding.judged.candidate for finding in pruned.findings}
     superfluous = {finding.judged.candidate for finding in state.findings} - lasting

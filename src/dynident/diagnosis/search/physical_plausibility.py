@@ -161,7 +161,7 @@ def _is_dissipative(
 ) -> bool:
     """Return whether friction still takes energy from every joint on the whole, the candidate's friction included.
 
-    The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
+    The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each block.
     """
     for j in scored.joints:
         where = data.position[j]

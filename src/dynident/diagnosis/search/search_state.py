@@ -60,12 +60,12 @@ class Finding:
 
     @property
     def is_transient(self) -> bool:
-        """Whether it happened once, so that stretches that it shows in cannot be held out: a contact."""
+        """Whether it happened once, so that blocks that it shows in cannot be held out: a contact."""
         return get_effect(self.judged.candidate.effect).is_transient
 
     @property
     def columns(self) -> tuple[int, ...]:
-        """All columns that come with the pick."""
+        """All columns that come with the finding."""
         return self.judged.candidate.columns + self.around
 
 
@@ -212,7 +212,7 @@ def score_family(
     return ScoredFamily(tuple(replace(scored, p=float(value)) for scored, value in zip(whole, p, strict=True)), levels)
 
 
-def score_one(
+def score_candidate(
     data: PhasedProducts, pool: Pool, base: tuple[int, ...], candidate: Candidate, noise: FloatArray
 ) -> ScoredCandidate:
     """Score a finding beside another model by its gains alone; its p stays one.

@@ -100,7 +100,7 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
     return choice
 
 
-def columns_are_poses(work: WorkingProposal) -> bool:
+def are_columns_poses(work: WorkingProposal) -> bool:
     """Tell whether the columns called positions jump from row to row: the robot stands at each."""
     positions = [k for k, name in enumerate(work.column_names) if name.signal == "q"]
     q = fill_gaps(work.sample.values[:, positions])

@@ -83,7 +83,7 @@ _EXPLAINED = 0.2
 """Share left of an average joint's torque, or of the worst joint's, from which on the motion's own band is looked at
 instead: an elastic arm leaves that with the filters of an identification, and half of it there."""
 
-_MOST_MISTAKES = 3
+_MOST_FAULTS = 3
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def search_faults(
     now = judge.measure_unexplained(motion)
     # Mend the clearest fault, then look again: several faults hide each other, and the first one's cure changes the
     # rest.
-    while len(findings) < _MOST_MISTAKES:
+    while len(findings) < _MOST_FAULTS:
         step = _find_best_fault(judge, robot, motion, now)
         if step is None:
             break
