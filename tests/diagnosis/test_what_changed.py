@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -60,6 +61,7 @@ def two_days(since: Hidden) -> tuple[Recording, Recording]:
     return recorded(first, nothing, 70, "monday"), recorded(second, since, 71, "friday")
 
 
+@cache
 def asked(since: Hidden) -> Diagnosis:
     monday, friday = two_days(since)
     return diagnose(identify(ROBOT, [monday], [], CHOICES), [friday], baseline=[monday])

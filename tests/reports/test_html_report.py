@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, wraps
 from html.parser import HTMLParser
+from typing import Any
 
 import numpy as np
 import pytest
-from markupsafe import escape
+from markupsafe import Markup, escape
 from support.joints_at_rest import resting_motion, resting_torque
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
@@ -24,6 +26,9 @@ from dynident.number_format import format_estimate, format_number, format_percen
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.recordings.joint_phases import Phase
 from dynident.reports import ReportedRecording, html_report
+from dynident.reports.figures.residuals import draw_residuals, draw_spectra
+from dynident.reports.figures.signals_over_time import draw_torque
+from dynident.reports.sections import accuracy
 from dynident.robot import Joint, Robot
 
 PLAIN = arm("scara")
@@ -64,6 +69,27 @@ def run(seed: int):
 
 FIRST_RUN, SECOND_RUN, THIRD_RUN = run(1), run(2), run(3)
 CHOICES = IdentificationChoices(EFFECTS, preprocessing=Preprocessing(10.0, 8.0, 3, reasons=("Because of <this>.",)))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _figures_of_the_same_runs_are_drawn_once() -> Iterator[None]:
+    """Most pages here are of the same two runs, and drawing those takes most of the time of a page."""
+    known: dict[Hashable, tuple[Any, Markup]] = {}
+
+    def drawn_once(draw: Callable[..., Markup]) -> Callable[..., Markup]:
+        @wraps(draw)
+        def drawn(shown: Any, *more: Any) -> Markup:
+            key = draw, tuple(id(one) for one in shown) if isinstance(shown, list) else id(shown), more
+            if key not in known:
+                known[key] = shown, draw(shown, *more)
+            return known[key][1]
+
+        return drawn
+
+    with pytest.MonkeyPatch.context() as patch:
+        for draw in (draw_torque, draw_residuals, draw_spectra):
+            patch.setattr(accuracy, draw.__name__, drawn_once(draw))
+        yield
 
 
 @cache

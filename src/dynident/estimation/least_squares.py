@@ -212,7 +212,7 @@ def check_rows(n_rows: int, n_parameters: int, known: PriorInformation | None) -
     if n_rows + (0 if known is None else len(known.right)) <= n_parameters:
         raise EstimationError(
             f"{n_rows} equations cannot determine {n_parameters} parameters; use a longer recording or wider windows",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="Too few samples",
         )
 

@@ -91,7 +91,7 @@ def sensor_noise(recording: Recording) -> SensorNoise:
                 torque.append(np.diff(block.tau[run], _DIFFERENCES, axis=0))
     if not position:
         raise DynidentError(
-            f"{recording.name} has too few samples inside its windows to estimate its noise", pointer="/measurement_ids"
+            f"{recording.name} has too few samples inside its windows to estimate its noise", pointer="/recordings"
         )
     joint, effort = np.concatenate(position), np.concatenate(torque)
     # Torque jumps with friction where a joint reverses: the middle of its differences does not see that.

@@ -160,7 +160,7 @@ def validate_methods(
         For methods that are not available, or no recording.
     """
     if not recordings:
-        raise DynidentError("give the measurements that the model was identified from", pointer="/measurement_ids")
+        raise DynidentError("give the measurements that the model was identified from", pointer="/recordings")
     chosen = tuple(dict.fromkeys(methods)) if methods else available_methods(identification.choices)
     for method in chosen:
         # Raise for an impossible method now, not after minutes of work on those before it.

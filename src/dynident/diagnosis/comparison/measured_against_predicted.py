@@ -286,7 +286,7 @@ def compare(identification: Identification, recording: Recording, progress: Prog
     if not parts:
         raise DynidentError(
             f"no rows of {recording.name} are left after filtering; use a longer recording or wider windows",
-            pointer="/measurement_id",
+            pointer="/recordings",
             title="Too few samples",
         )
     t, segment, signals = (np.concatenate(items) for items in zip(*parts, strict=True))

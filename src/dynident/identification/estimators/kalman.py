@@ -180,7 +180,7 @@ def run_filter(
     if not way.samples:
         raise DynidentError(
             "there are too few consecutive samples for a filter; use a longer recording",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="Too few samples",
         )
     surprise = way.surprise / way.samples

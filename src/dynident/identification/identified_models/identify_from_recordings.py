@@ -104,7 +104,7 @@ def check_same_recordings(identification: Identification, recordings: Sequence[R
         f"these are not the recordings that the model was identified from ({names}): {difference}. Give the same "
         "files, read in the same way: the same windows, columns, units, gains and skipped steps. For other data "
         "identify a new model.",
-        pointer="/measurement_ids",
+        pointer="/recordings",
         title="Other recordings",
     )
 
