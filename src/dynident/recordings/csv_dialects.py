@@ -10,10 +10,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from dynident.recordings.formats.text_streams import (
+    close_up_quotes,
     count_list_items,
     flatten_lists,
+    has_fortran_exponents,
     has_lists,
+    has_spaced_quotes,
     join_open_lists,
+    replace_fortran_exponents,
     squeeze_spaces,
 )
 from dynident.recordings.metadata import RecordingError
@@ -34,7 +38,8 @@ class Dialect:
     """How a CSV file is written.
 
     `units` are those of a line of units below the names, `texts` the first cells of columns that hold words. `rewrite`
-    and `encoding` say how its lines become plain ones. `has_gaps`: cells of the first rows are empty.
+    and `encoding` say how its lines become plain ones. `has_gaps`: cells of the first rows are empty. `clocks` has the
+    column of time of every column that has its own. `remarks` say what is not plain.
     """
 
     delimiter: str
@@ -46,15 +51,18 @@ class Dialect:
     rewrite: tuple[Callable[[str], str], ...] = ()
     encoding: str = "utf-8"
     has_gaps: bool = False
+    clocks: dict[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass
 class _Header:
-    """Names, the number of lines above the first row, and units."""
+    """Names, the number of lines above the first row, units, and columns with their own time."""
 
     names: tuple[str, ...]
     lines: int
     units: dict[str, str] = field(default_factory=dict)
+    clocks: dict[str, str] = field(default_factory=dict)
 
 
 def detect_dialect(start: bytes) -> Dialect:
@@ -75,18 +83,22 @@ def detect_dialect(start: bytes) -> Dialect:
     Raises
     ------
     RecordingError
-        For a file that is no text, or holds nothing, or a name twice.
+        For a file that is no text, or holds nothing.
     """
     text, encoding = _decode_text(start)
+    rewrite: list[Callable[[str], str]] = []
+    for applies, change in ((has_spaced_quotes, close_up_quotes), (has_fortran_exponents, replace_fortran_exponents)):
+        if applies(text):
+            text = change(text)
+            rewrite.append(change)
     original = text.splitlines()
     if len(start) == _LOOKED_AT and len(original) > 1:
         original.pop()  # it is cut off
     whole = join_open_lists(original)
-    rewrite: list[Callable[[str], str]] = []
     if has_lists(whole):
         original = whole
         rewrite.append(flatten_lists)
-    lines = flatten_lists("\n".join(original)).splitlines() if rewrite else original
+    lines = flatten_lists("\n".join(original)).splitlines() if flatten_lists in rewrite else original
     if _is_aligned(lines):
         rewrite.append(squeeze_spaces)
         lines = squeeze_spaces("\n".join(lines)).splitlines()
@@ -96,12 +108,11 @@ def detect_dialect(start: bytes) -> Dialect:
     delimiter, comma, header = _read_header(lines, first)
     if flatten_lists in rewrite:
         header.names = _name_list_columns(header, original, delimiter)
+    rows = [_split_fields(line, delimiter) for line in lines[header.lines : header.lines + _ROWS] if line.strip()]
+    header.names = _fit_last_name(header.names, rows)
     if "" in header.names and header.names.count("") > 1:
         header.names = tuple(name or f"column{index + 1}" for index, name in enumerate(header.names))
-    repeated = {name for name, count in Counter(header.names).items() if name and count > 1}
-    if repeated:
-        raise RecordingError(f"Column {min(repeated)} occurs more than once in the file.", pointer=min(repeated))
-    rows = [_split_fields(line, delimiter) for line in lines[header.lines : header.lines + _ROWS] if line.strip()]
+    header.names, remarks = _number_repeated_names(header.names)
     # Lines with another number of cells, such as remarks between the rows, say nothing of the columns.
     rows = [row for row in rows if len(row) == len(header.names)]
     return Dialect(
@@ -114,6 +125,8 @@ def detect_dialect(start: bytes) -> Dialect:
         tuple(rewrite),
         encoding,
         has_gaps=any(not cell or cell.casefold() in _NO_NUMBERS for row in rows for cell in row),
+        clocks=header.clocks,
+        remarks=remarks,
     )
 
 
@@ -121,8 +134,80 @@ dialect_bytes = _LOOKED_AT
 """So many bytes are looked at."""
 
 
+def _fit_last_name(names: tuple[str, ...], rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return names for as many cells as the rows have, where a separator ends either the rows or the names."""
+    widths = Counter(map(len, rows)).most_common(1)
+    width = widths[0][0] if widths else len(names)
+    if width == len(names) + 1 and not any(row[-1] for row in rows if len(row) == width):
+        return (*names, f"column{width}")
+    return names[:-1] if width == len(names) - 1 and not names[-1] else names
+
+
+def _number_repeated_names(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return names that differ, those that stand several times numbered in their order, and a remark on them."""
+    repeated = [name for name, count in Counter(names).items() if name and count > 1]
+    if not repeated:
+        return names, ()
+    numbers = dict.fromkeys(repeated, 0)
+    numbered = []
+    for name in names:
+        if name in numbers:
+            numbers[name] += 1
+            numbered.append(f"{name}_{numbers[name]}")
+        else:
+            numbered.append(name)
+    # A name with a number is that of one joint: one of the two is a mistake, and nothing says which.
+    if len(set(numbered)) < len(numbered) or any(name[-1].isdigit() for name in repeated):
+        raise RecordingError(
+            f"Column {repeated[0]} occurs more than once in the file; give every column a name of its own.",
+            pointer=repeated[0],
+        )
+    remark = f"Several columns have the same name ({', '.join(repeated[:6])}): they are numbered as they stand there."
+    return tuple(numbered), (remark,)
+
+
+_NAMES_OF_CHANNELS = ("symbolname", "name", "signal", "channel", "kanal")
+"""Lines of a head of channels that name them, the best first."""
+
+
+def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header] | None:
+    """Return the names of channels that each have two columns, of time and of values; None for other files.
+
+    Above such columns stands a key in every column of time, and what it says of the channel in the one beside it, as a
+    scope writes it: `Name;Axis1.Position;Name;Axis2.Position`.
+    """
+    body = next((number for number in range(first, len(lines)) if _is_data(lines[number])), None)
+    if body is None or body == first:
+        return None
+    delimiter = next((sign for sign in "\t;|," if sign in lines[body]), ",")
+    fields = _split_fields(lines[body], delimiter)
+    width = len(fields)
+    head: dict[str, list[str]] = {}
+    for line in lines[first:body]:
+        cells = _split_fields(line, delimiter)
+        # The last values of a line may be empty, and their separator missing.
+        cells += [""] * (width - len(cells)) if len(cells) == width - 1 else []
+        if len(cells) == width and cells[0] and set(cells[::2]) == {cells[0]} and not _is_number(cells[0]):
+            head[cells[0].casefold()] = cells[1::2]
+    if width < 4 or width % 2 or not head:
+        return None
+    whole = (values for key in (*_NAMES_OF_CHANNELS, *head) if (values := head.get(key)) and all(values))
+    names = next((values for values in whole if len(set(values)) == len(values)), None)
+    if names is None:
+        return None
+    times = [f"{name}.time" for name in names]
+    step = next((key for key in head if key.startswith("sampletime")), "")
+    unit = step.partition("[")[2].strip("] ")
+    columns = tuple(column for pair in zip(times, names, strict=True) for column in pair)
+    comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for cell in fields)
+    units = dict.fromkeys(times, unit) if unit else {}
+    return delimiter, comma, _Header(columns, body, units, dict(zip(names, times, strict=True)))
+
+
 def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     """Return the separator, whether numbers have commas, and the names; `first` is the first line with text."""
+    if (channels := _read_channel_head(lines, first)) is not None:
+        return channels
     header = first
     # Further comment lines may stand before the names; the names are the last of them.
     while header + 1 < len(lines) and lines[header + 1].lstrip().startswith(("#", "%")):
@@ -138,7 +223,11 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
         counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_split_fields(below[1], delimiter))
         return delimiter, comma, _Header(_number_columns(len(fields)), header + counts)
     delimiter = _find_delimiter(text)
-    if (names := _name_message_columns(below, delimiter)) is not None:
+    width = Counter(len(_split_fields(line, delimiter)) for line in below).most_common(1)[0][0]
+    # Messages of other senders, with fewer joints, may stand between those of the arm. A line of names has no numbers.
+    has_numbers = any(map(_is_number, _split_fields(text, delimiter)))
+    messages = [line for line in below if len(_split_fields(line, delimiter)) == width] if has_numbers else []
+    if (names := _name_message_columns(messages, delimiter)) is not None:
         return delimiter, False, _Header(names, header)
     names = tuple(_format_name(field) for field in _split_fields(text, delimiter))
     rows = header + 1

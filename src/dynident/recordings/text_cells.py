@@ -174,7 +174,7 @@ class WordCellsSource(FileSource):
             if (columns := table.signals[signal])[0] in source.units
         }
         super().__init__([*names, *self._places], {**units, **dict.fromkeys(times, "s")})
-        self.sample_rows, self.remarks = source.sample_rows, source.remarks
+        self.sample_rows, self.inner, self.clocks = source.sample_rows, source, source.clocks
         self.texts = {name: cells for name, cells in source.texts.items() if name in names and name not in self._times}
         # Where rows are of one joint each, those of the others are empty in them.
         self.has_gaps = source.has_gaps or any(len(table.joints) > len(table.names) for table in named)

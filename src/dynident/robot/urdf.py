@@ -278,7 +278,11 @@ def _reduce_link(name: str, link: Element, fail: _Fail) -> Element:
         for attribute in names:
             _parse_number(element, attribute, owner, fail)
     if _parse_number(mass, "value", owner, fail) < 0:
-        raise fail(f"The mass of {owner} is negative.", mass.line)
+        raise fail(
+            f"The mass of {owner} is negative: correct it, or leave out this <inertial>, which identification does not "
+            "need.",
+            mass.line,
+        )
     reduced_inertial = Element("inertial", {}, inertial.line)
     reduced_inertial.children.extend([*_check_origin(inertial, owner, fail), mass, inertia])
     reduced.children.append(reduced_inertial)

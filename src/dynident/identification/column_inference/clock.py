@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.errors import Remedy
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_statistics import (
@@ -16,6 +17,7 @@ from dynident.identification.column_inference.column_statistics import (
     read_clock,
 )
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits
+from dynident.identification.column_inference.proposal import Question
 from dynident.identification.column_inference.working_proposal import WorkingProposal
 from dynident.recordings.metadata import EffortKind
 from dynident.recordings.poses import are_poses
@@ -73,6 +75,9 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
             )
             work.add_question("columns/t", lying)
             return None
+        if (coarse := _ask_for_rate(work)) is not None:
+            work.questions.append(coarse)
+            return None
         detail = (
             "No column looks like a clock: which column is the time, and in which unit? If the file has no time, give "
             f"the rate of its rows in Hz (rate). If the time is in another file, {TOGETHER}."
@@ -90,8 +95,41 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
     reason = "its name, and " if by_name else "it increases evenly; "
     work.add_guess("columns/t", name, 0.98 if sure else 0.5, f"{reason}{choice.reason}; jitter {choice.jitter:.1%}")
     if not sure:
-        work.add_question("units/t", f"Is {name} the time, in {choice.unit}? {choice.reason}.", ("s", "ms", "us", "ns"))
+        counts = (
+            " It counts rows: if these are no times, give the rate of the rows in Hz (rate)."
+            if is_counter(values, choice.column)
+            else ""
+        )
+        detail = f"Is {name} the time, in {choice.unit}? {choice.reason}.{counts}"
+        work.add_question("units/t", detail, ("s", "ms", "us", "ns"))
     return choice
+
+
+def _ask_for_rate(work: WorkingProposal) -> Question | None:
+    """Ask for the rate of rows whose clock is called a time but stands still for several rows; None for other files."""
+    for column, name in enumerate(work.column_names):
+        t = work.sample.values[:, column]
+        steps = np.diff(t)
+        if name.signal != "t" or not np.isfinite(t).all() or (steps < 0).any():
+            continue
+        ticks = np.flatnonzero(steps > 0) + 1
+        if len(ticks) < _FEWEST_TICKS or 2 * len(ticks) > len(t):
+            continue
+        unit = name.unit or "s"
+        # Between the first and the last change every row is counted once.
+        rate = (ticks[-1] - ticks[0]) / ((t[ticks[-1]] - t[ticks[0]]) * CLOCK_FACTORS.get(unit, 1.0))
+        remedy = Remedy("rate", float(f"{rate:.4g}"))
+        detail = (
+            f"{name.name} stays the same for {(ticks[-1] - ticks[0]) / (len(ticks) - 1):.0f} rows at a time: it is too "
+            f"coarse to say when each row was recorded. On average these are {rate:.4g} rows a second (with "
+            f"{name.name} in {unit}). If the rows are evenly spaced, state their rate: {remedy}."
+        )
+        return Question("columns/t", detail, remedies=(remedy,))
+    return None
+
+
+_FEWEST_TICKS = 4
+"""Changes of a coarse clock by which the rate of the rows is told."""
 
 
 def columns_are_poses(work: WorkingProposal) -> bool:

@@ -65,7 +65,11 @@ class Clock:
     reason: str
 
 
+TICK = 1e-7
+"""s: a tick of the clocks of Windows and .NET."""
 CLOCK_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_TICKS = ((1.2e17, 1.5e17), (6.2e17, 6.6e17))
+"""Times from 1981 to 2076 in ticks of 100 ns since 1601, as Windows counts them, and from 1965 to 2091 since year 1."""
 _BEGINS = 5.0
 """Steps from the first row's time within which a clock that starts again begins."""
 _SLOWEST, _FASTEST = 8.0, 8000.0
@@ -124,13 +128,14 @@ def read_clock(values: FloatArray, column: int, unit: str | None) -> Clock | Non
         return Clock(
             column, unit, CLOCK_FACTORS[unit], rate, jitter, sure, f"its name says {unit}; that gives {rate:.4g} Hz"
         )
+    if any(low < values[0, column] < high for low, high in _TICKS):
+        fits = ["100ns"]
     if len(fits) != 1:
         return None
     (only_unit,) = fits
-    rate = 1.0 / (mean * CLOCK_FACTORS[only_unit])
-    return Clock(
-        column, only_unit, CLOCK_FACTORS[only_unit], rate, jitter, True, f"its steps give {rate:.4g} Hz in {only_unit}"
-    )
+    factor = TICK if only_unit == "100ns" else CLOCK_FACTORS[only_unit]
+    rate = 1.0 / (mean * factor)
+    return Clock(column, only_unit, factor, rate, jitter, True, f"its steps give {rate:.4g} Hz in {only_unit}")
 
 
 def is_counter(values: FloatArray, column: int) -> bool:

@@ -21,6 +21,7 @@ from dynident.identification.column_inference.column_groups import (
     ask_for_missing_joints,
     describe_further_joints,
     find_columns_of_other_joints,
+    find_plainest_group,
     find_torque_of_most_joints,
     group_columns,
     group_few_joints,
@@ -114,7 +115,7 @@ class _ColumnInference(WorkingProposal):
         places = [index for index in range(len(self.column_names)) if index != clock.column]
         followers = () if self.robot.linkage is None else self.robot.linkage.passive
         names = [self.robot.tree.joint_names[j] for j in followers]
-        local, rest, following = group_columns(others, self.robot.joint_names, names)
+        local, rest, following = group_columns(others, self.robot.joint_names, names, self.alive[places])
         if following:
             unused = ", ".join(others[index].name for index in following)
             self.add_guess("columns", unused, 0.9, "not used: of passive joints, which follow from the driven joints")
@@ -146,6 +147,14 @@ class _ColumnInference(WorkingProposal):
         return self._finish(kind)
 
     def _finish(self, kind: EffortKind) -> Proposal:
+        if any(question.field == "units/t" for question in self.questions):
+            # While the clock is in doubt, what speeds and torques say is in doubt with it: the time is asked first.
+            self.questions = [
+                question
+                for question in self.questions
+                if not question.check and question.field not in ("effort_kind", "units/tau")
+            ]
+            self.guesses = [guess for guess in self.guesses if guess.field != "check"]
         if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
@@ -280,6 +289,8 @@ class _ColumnInference(WorkingProposal):
             return None
         # Several columns of the same rank that hold the same numbers are one signal, logged twice.
         equal = [group for group in candidates if group.rank == candidates[0].rank]
+        if len(equal) > 1 and (plain := find_plainest_group(equal)) is not None:
+            candidates = equal = [plain]
         if len(equal) > 1 and not hold_same_values(self.values, equal):
             names = tuple(self.name_columns(group) for group in equal)
             self.add_question("columns/q", "Several sets of columns could be the measured positions: which one?", names)
@@ -324,6 +335,8 @@ class _ColumnInference(WorkingProposal):
             return None, "unknown"
         best = candidates[0]
         equal = [group for group in candidates[1:] if group.rank == best.rank and group.signal == best.signal]
+        if equal and (plain := find_plainest_group([best, *equal])) is not None:
+            best, equal = plain, []
         if equal:
             names = tuple(self.name_columns(group) for group in [best, *equal])
             self.add_question("columns/tau", "Several sets of columns could be the measured torque: which one?", names)

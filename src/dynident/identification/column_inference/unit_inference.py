@@ -222,7 +222,15 @@ def guess_position_unit(
     if stated is not None and stated in FACTORS["q", "revolute"]:
         if stated in possible:
             return UnitGuess(stated, 0.99, f"its name says {stated}, and the range of motion fits it")
-        return UnitGuess(stated, 0.5, f"its name says {stated}, but that goes beyond the robot's limits")
+        beyond = f"its name says {stated}, but that goes beyond the robot's limits"
+        if stated == "rev":
+            # One unit for all joints, or one for each where their gears differ.
+            of_motors = (
+                "these are probably turns of the motors: say how many of them make one turn of the joint, "
+                "q=counts:RATIO, or q1=counts:RATIO and so on"
+            )
+            return UnitGuess(stated, 0.5, f"{beyond}; {of_motors}", ("counts:RATIO",))
+        return UnitGuess(stated, 0.5, beyond)
     # Hardly anyone logs mrad or revolutions, so these need the fit to be taken.
     usual = [unit for unit in likely if unit in ("rad", "deg")]
     whole = bool((q[:, turning] == np.rint(q[:, turning])).all())

@@ -84,7 +84,7 @@ class JoinedFiles(FileSource):
         super().__init__(names, units)
         how = "interpolated at its times" if self._by_time else "joined to it row by row"
         others = ", ".join(part.name for part in self._parts if part is not self._main)
-        self.remarks = (f"The rows are those of {self._main.name}; {others} {how}.",)
+        self.own_remarks = (f"The rows are those of {self._main.name}; {others} {how}.",)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         yield from self._read_at_times(columns) if self._by_time else self._read_rows(columns)

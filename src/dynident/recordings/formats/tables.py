@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from dynident.recordings.arrow import open_parquet_stream, parse_numbers
 from dynident.recordings.csv_dialects import Dialect, detect_dialect, dialect_bytes, empty_repeated_names
 from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked, choose_block_rows
 from dynident.recordings.file_source import FileSource
-from dynident.recordings.formats.text_streams import RewrittenText, TextContent
+from dynident.recordings.formats.text_streams import RewrittenText, TextContent, join_thousands
 from dynident.recordings.metadata import RecordingError
 from dynident.recordings.text_cells import expand_lists, expand_names, find_stored_name, list_columns, name_list_places
 
@@ -89,8 +89,20 @@ class CsvFileSource(FileSource):
         super().__init__(self._dialect.names, self._dialect.units)
         self.texts = dict(self._dialect.texts)
         self.has_gaps = self._dialect.has_gaps
+        self.clocks = self._dialect.clocks
         self._worded: set[str] = set()
-        self._is_rewritten = False
+        self._changes: set[str] = set()
+        self._odd_rows = _OddRows(len(self._dialect.names))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was done to read the file, where that is not plain; complete after its rows were read."""
+        repeated = ("The names of the columns stand again between the rows: these lines are left out.",)
+        return (
+            *self._dialect.remarks,
+            *(repeated if "names" in self._changes else ()),
+            *self._odd_rows.describe(self._dialect.lines_before_data),
+        )
 
     def _open_text(self) -> str | IO[bytes]:
         """Return what pyarrow reads: the path if its lines are plain, which is fastest, else a stream."""
@@ -116,17 +128,28 @@ class CsvFileSource(FileSource):
                 column = _find_word_column(str(error), self._dialect)
                 if column is None or column in self._worded:
                     raise _make_csv_error(str(error), self._dialect) from error
-                if f"invalid value '{column}'" in str(error) and not self._is_rewritten:
-                    # Read again with these lines empty, which Arrow passes by: the rows above them stay the same.
-                    self._is_rewritten = True
-                    empty_names = partial(empty_repeated_names, dialect=self._dialect)
-                    self._dialect = replace(self._dialect, rewrite=(*self._dialect.rewrite, empty_names))
+                if (change := self._find_change(str(error), column)) is not None:
+                    self._dialect = replace(self._dialect, rewrite=(*self._dialect.rewrite, change))
                     continue
                 # Read again: words among the numbers of a column are cells without one.
                 self._worded.add(column)
 
+    def _find_change(self, message: str, column: str) -> Callable[[str], str] | None:
+        """Return a change of the lines with which a cell that is no number can be read, once for each kind."""
+        cell = message.partition("invalid value '")[2].rpartition("'")[0]
+        if cell == column and "names" not in self._changes:
+            # Lines that are empty Arrow passes by: the rows above them stay the same.
+            self._changes.add("names")
+            return partial(empty_repeated_names, dialect=self._dialect)
+        point = self._dialect.decimal_point
+        if "thousands" not in self._changes and join_thousands(f'"{cell}"', point) != f'"{cell}"':
+            self._changes.add("thousands")
+            return partial(join_thousands, decimal_point=point)
+        return None
+
     def _parse_batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         dialect = self._dialect
+        self._odd_rows.clear()
         # Arrow stops at the first cell that is no number: columns with words are read as text.
         words = self._worded | self.texts.keys()
         types = {name: pa.string() if name in words else pa.float64() for name in columns}
@@ -138,7 +161,7 @@ class CsvFileSource(FileSource):
                 block_size=CSV_BLOCK_BYTES,
                 use_threads=False,
             ),
-            parse_options=pacsv.ParseOptions(delimiter=dialect.delimiter),
+            parse_options=pacsv.ParseOptions(delimiter=dialect.delimiter, invalid_row_handler=self._odd_rows.judge_row),
             convert_options=pacsv.ConvertOptions(
                 include_columns=columns,
                 column_types=types,
@@ -157,6 +180,46 @@ class CsvFileSource(FileSource):
                 column = parse_numbers(column, self._dialect.decimal_point)
             arrays.append(column)
         return pa.RecordBatch.from_arrays(arrays, names=batch.schema.names)
+
+
+class _OddRows:
+    """Rows with another number of cells than there are columns: left out where they are few.
+
+    Such are the last row of a recorder that was stopped, remarks between the rows, and the messages of another sender.
+    """
+
+    def __init__(self, width: int) -> None:
+        self._width = width
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the rows; the file is read again from its beginning."""
+        self._count, self._first, self._text, self._cells = 0, 0, "", 0
+
+    def judge_row(self, row: pacsv.InvalidRow) -> str:
+        """Return whether to skip a row, or to stop with an error where most rows are such."""
+        if 2 * self._count > (row.number or 0):
+            return "error"
+        if not self._count:
+            self._first, self._text, self._cells = row.number or 0, row.text[:_SHOWN], row.actual_columns
+        self._count += 1
+        return "skip"
+
+    def describe(self, lines_before: int) -> tuple[str, ...]:
+        """Return what was left out, in a sentence; nothing where every row is whole."""
+        if not self._count:
+            return ()
+        which = (
+            f"1 row, {self._first - lines_before}, has {self._cells} cells instead of {self._width} and is"
+            if self._count == 1
+            else f"{self._count} rows have another number of cells than {self._width}, first row "
+            f"{self._first - lines_before}, and are"
+        )
+        return (f"{which} left out: {self._text!r}.",)
+
+
+_SHOWN = 60
+"""Characters of a row that are shown."""
 
 
 def _find_word_column(message: str, dialect: Dialect) -> str | None:

@@ -157,6 +157,42 @@ def _rewrite_cell(cell: re.Match[str], write: Callable[[list[str], str], str]) -
     return before + write(items, before or ",")
 
 
+_SPACED_QUOTE = re.compile(r'(?m)(^|[,;\t|])[ ]+(?=")')
+_FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]\d{1,3}(?!\w))")
+"""The exponent of a number as Fortran writes it: 1.5D+02."""
+_GROUPS = {
+    ",": re.compile(r"(?<![\w.,])([+-]?\d{1,3}(?:\.\d{3})+)(?=[,;\t|\s\"]|$)"),
+    ".": re.compile(r"(?<=[\";\t|])([+-]?\d{1,3}(?:,\d{3})+)(?=[.;\t|\"])"),
+}
+"""Numbers with a sign between thousands, by the decimal sign: 1.234,5, and "1,234.5" where commas do not separate."""
+
+
+def has_spaced_quotes(text: str) -> bool:
+    """Return whether spaces stand before the quotes of cells."""
+    return _SPACED_QUOTE.search(text) is not None
+
+
+def close_up_quotes(text: str) -> str:
+    """Return the text without the spaces before the quotes of cells, with which these would not be quotes."""
+    return _SPACED_QUOTE.sub(r"\1", text)
+
+
+def has_fortran_exponents(text: str) -> bool:
+    """Return whether numbers have exponents with a D."""
+    return _FORTRAN.search(text) is not None
+
+
+def replace_fortran_exponents(text: str) -> str:
+    """Return the text with an E in the exponents of numbers."""
+    return _FORTRAN.sub("E", text)
+
+
+def join_thousands(text: str, decimal_point: str) -> str:
+    """Return the text with numbers whose thousands are not set apart."""
+    sign = "." if decimal_point == "," else ","
+    return _GROUPS[decimal_point].sub(lambda number: number[1].replace(sign, ""), text)
+
+
 def squeeze_spaces(text: str) -> str:
     """Return the text with single spaces between columns that were aligned by spaces, and none at the ends."""
     return re.sub(r"(?m)^[ ]+|[ ]+(?=\r?$)", "", re.sub(r"[ \t]+", " ", text))
