@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.controller_logs import CONTROLLER_LOGS, INTERPOLATED
 from support.logger_layouts import BETWEEN_SAMPLES, LAYOUTS, WITHOUT_TIME, Recorded
 from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque
 
@@ -21,7 +22,8 @@ from dynident.robot import Robot, robot_from_urdf
 pytestmark = pytest.mark.sweep
 
 CASES = [("ur10", 200.0, 1), ("franka_panda", 125.0, 2), ("crooked", 250.0, 3)]
-_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7}
+_ALL = LAYOUTS | CONTROLLER_LOGS
 
 
 @cache
@@ -58,11 +60,11 @@ def read_as_proposed(path: Path, robot: Robot, rate: float | None) -> tuple[np.n
 
 @pytest.mark.sweep
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case[0])
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", _ALL)
 def test_a_layout_is_read_as_it_was_measured(tmp_path, layout, case):
     name, rate, _ = case
     robot, run = machine(name), recorded(*case)
-    path = LAYOUTS[layout](tmp_path, run)
+    path = _ALL[layout](tmp_path, run)
     t, q, tau = read_as_proposed(path, robot, rate if layout in WITHOUT_TIME else None)
     # Whole nanoseconds since 1970 lose their last 256 as numbers.
     np.testing.assert_allclose(t, run.t[: len(t)], atol=1e-6)
@@ -70,7 +72,7 @@ def test_a_layout_is_read_as_it_was_measured(tmp_path, layout, case):
         wrong = np.abs(measured - truth[: len(t)])
         # Between samples a signal is read in a straight line, which smooths its noise.
         assert np.quantile(wrong, 0.99) < 0.02 * np.abs(truth).max()
-        if layout not in BETWEEN_SAMPLES:
+        if layout not in BETWEEN_SAMPLES | INTERPOLATED:
             assert wrong.max() < 1e-6 * np.abs(truth).max()
 
 
