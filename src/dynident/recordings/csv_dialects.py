@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from dynident.recordings.cells_without_numbers import make_counted_names
 from dynident.recordings.formats.text_streams import (
     close_up_quotes,
     count_list_items,
@@ -20,8 +21,7 @@ from dynident.recordings.formats.text_streams import (
     replace_fortran_exponents,
     squeeze_spaces,
 )
-from dynident.recordings.metadata import RecordingError
-from dynident.recordings.text_cells import make_counted_names
+from dynident.recordings.recording_metadata import RecordingError
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _UNIT = re.compile(r"^[\[(]?[A-Za-zµμ°%‰·*./^²0-9 -]{0,12}[\])]?$")

@@ -15,7 +15,7 @@ from dynident.identification.column_inference.column_names import (
     get_signal_of_unit,
     list_spellings,
 )
-from dynident.identification.column_inference.proposal import Question
+from dynident.identification.column_inference.metadata_proposal import Question
 from dynident.recordings.position_checks import MOVED
 from dynident.robot import Robot
 
