@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 
 from dynident.recordings.cells_without_numbers import make_counted_names
 from dynident.recordings.formats.text_streams import (
-    close_up_quotes,
+    CHANGES_OF_CELLS,
     count_list_items,
     flatten_lists,
-    has_fortran_exponents,
+    has_labelled_numbers,
     has_lists,
-    has_spaced_quotes,
     join_open_lists,
-    replace_fortran_exponents,
+    keep_numbers,
+    name_labelled_numbers,
     squeeze_spaces,
 )
 from dynident.recordings.recording_metadata import RecordingError
@@ -87,7 +87,7 @@ def detect_dialect(start: bytes) -> Dialect:
     """
     text, encoding = _decode_text(start)
     rewrite: list[Callable[[str], str]] = []
-    for applies, change in ((has_spaced_quotes, close_up_quotes), (has_fortran_exponents, replace_fortran_exponents)):
+    for applies, change in CHANGES_OF_CELLS:
         if applies(text):
             text = change(text)
             rewrite.append(change)
@@ -99,6 +99,10 @@ def detect_dialect(start: bytes) -> Dialect:
         original = whole
         rewrite.append(flatten_lists)
     lines = flatten_lists("\n".join(original)).splitlines() if flatten_lists in rewrite else original
+    if has_labelled_numbers(lines):
+        names = name_labelled_numbers(lines[-1])
+        remark = "The lines are numbers with words before them: the words are taken for the names of columns."
+        return Dialect(",", ".", names, 0, rewrite=(*rewrite, keep_numbers), encoding=encoding, remarks=(remark,))
     if _is_aligned(lines):
         rewrite.append(squeeze_spaces)
         lines = squeeze_spaces("\n".join(lines)).splitlines()
@@ -231,6 +235,7 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
         return delimiter, False, _Header(names, header)
     names = tuple(_format_name(field) for field in _split_fields(text, delimiter))
     rows = header + 1
+    delimiter = _find_delimiter_of_rows(lines[rows : rows + 20], len(names)) or delimiter
     if sum(map(bool, names)) - len({name for name in names if name}) > 1 and rows < len(lines):
         # Names in two lines: of the signal, which is repeated, and of the joint.
         second = _split_fields(lines[rows], delimiter)
@@ -252,6 +257,10 @@ def _decode_text(start: bytes) -> tuple[str, str]:
     """Return the first bytes as text, and their encoding."""
     if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return start.decode("utf-16", errors="ignore"), "utf-16"
+    # Without a mark every second byte of western text is 0.
+    for odd, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+        if len(start) > 2 and start[odd::2].count(0) > 0.9 * len(start[odd::2]) and 0 not in start[1 - odd :: 2]:
+            return start.decode(encoding, errors="ignore"), encoding
     if b"\0" in start:
         raise RecordingError(
             "The file is neither Parquet nor text, nor in another known format.", title="Unreadable file"
@@ -271,6 +280,16 @@ def _find_delimiter(text: str) -> str:
     if text.count(delimiter) == 0:
         delimiter = " " if " " in text.strip() else ","
     return delimiter
+
+
+def _find_delimiter_of_rows(lines: Sequence[str], width: int) -> str | None:
+    """Return what separates the numbers of rows, where another sign than that between the names gives as many."""
+    rows = [line for line in lines if line.strip()]
+    for delimiter in ";\t|, ":
+        cells = [_split_fields(line.strip(), delimiter) for line in rows]
+        if rows and width > 1 and all(len(row) == width and all(map(_NUMBER.match, row)) for row in cells):
+            return delimiter
+    return None
 
 
 def _split_fields(line: str, delimiter: str) -> list[str]:

@@ -80,6 +80,7 @@ class RestartingSource:
     def __init__(self, source: RawSource) -> None:
         self._source = source
         self._labels = RunLabels()
+        self._without_time: list[int] = []
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
         """Yield t and the runs alone; values are empty."""
@@ -92,11 +93,13 @@ class RestartingSource:
     def checks(self, column: str) -> list[Check]:
         """Report where the time started again, after its rows were read."""
         restarts = self._labels.restarts
+        without = self._report_rows_without_time(column)
         if not restarts:
-            return []
+            return without
         row, before, time = restarts[0]
         more = f", and later again ({len(restarts)} times in all)" if len(restarts) > 1 else ""
         return [
+            *without,
             Check(
                 "time_restarts",
                 "warning",
@@ -107,15 +110,42 @@ class RestartingSource:
                 row,
                 time,
                 rows={column: tuple(restart[0] for restart in restarts)},
-            )
+            ),
         ]
 
     def _label_blocks(self, blocks: Iterator[RawRows], layout: Layout) -> Iterator[RawRows]:
         # The file is read more than once: each pass counts anew.
         self._labels = RunLabels()
-        for rows in blocks:
+        self._without_time = []
+        for block in blocks:
+            rows = self._cut_ends(block)
             labels = rows.segment if layout.segment is not None else self._labels.label_rows(rows.first_row, rows.t)
             yield rows._replace(segment=labels)
+
+    def _cut_ends(self, rows: RawRows) -> RawRows:
+        """Return the rows without those at either end that have no time, such as means below a table."""
+        good = np.flatnonzero(np.isfinite(rows.t))
+        if len(good) == len(rows.t) or not len(good):
+            return rows
+        first, last = int(good[0]), int(good[-1]) + 1
+        numbers = [*range(first), *range(last, len(rows.t))]
+        if len(numbers) > MOST_WITHOUT_TIME * len(rows.t):
+            return rows
+        self._without_time += [rows.first_row + number + 1 for number in numbers]
+        part = slice(first, last)
+        return RawRows(rows.first_row + first, rows.t[part], rows.segment[part], rows.values[part])
+
+    def _report_rows_without_time(self, column: str) -> list[Check]:
+        if not self._without_time:
+            return []
+        first = self._without_time[0]
+        count = f"{len(self._without_time)} rows have" if len(self._without_time) > 1 else "1 row has"
+        detail = f"{count} no number in {column}, the first is row {first}: left out."
+        return [Check("rows_left_out", "warning", detail, column, first, rows={column: tuple(self._without_time)})]
+
+
+MOST_WITHOUT_TIME = 0.01
+"""Share of the rows that may stand without a time at the ends of a file."""
 
 
 _NAME = re.compile(

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from dynident.recordings.units import FACTORS, MOMENTS
+
 Signal = Literal["t", "q", "dq", "ddq", "tau", "current", "effort", "temperature", "segment", "other"]
 
 
@@ -53,7 +55,9 @@ _UNITS = {
     "nmm": "N mm", "n": "N", "mn": "mN", "kn": "kN", "a": "A", "ma": "mA", "amp": "A", "ampere": "A", "s": "s",
     "sec": "s", "seconds": "s", "ms": "ms", "us": "us", "µs": "us", "μs": "us", "ns": "ns", "permille": "permille",
     "‰": "permille", "promille": "permille", "%": "percent", "percent": "percent", "degc": "degC", "°c": "degC",
-    "k": "K",
+    "k": "K", "min": "min", "h": "h", "kgfcm": "kgf cm", "kgcm": "kgf cm", "kgfm": "kgf m", "gfcm": "gf cm",
+    "lbfft": "lbf ft", "ftlbf": "lbf ft", "lbfin": "lbf in", "inlbf": "lbf in", "ozfin": "ozf in", "ozin": "ozf in",
+    "kgf": "kgf", "lbf": "lbf",
 }  # fmt: skip
 _SUFFIXES = _split_words(
     "rad deg degrees mrad rev turns mm cm rpm nm mnm knm ncm a ma s sec ms us ns permille promille percent degc"
@@ -81,7 +85,11 @@ _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
 """Abbreviations that only a logger's names together tell (pyFRI): words that have to be there, and what they mean."""
 
 _BRACKET = re.compile(r"\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]\s*$")
-_ENDING = re.compile(r"[_ .\-](mA|mNm|kNm|Nm|mrad|rpm|permille|promille|ms|us|ns|mm|cm)$", re.IGNORECASE)
+_ENDING = re.compile(
+    r"[_ .\-](mA|mNm|kNm|Nm|kgf?[.·*_]?cm|kgf[.·*_]?m|ozf?[.·*_]?in|lbf[.·*_]?(?:in|ft)|mrad|rpm|permille|promille|ms|"
+    r"us|ns|mm|cm)$",
+    re.IGNORECASE,
+)
 _PART = re.compile(r"[A-Z]+(?![a-zµ])|[A-Z]?[a-zäöüßµμ]+|\d+|[°‰%]")
 
 
@@ -181,7 +189,7 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
     text = name if bracket is None or (stated is None and inner.isdigit()) else name[: bracket.start()]
     ending = _ENDING.search(text)
     if stated is None and ending is not None:
-        stated, text = _UNITS[ending.group(1).casefold()], text[: ending.start()]
+        stated, text = _UNITS[_normalise_unit(ending.group(1))], text[: ending.start()]
     # Capitals separate words, as in jointPosition, so they are lowered only after the split.
     words = tuple(word.casefold() for word in _PART.findall(text))
     places = [(len(spelling), place) for spelling in spellings if (place := find_phrase(words, spelling)) is not None]
@@ -248,11 +256,11 @@ def get_signal_of_unit(unit: str | None) -> Signal | None:
         return "dq"
     if unit in ("rad/s^2", "deg/s^2"):
         return "ddq"
-    if unit in ("N m", "mN m", "kN m", "N cm", "N mm"):
+    if unit in MOMENTS:
         return "tau"
     if unit in ("A", "mA"):
         return "current"
-    if unit in ("s", "ms", "us", "ns"):
+    if unit in FACTORS["t", None]:
         return "t"
     return None
 

@@ -23,6 +23,7 @@ from dynident.identification.column_inference.column_groups import (
 )
 from dynident.identification.column_inference.column_statistics import (
     SLOPE,
+    Clock,
     Sample,
     correlate_slopes,
     fill_gaps,
@@ -51,12 +52,18 @@ from dynident.identification.recording_faults.description_units import find_desc
 from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.conditioning.signed_registers import decode_registers
 from dynident.recordings.recording_metadata import EffortKind
-from dynident.recordings.units import find_conversion
+from dynident.recordings.units import MOMENTS, find_conversion
 from dynident.robot import Robot
 
 _FEWEST_ROWS = 3
 """Rows with a time, below which that column is not the time."""
 
+_NOTHING = 1e-30
+"""Efforts that are smaller in any unit are no efforts."""
+_SHORTEST = 1.0
+"""s: below it nothing is told by the dynamics."""
+_ALL_ROWS = 1 << 14
+"""Rows from which on a sample may be the beginning of a longer file."""
 _CLEARLY = 1.25
 """Ratio of the unexplained shares above which another order of the columns is refuted."""
 
@@ -96,6 +103,16 @@ class _ColumnInference(WorkingProposal):
         for remark in self.sample.remarks:
             self.add_guess("rows", "joined", 0.95, remark)
         self._report_empty_columns()
+        if not len(sample.values):
+            self.add_question("columns", "The file names its columns but has no row below: nothing was recorded.")
+            return self._finish(kind)
+        if not np.isfinite(sample.values).any():
+            detail = (
+                "No cell of the file is a number. Write a table: a line of names, then a row for each moment, with the "
+                "same separator between all numbers."
+            )
+            self.add_question("columns", detail)
+            return self._finish(kind)
         # Everything else needs the time: slopes, filters and fits.
         clock = guess_clock_of_poses(self) if self.of_poses else guess_clock(self)
         if clock is None:
@@ -103,6 +120,7 @@ class _ColumnInference(WorkingProposal):
         self.t = sample.values[:, clock.column] * clock.factor
         segment = self._find_segment_column()
         good = np.isfinite(self.t)
+        self._ask_about_length(clock)
         if np.count_nonzero(good) < _FEWEST_ROWS:
             self.add_question("columns/t", "Hardly any row has a time: which column is the time?", sample.names)
             return self._finish(kind)
@@ -155,9 +173,22 @@ class _ColumnInference(WorkingProposal):
                 if not question.check and question.field not in ("effort_kind", "units/tau")
             ]
             self.guesses = [guess for guess in self.guesses if guess.field != "check"]
+        if any(question.check == "length" for question in self.questions):
+            self.questions = [question for question in self.questions if question.field != "effort_kind"]
         if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
+
+    def _ask_about_length(self, clock: Clock) -> None:
+        """Ask whether a recording of less than a second is meant: nothing is told by so little motion."""
+        seconds = len(self.t) / clock.rate
+        if self.of_poses or seconds >= _SHORTEST or len(self.t) >= _ALL_ROWS:
+            return
+        detail = (
+            f"The recording has {seconds:.2g} s, too little to tell one parameter from another, or a measured torque "
+            "from a commanded one: record 10 s or more."
+        )
+        self.questions.append(Question("rows", detail, check="length"))
 
     def _report_empty_columns(self) -> None:
         """Report which columns hold no numbers at all."""
@@ -310,15 +341,20 @@ class _ColumnInference(WorkingProposal):
         candidates = [
             group for group in groups if group.signal in ("tau", "current", "effort") and group is not position
         ]
-        silent = [group for group in candidates if not np.nan_to_num(self.values[:, list(group.columns)]).any()]
-        candidates = [group for group in candidates if self.alive[list(group.columns)].any()]
+        sizes = [np.abs(np.nan_to_num(self.values[:, list(group.columns)])).max() for group in candidates]
+        silent = [group for group, size in zip(candidates, sizes, strict=True) if size < _NOTHING]
+        smallest = min((size for size in sizes if size > 0.0), default=0.0)
+        candidates = [group for group in candidates if self.alive[list(group.columns)].any() and group not in silent]
         # Torque is preferred to current, as it needs no drive gains.
         candidates.sort(key=lambda group: (group.rank, group.signal != "tau"))
         if not candidates and silent:
             self.assign_columns(silent[0].signal or "tau", silent[0])
+            # Numbers far below any torque are memory into which nothing was written.
+            size = f"below {_NOTHING:g}" if 0.0 < smallest < _NOTHING else "0"
             detail = (
-                f"{self.name_columns(silent[0])} are 0 in every row: was the torque not recorded, or did the robot "
-                "swing with its motors off? Then only ratios can be identified, inertia and friction over gravity."
+                f"{self.name_columns(silent[0])} are {size} in every row: was the torque not recorded, or did the "
+                "robot swing with its motors off? Then only ratios can be identified, inertia and friction over "
+                "gravity."
             )
             self.questions.append(Question("effort_kind", detail, ("joint_torque",), "constant_torque"))
             return None, "joint_torque"
@@ -441,7 +477,7 @@ class _ColumnInference(WorkingProposal):
             tau,
             signal,
             effort.unit,
-            of_units.get_factor("tau", "revolute", torque.unit) if " m" in torque.unit else 1.0,
+            of_units.get_factor("tau", "revolute", torque.unit) if torque.unit in MOMENTS else 1.0,
             {"A": 1.0, "mA": 1e-3}[current.unit] if current.confidence >= of_units.SURE else None,
         )
         if kind == "unknown":

@@ -212,8 +212,9 @@ def guess_position_unit(
         Of the sample.
     """
     turning = [index for index, joint in enumerate(robot.joints) if joint.kind == "revolute"]
-    if not turning:
-        return None
+    wrapped = _find_wrapped_unit(q[:, turning]) if turning and stated is None else None
+    if not turning or wrapped is not None:
+        return wrapped
     low, high = np.nanmin(q[:, turning], axis=0), np.nanmax(q[:, turning], axis=0)
     reach = float((high - low).max())
     # First what the joints' limits allow; then, where several units are left, what the dynamics explain best.
@@ -261,6 +262,22 @@ def guess_position_unit(
         )
         return UnitGuess(usual[0], 0.9, f"{ranges}; the other usual unit is not plausible")
     return UnitGuess(usual[0] if usual else "rad", 0.4, "several units are possible")
+
+
+def _find_wrapped_unit(q: FloatArray) -> UnitGuess | None:
+    """Return the unit in which angles (m, n) jump by a turn, and stay within one; None where none does."""
+    steps = np.abs(np.diff(q, axis=0))
+    for unit, turn in (("deg", 360.0), ("rad", 2.0 * np.pi)):
+        jumps = steps > _JUMP * turn
+        # A motion has no steps between its own, which are small, and those of whole turns.
+        small = np.nanmax(np.where(jumps, 0.0, steps)) < _STEP * turn
+        if jumps.any() and small and np.nanmax(np.ptp(q, axis=0)) <= 1.001 * turn:
+            return UnitGuess(unit, 0.95, f"they jump by a turn in {unit}, where angles wrap")
+    return None
+
+
+_JUMP, _STEP = 0.9, 0.1
+"""Shares of a turn: of the steps by which angles wrap at least, and of those of a motion at most."""
 
 
 def _is_possible_unit(robot: Robot, turning: Sequence[int], low: FloatArray, high: FloatArray, unit: str) -> bool:

@@ -20,12 +20,18 @@ from dynident.recordings.cells_without_numbers import (
     expand_names,
     find_stored_name,
     list_columns,
+    list_texts,
     name_list_places,
 )
 from dynident.recordings.csv_dialects import Dialect, detect_dialect, dialect_bytes, empty_repeated_names
 from dynident.recordings.file_size_limits import TITLE, check_columns, check_unpacked, choose_block_rows
 from dynident.recordings.file_source import FileSource
-from dynident.recordings.formats.text_streams import RewrittenText, TextContent, join_thousands
+from dynident.recordings.formats.text_streams import (
+    CHANGES_OF_CELLS,
+    RewrittenText,
+    TextContent,
+    join_thousands,
+)
 from dynident.recordings.recording_metadata import RecordingError
 
 CSV_BLOCK_BYTES = 1 << 19
@@ -46,10 +52,13 @@ class ParquetFileSource(FileSource):
         try:
             with open_parquet_stream(path) as file:
                 _check_parquet(file.metadata, path.stat().st_size)
-                schema = file.schema_arrow
                 self.has_gaps = _has_nulls(file.metadata)
-            self._lists = name_list_places(path, list_columns(path, schema))
-            super().__init__(expand_names(schema, self._lists))
+                self._roots = {name: field.name for field in file.schema_arrow for name in _list_leaves(field)}
+                first = next(file.iter_batches(_LOOKED_AT, use_threads=False), None)
+            first = _flatten_structs(pa.RecordBatch.from_pylist([], file.schema_arrow) if first is None else first)
+            self._lists = name_list_places(path, list_columns(first))
+            super().__init__(expand_names(first.schema, self._lists))
+            self.texts = list_texts(expand_lists(first, self.names, self._lists))
         except _BROKEN_PARQUET as error:
             raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
 
@@ -58,10 +67,36 @@ class ParquetFileSource(FileSource):
             with open_parquet_stream(self._path) as file:
                 stored = list(dict.fromkeys(find_stored_name(name, self._lists) for name in columns))
                 rows = choose_block_rows(len(self.names))
-                for batch in file.iter_batches(rows, columns=stored, use_threads=False):
-                    yield expand_lists(batch, columns, self._lists) if self._lists else batch
+                roots = list(dict.fromkeys(self._roots[name] for name in stored))
+                for batch in file.iter_batches(rows, columns=roots, use_threads=False):
+                    flat = _flatten_structs(batch)
+                    yield expand_lists(flat, columns, self._lists) if self._lists else flat.select(columns)
         except _BROKEN_PARQUET as error:
             raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
+
+
+def _list_leaves(field: pa.Field, prefix: str = "") -> list[str]:
+    """Return the names of a column's parts, those in structures with the structure's name before them."""
+    name = prefix + field.name
+    if not pa.types.is_struct(field.type):
+        return [name]
+    return [leaf for part in field.type.fields for leaf in _list_leaves(part, f"{name}.")]
+
+
+def _flatten_structs(batch: pa.RecordBatch) -> pa.RecordBatch:
+    """Return the batch with the parts of structures as columns: joint_state.position."""
+    while any(pa.types.is_struct(field.type) for field in batch.schema):
+        names, arrays = [], []
+        for field, column in zip(batch.schema, batch.columns, strict=True):
+            is_struct = pa.types.is_struct(field.type)
+            names += [f"{field.name}.{part.name}" for part in field.type.fields] if is_struct else [field.name]
+            arrays += column.flatten() if is_struct else [column]
+        batch = pa.RecordBatch.from_arrays(arrays, names=names)
+    return batch
+
+
+_LOOKED_AT = 200
+"""Rows by which lists and words are told."""
 
 
 def _has_nulls(metadata: pq.FileMetaData) -> bool:
@@ -147,6 +182,10 @@ class CsvFileSource(FileSource):
             # Lines that are empty Arrow passes by: the rows above them stay the same.
             self._changes.add("names")
             return partial(empty_repeated_names, dialect=self._dialect)
+        for applies, change in CHANGES_OF_CELLS:
+            if change.__name__ not in self._changes and applies(f'"{cell}"'):
+                self._changes.add(change.__name__)
+                return change
         point = self._dialect.decimal_point
         if "thousands" not in self._changes and join_thousands(f'"{cell}"', point) != f'"{cell}"':
             self._changes.add("thousands")

@@ -32,6 +32,10 @@ _STARTS: tuple[tuple[bytes, Format], ...] = (
     (b"\x89MCAP", "mcap"),
 )
 
+_INFLUX = (
+    'InfluxDB\'s annotated CSV, with one value in each row: give each moment one row, by pivot(rowKey: ["_time"], '
+    'columnKey: ["_field"], valueColumn: "_value") in the query.'
+)
 _NOT_READ = (
     (b"\xd0\xcf\x11\xe0", "an Excel workbook (.xls): save the sheet as CSV."),
     (b"\x80\x04", "a pickle of Python, which may run programs and is never opened: save the table as CSV or Parquet."),
@@ -40,6 +44,8 @@ _NOT_READ = (
         b"version https://git-lfs",
         "a pointer of Git LFS, and not the file that it stands for: fetch that with `git lfs pull`.",
     ),
+    (b"#group,", _INFLUX),
+    (b"#datatype,", _INFLUX),
     (b"<!DOCTYPE html", "a page of the web, and not the file that it shows: download that itself (raw)."),
     (b"<html", "a page of the web, and not the file that it shows: download that itself (raw)."),
     (b"ULog", "a log of PX4 (.ulg): convert it with ulog2csv."),
