@@ -181,12 +181,78 @@ def forces_of_a_simulator(folder: Path, run: Recorded) -> Path:
     return folder / "run.npz"
 
 
+def console(folder: Path, run: Recorded) -> Path:
+    """What a program printed: numbers with words before them, below lines of words alone."""
+    lines = ["[INFO] controller started", "[INFO] homing done"]
+    for t, q, tau in zip(run.t, run.q, run.tau, strict=True):
+        lines.append(f"[{t:.6f}] q: {' '.join(map(number, q))} | tau: {' '.join(map(number, tau))}")
+    return written(folder / "console.txt", "\n".join([*lines, ""]))
+
+
+def structures(folder: Path, run: Recorded) -> Path:
+    """Parquet with messages as structures of lists, the joints in the order of their names."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    run = run.sorted()
+    messages = [
+        {"name": list(run.joints), "position": q.tolist(), "effort": tau.tolist()}
+        for q, tau in zip(run.q, run.tau, strict=True)
+    ]
+    stamps = pa.array((1_700_000_000_000_000 + np.round(1e6 * run.t)).astype("datetime64[us]"))
+    pq.write_table(pa.table({"stamp": stamps, "joint_state": pa.array(messages)}), folder / "run.parquet")
+    return folder / "run.parquet"
+
+
+def other_units(folder: Path, run: Recorded) -> Path:
+    """Minutes, and torques in kilogram-force centimetres."""
+    header = ["Time [min]", *counted("q{}", run.n, 1)]
+    header += [f"torque{k}_{'kgf' if slides else 'kgf.cm'}" for k, slides in enumerate(run.slides, 1)]
+    effort = run.tau / np.where(run.slides, 9.80665, 0.0980665)
+    return written(folder / "units.csv", table(header, cells(np.column_stack([run.t / 60.0, run.q, effort]))))
+
+
+def units_in_cells(folder: Path, run: Recorded) -> Path:
+    header = ["time", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    units = ["s", *("mm" if slides else "deg" for slides in run.slides), *("N" if s else "Nm" for s in run.slides)]
+    columns = cells(np.column_stack([run.t, in_units(run), run.tau]))
+    marked = [[f"{cell} {unit}" for cell in column] for column, unit in zip(columns, units, strict=True)]
+    return written(folder / "cells.csv", table(header, marked))
+
+
+def means_below(folder: Path, run: Recorded) -> Path:
+    values = np.column_stack([run.q, run.tau])
+    means = [f"{name},{','.join(map(number, of(values, axis=0)))}" for name, of in (("mean", np.mean), ("std", np.std))]
+    return written(folder / "means.csv", "\n".join([plain_table(run).rstrip("\n"), *means, ""]))
+
+
+def signs_of_print(folder: Path, run: Recorded) -> Path:
+    """Swiss thousands, and the minus of a word processor."""
+    header = ["t [us]", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    t = [f"{1e6 * t:,.0f}".replace(",", "'") for t in run.t]
+    text = table(header, [t, *([cell.replace("-", "\u2212") for cell in column] for column in both(run))], ";")
+    return written(folder / "print.csv", text.replace("e\u2212", "e-"))
+
+
+def utf16_without_a_mark(folder: Path, run: Recorded) -> Path:
+    path = folder / "run.csv"
+    path.write_bytes(plain_table(run).encode("utf-16-le"))
+    return path
+
+
+def names_with_commas(folder: Path, run: Recorded) -> Path:
+    """Commas between the names, and semicolons between the numbers."""
+    first, *rows = plain_table(run).splitlines()
+    return written(folder / "mixed.csv", "\n".join([first, *(row.replace(",", ";") for row in rows), ""]))
+
+
 CONTROLLER_LOGS: dict[str, Layout] = {
     layout.__name__: layout
     for layout in (
         scope, scope_of_two_rates, filetime, labview, thousands, quoted, separator_at_the_end, cut_off,
         runs_end_to_end, fortran, same_names, other_senders, empty_places, numbers_of_servos, names_with_a_prefix,
-        raw_beside_filtered, objects_beside_arrays, forces_of_a_simulator,
+        raw_beside_filtered, objects_beside_arrays, forces_of_a_simulator, console, structures, other_units,
+        units_in_cells, means_below, signs_of_print, utf16_without_a_mark, names_with_commas,
     )
 }  # fmt: skip
 INTERPOLATED = frozenset({"scope_of_two_rates"})

@@ -12,6 +12,7 @@ from dynident.identification.column_inference.column_names import ColumnName, re
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.metadata_proposal import Guess, Question
 from dynident.recordings.columns_to_signals import NOT_RECORDED
+from dynident.recordings.units import FACTORS
 from dynident.robot import Robot
 
 
@@ -129,10 +130,14 @@ class WorkingProposal:
                 f"{guess.reason}: if it is really a torque, and not a current, a register or the error of a controller"
             )
             guess = of_units.UnitGuess("N m", 0.5, reason, ("N m", guess.unit))
+        n_columns = len(self.column_names)
         for index, joint in enumerate(self.robot.joints):
             mixed = len({other.kind for other in self.robot.joints}) > 1
             if mixed or index == 0:
-                unit = guess.unit.replace(" m", "") if joint.kind == "prismatic" else guess.unit
+                # A force of the same size: N for N m, unless the column itself states a unit.
+                unit = guess.unit.partition(" ")[0] if joint.kind == "prismatic" else guess.unit
+                own = self.column_names[effort.columns[index]].unit if effort.columns[index] < n_columns else None
+                unit = own if mixed and own in FACTORS["tau", joint.kind] else unit
                 key = f"tau{index + 1}" if mixed else "tau"
                 self.take_unit(
                     key, of_units.UnitGuess(unit, guess.confidence, guess.reason, guess.choices), joint.effort_unit
