@@ -24,6 +24,8 @@ from dynident.recordings.formats.text_streams import (
 from dynident.recordings.recording_metadata import RecordingError
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
+_ENGLISH = re.compile(r"^[+-]?\d{1,3}(?:,\d{3})+\.\d*$")
+"""A number with commas between thousands, and a decimal point."""
 _UNIT = re.compile(r"^[\[(]?[A-Za-zµμ°%‰·*./^²0-9 -]{0,12}[\])]?$")
 _TUPLE = re.compile(r"^\(.*\)$")
 _LOOKED_AT = 1 << 16
@@ -249,7 +251,8 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     rows += bool(units)
     fields = [cell for line in lines[rows : rows + 20] if line.strip() for cell in _split_fields(line, delimiter)]
     # A comma inside a cell can only be a decimal one if something else separates the cells.
-    comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for cell in fields)
+    grouped = any(map(_ENGLISH.match, fields))
+    comma = delimiter != "," and not grouped and any("," in cell and _NUMBER.match(cell) for cell in fields)
     return delimiter, comma, _Header(names, rows, units)
 
 
@@ -306,7 +309,10 @@ def empty_repeated_names(text: str, dialect: Dialect) -> str:
         if line[:1] in "0123456789-+.":
             continue
         fields = [_format_name(field) for field in _split_fields(line.strip(), dialect.delimiter)]
-        if len(fields) == len(dialect.names) and 2 * sum(map(str.__eq__, fields, dialect.names)) >= len(fields):
+        if len(fields) != len(dialect.names):
+            continue
+        # Units stand below the names there, too: such a line has no number either.
+        if 2 * sum(map(str.__eq__, fields, dialect.names)) >= len(fields) or not any(map(_is_number, fields)):
             lines[number] = "\n"
     return "".join(lines)
 

@@ -205,9 +205,6 @@ def _get_signal(column: ColumnName, *, slides: bool) -> Signal | None:
 EXPLAINED = 0.3
 """Largest unexplained share of the torque for positions that nothing else identifies: wrong ones leave far more."""
 
-_SAME = 0.01
-"""Share of its spread by which two topics of one position differ: the slower is interpolated between its samples."""
-
 _OURS: tuple[Signal, ...] = ("q", "dq", "ddq", "tau", "current", "temperature")
 """Kinds of signals that are read by their own names."""
 
@@ -343,36 +340,6 @@ def find_incomplete_groups(
         for stem, members in by_stem.items()
         if (n / 2 if stem in numbered else 1) < len(members) < n
     ]
-
-
-def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
-    """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation.
-
-    Parameters
-    ----------
-    values : (m, c)
-        Values of all columns.
-    groups : sequence of ColumnGroup
-        The groups to compare, at least one.
-    """
-    first, *others = (values[:, list(group.columns)] for group in groups)
-    # A joint that stands has no spread of its own to compare with.
-    spread = np.maximum(first.std(axis=0), 0.1 * first.std(axis=0).max())
-    return all(bool((np.abs(other - first).mean(axis=0) <= _SAME * spread).all()) for other in others)
-
-
-def find_plainest_group(groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
-    """Return the group whose name has no word that the others lack, where these all have more: torque, torque_raw.
-
-    Parameters
-    ----------
-    groups : sequence of ColumnGroup
-        Groups of one signal and rank, at least one.
-    """
-    words = [{word for word in group.named.words if not word.isdigit()} for group in groups]
-    shortest = min(range(len(groups)), key=lambda place: len(words[place]))
-    others = (other for place, other in enumerate(words) if place != shortest)
-    return groups[shortest] if all(words[shortest] < other for other in others) else None
 
 
 def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:

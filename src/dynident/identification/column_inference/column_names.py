@@ -90,6 +90,10 @@ _ENDING = re.compile(
     r"us|ns|mm|cm)$",
     re.IGNORECASE,
 )
+_STRANGE_UNIT = re.compile(
+    r"^(?:[mkµu]?V|mW|W|kW|bar|psi|kPa|counts?|ticks?|LSB|raw|bits?|digits?|inc)$", re.IGNORECASE
+)
+"""Units of what a sensor gives, which only its own constant turns into a torque."""
 _PART = re.compile(r"[A-Z]+(?![a-zµ])|[A-Z]?[a-zäöüßµμ]+|\d+|[°‰%]")
 
 
@@ -121,6 +125,8 @@ class ColumnName:
         Whether it is one of a motor.
     link : bool
         Whether it is one of a link, beside the joint's own.
+    strange_unit : str
+        What stands in brackets behind the name and is no unit of such a signal; "" where nothing does.
     """
 
     name: str
@@ -134,6 +140,7 @@ class ColumnName:
     compensated: bool
     motor: bool
     link: bool
+    strange_unit: str = ""
 
     @property
     def rank(self) -> int:
@@ -212,6 +219,7 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
         compensated=any(word in _COMPENSATED for word in plain),
         motor=any(word in _MOTOR for word in plain),
         link=any(word in _LINK for word in plain) and not any(word == "joint" for word in everything),
+        strange_unit=inner if stated is None and _STRANGE_UNIT.match(inner) else "",
     )
 
 

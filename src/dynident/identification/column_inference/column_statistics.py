@@ -76,6 +76,10 @@ _SLOWEST, _FASTEST = 8.0, 8000.0
 """Hz: a robot's recording has a rate between them, so that one unit alone, in steps of a thousand, fits."""
 
 
+_MOMENT, _VERY_SLOW = 1.0, 1.0
+"""s of a recording below which a slower clock is meant, and its rate in Hz at least."""
+
+
 def find_changing_columns(values: FloatArray) -> BoolArray:
     """Return which columns (columns,) hold numbers, and more than one."""
     if not len(values):
@@ -139,6 +143,10 @@ def read_clock(values: FloatArray, column: int, unit: str | None) -> Clock | Non
     if len(fits) != 1:
         return None
     (only_unit,) = fits
+    # A log slower than a robot's is still more likely than a thousandth of its length, which would be a moment.
+    slower = {"ms": "s", "us": "ms", "ns": "us"}.get(only_unit)
+    if slower is not None and len(steps) * mean * CLOCK_FACTORS[only_unit] < _MOMENT:
+        only_unit = slower if 1.0 / (mean * CLOCK_FACTORS[slower]) > _VERY_SLOW else only_unit
     factor = TICK if only_unit == "100ns" else CLOCK_FACTORS[only_unit]
     rate = 1.0 / (mean * factor)
     return Clock(column, only_unit, factor, rate, jitter, True, f"its steps give {rate:.4g} Hz in {only_unit}")

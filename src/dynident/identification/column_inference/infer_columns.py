@@ -14,16 +14,13 @@ from dynident.identification.column_inference.column_groups import (
     ask_for_missing_joints,
     describe_further_joints,
     find_columns_of_other_joints,
-    find_plainest_group,
     find_torque_of_most_joints,
     group_columns,
     group_few_joints,
-    hold_same_values,
     infer_by_elimination,
 )
 from dynident.identification.column_inference.column_statistics import (
     SLOPE,
-    Clock,
     Sample,
     correlate_slopes,
     fill_gaps,
@@ -34,15 +31,22 @@ from dynident.identification.column_inference.metadata_proposal import Proposal,
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
     TOGETHER,
+    ask_about_file,
+    ask_about_length,
     columns_are_poses,
+    drop_dependent_questions,
+    find_segment_column,
     guess_clock,
     guess_clock_of_poses,
     guess_efforts_at_poses,
+    report_empty_columns,
 )
 from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT, ask_for_gains, classify_effort
 from dynident.identification.column_inference.unnamed_columns import (
     UnnamedColumns,
     assign_torques,
+    find_plainest_group,
+    hold_same_values,
     identify_unnamed_columns,
     is_in_order,
     select_whole_signals,
@@ -60,10 +64,6 @@ _FEWEST_ROWS = 3
 
 _NOTHING = 1e-30
 """Efforts that are smaller in any unit are no efforts."""
-_SHORTEST = 1.0
-"""s: below it nothing is told by the dynamics."""
-_ALL_ROWS = 1 << 14
-"""Rows from which on a sample may be the beginning of a longer file."""
 _CLEARLY = 1.25
 """Ratio of the unexplained shares above which another order of the columns is refuted."""
 
@@ -102,25 +102,17 @@ class _ColumnInference(WorkingProposal):
         kind: EffortKind = "unknown"
         for remark in self.sample.remarks:
             self.add_guess("rows", "joined", 0.95, remark)
-        self._report_empty_columns()
-        if not len(sample.values):
-            self.add_question("columns", "The file names its columns but has no row below: nothing was recorded.")
-            return self._finish(kind)
-        if not np.isfinite(sample.values).any():
-            detail = (
-                "No cell of the file is a number. Write a table: a line of names, then a row for each moment, with the "
-                "same separator between all numbers."
-            )
-            self.add_question("columns", detail)
+        report_empty_columns(self)
+        if ask_about_file(self):
             return self._finish(kind)
         # Everything else needs the time: slopes, filters and fits.
         clock = guess_clock_of_poses(self) if self.of_poses else guess_clock(self)
         if clock is None:
             return self._finish(kind)
         self.t = sample.values[:, clock.column] * clock.factor
-        segment = self._find_segment_column()
+        segment = find_segment_column(self)
         good = np.isfinite(self.t)
-        self._ask_about_length(clock)
+        ask_about_length(self, clock)
         if np.count_nonzero(good) < _FEWEST_ROWS:
             self.add_question("columns/t", "Hardly any row has a time: which column is the time?", sample.names)
             return self._finish(kind)
@@ -165,37 +157,10 @@ class _ColumnInference(WorkingProposal):
         return self._finish(kind)
 
     def _finish(self, kind: EffortKind) -> Proposal:
-        if any(question.field == "units/t" for question in self.questions):
-            # While the clock is in doubt, what speeds and torques say is in doubt with it: the time is asked first.
-            self.questions = [
-                question
-                for question in self.questions
-                if not question.check and question.field not in ("effort_kind", "units/tau")
-            ]
-            self.guesses = [guess for guess in self.guesses if guess.field != "check"]
-        if any(question.check == "length" for question in self.questions):
-            self.questions = [question for question in self.questions if question.field != "effort_kind"]
+        drop_dependent_questions(self)
         if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
-
-    def _ask_about_length(self, clock: Clock) -> None:
-        """Ask whether a recording of less than a second is meant: nothing is told by so little motion."""
-        seconds = len(self.t) / clock.rate
-        if self.of_poses or seconds >= _SHORTEST or len(self.t) >= _ALL_ROWS:
-            return
-        detail = (
-            f"The recording has {seconds:.2g} s, too little to tell one parameter from another, or a measured torque "
-            "from a commanded one: record 10 s or more."
-        )
-        self.questions.append(Question("rows", detail, check="length"))
-
-    def _report_empty_columns(self) -> None:
-        """Report which columns hold no numbers at all."""
-        empty = np.flatnonzero(~np.isfinite(self.sample.values).any(axis=0)) if len(self.sample.values) else ()
-        if len(empty):
-            names = ", ".join(self.sample.names[column] for column in empty)
-            self.add_guess("columns", names, 0.9, "not used: they contain no numbers")
 
     def _read_signs(self, group: ColumnGroup, kind: str) -> None:
         """Read unsigned register values as signed ones, as an import does."""
@@ -213,8 +178,9 @@ class _ColumnInference(WorkingProposal):
     def _mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
         """Treat torques that hold no number as not recorded, as an import does."""
         raw = np.array(self.sample.values)
+        empty = ~np.isfinite(raw).any(axis=0)
         for joint, column in enumerate(effort.columns):
-            if np.isfinite(raw[:, column]).any():
+            if not empty[column]:
                 continue
             raw[:, column] = self.values[:, column] = 0.0
             name = self.robot.joint_names[joint]
@@ -222,18 +188,6 @@ class _ColumnInference(WorkingProposal):
             self.add_guess(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason)
             self.silent.append(joint)
         self.sample = replace(self.sample, values=raw)
-
-    def _find_segment_column(self) -> FloatArray | None:
-        for index, name in enumerate(self.column_names):
-            # A label of runs is a whole number that stays for many rows.
-            values = self.sample.values[:, index]
-            if name.signal != "segment" or not np.isfinite(values).all() or (values != np.rint(values)).any():
-                continue
-            if len(np.unique(values)) < max(2, len(values) // 20):
-                self.columns["segment"] = name.name
-                self.add_guess("columns/segment", name.name, 0.9, "whole numbers that stay constant for long: segments")
-                return np.asarray(values)
-        return None
 
     def _group_unnamed(self, groups: list[ColumnGroup], rest: list[int], n: int) -> list[ColumnGroup]:
         """Return groups of the columns whose names say no signal."""
@@ -496,6 +450,14 @@ class _ColumnInference(WorkingProposal):
                 "units/current", unit, 0.9, f"its name says {effort.unit}; drive gains are then N m per {effort.unit}"
             )
             kind = "motor_torque" if kind == "unknown" else kind
+        elif effort.named.strange_unit:
+            unit = effort.named.strange_unit
+            detail = (
+                f"{self.name_columns(effort)} are in {unit}, which is no unit of torque: take them as currents "
+                f"(current1=…), and give drive gains in N m per {unit}."
+            )
+            self.assign_columns("tau", effort)
+            self.add_question("effort_kind", detail, ("motor_current",))
         elif signal == "effort":
             if kind == "unknown":
                 detail = f"What are {self.name_columns(effort)}: torques of the joints, or currents of the motors?"

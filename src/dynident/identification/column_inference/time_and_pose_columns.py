@@ -201,3 +201,79 @@ def guess_efforts_at_poses(
         reason = "share of the torque at rest that gravity and constant torques do not explain"
         work.add_guess("check", f"{unexplained:.0%} left", 0.9 if unexplained < _EXPLAINED else 0.4, reason)
     return kind
+
+
+_LARGEST_ROBOT = 50.0
+"""m."""
+_SHORTEST = 1.0
+"""s: below it nothing is told by the dynamics."""
+_ALL_ROWS = 1 << 14
+"""Rows from which on a sample may be the beginning of a longer file."""
+
+
+def ask_about_file(work: WorkingProposal) -> bool:
+    """Ask about a file without numbers, or a robot of another size; return whether there is such a question."""
+    values = work.sample.values
+    reach = of_units.compute_reach(work.robot)
+    if not len(values):
+        work.add_question("columns", "The file names its columns but has no row below: nothing was recorded.")
+    elif not np.isfinite(values).any():
+        detail = (
+            "No cell of the file is a number. Write a table: a line of names, then a row for each moment, with the "
+            "same separator between all numbers."
+        )
+        work.add_question("columns", detail)
+    elif reach > _LARGEST_ROBOT:
+        detail = (
+            f"By its description the robot would reach {reach:.0f} m: lengths are in m, and these are probably mm. "
+            "Divide the lengths in the description by 1000."
+        )
+        work.add_question("robot", detail)
+    return bool(work.questions)
+
+
+def ask_about_length(work: WorkingProposal, clock: Clock) -> None:
+    """Ask whether a recording of less than a second is meant: nothing is told by so little motion."""
+    rows = len(work.sample.values)
+    if columns_are_poses(work) or rows / clock.rate >= _SHORTEST or rows >= _ALL_ROWS:
+        return
+    detail = (
+        f"The recording has {rows / clock.rate:.2g} s, too little to tell one parameter from another, or a measured "
+        "torque from a commanded one: record 10 s or more."
+    )
+    work.questions.append(Question("rows", detail, check="length"))
+
+
+def drop_dependent_questions(work: WorkingProposal) -> None:
+    """Drop what follows from a clock that is in doubt, or from too few rows: these are asked first."""
+    if any(question.field == "units/t" for question in work.questions):
+        work.questions = [
+            question
+            for question in work.questions
+            if not question.check and question.field not in ("effort_kind", "units/tau")
+        ]
+        work.guesses = [guess for guess in work.guesses if guess.field != "check"]
+    if any(question.check == "length" for question in work.questions):
+        work.questions = [question for question in work.questions if question.field != "effort_kind"]
+
+
+def find_segment_column(work: WorkingProposal) -> FloatArray | None:
+    """Return the column (m,) that numbers the runs, and assign it; None where there is none."""
+    for index, name in enumerate(work.column_names):
+        # A label of runs is a whole number that stays for many rows.
+        values = work.sample.values[:, index]
+        if name.signal != "segment" or not np.isfinite(values).all() or (values != np.rint(values)).any():
+            continue
+        if len(np.unique(values)) < max(2, len(values) // 20):
+            work.columns["segment"] = name.name
+            work.add_guess("columns/segment", name.name, 0.9, "whole numbers that stay constant for long: segments")
+            return np.asarray(values)
+    return None
+
+
+def report_empty_columns(work: WorkingProposal) -> None:
+    """Report which columns hold no numbers at all."""
+    empty = np.flatnonzero(~np.isfinite(work.sample.values).any(axis=0)) if len(work.sample.values) else ()
+    if len(empty):
+        names = ", ".join(work.sample.names[column] for column in empty)
+        work.add_guess("columns", names, 0.9, "not used: they contain no numbers")

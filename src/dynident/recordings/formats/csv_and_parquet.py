@@ -41,6 +41,7 @@ _VALUE_BYTES = 8
 _BROKEN_PARQUET = (pa.ArrowException, OSError, ValueError, KeyError, UnicodeError)
 """What pyarrow raises of files that are damaged."""
 
+_GROUPED = re.compile(r"^[+-]?\d{1,3}(?:[.,]\d{3})+(?:[.,]\d*)?$")
 _NULLS = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "null", "NULL", "None", "inf", "-inf", "Inf", "-Inf"]
 
 
@@ -134,6 +135,13 @@ class CsvFileSource(FileSource):
         self._worded: set[str] = set()
         self._changes: set[str] = set()
         self._odd_rows = _OddRows(len(self._dialect.names))
+        for name, cells in self._dialect.texts.items():
+            change = next(filter(None, map(self._find_thousands, cells)), None)
+            if change is not None:
+                self._dialect = replace(self._dialect, rewrite=(*self._dialect.rewrite, change))
+            if "thousands" in self._changes and any(map(_GROUPED.match, cells)):
+                # Numbers, which only looked like words.
+                del self.texts[name]
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -186,11 +194,15 @@ class CsvFileSource(FileSource):
             if change.__name__ not in self._changes and applies(f'"{cell}"'):
                 self._changes.add(change.__name__)
                 return change
-        point = self._dialect.decimal_point
-        if "thousands" not in self._changes and join_thousands(f'"{cell}"', point) != f'"{cell}"':
-            self._changes.add("thousands")
-            return partial(join_thousands, decimal_point=point)
-        return None
+        return self._find_thousands(cell)
+
+    def _find_thousands(self, cell: str) -> Callable[[str], str] | None:
+        """Return the change that a cell with signs between thousands needs, once."""
+        change = partial(join_thousands, decimal_point=self._dialect.decimal_point, delimiter=self._dialect.delimiter)
+        if "thousands" in self._changes or change(f'"{cell}"') == f'"{cell}"':
+            return None
+        self._changes.add("thousands")
+        return change
 
     def _parse_batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         dialect = self._dialect

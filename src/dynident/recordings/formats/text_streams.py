@@ -160,11 +160,10 @@ def _rewrite_cell(cell: re.Match[str], write: Callable[[list[str], str], str]) -
 _SPACED_QUOTE = re.compile(r'(?m)(^|[,;\t|])[ ]+(?=")')
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]\d{1,3}(?!\w))")
 """The exponent of a number as Fortran writes it: 1.5D+02."""
-_GROUPS = {
-    ",": re.compile(r"(?<![\w.,])([+-]?\d{1,3}(?:\.\d{3})+)(?=[,;\t|\s\"]|$)"),
-    ".": re.compile(r"(?<=[\";\t|])([+-]?\d{1,3}(?:,\d{3})+)(?=[.;\t|\"])"),
-}
-"""Numbers with a sign between thousands, by the decimal sign: 1.234,5, and "1,234.5" where commas do not separate."""
+_POINTS = re.compile(r"(?<![\w.,])([+-]?\d{1,3}(?:\.\d{3})+)(?=[,;\t|\s\"]|$)")
+_COMMAS = re.compile(r"(?<![\w.,])([+-]?\d{1,3}(?:,\d{3})+)(?![\d,])")
+_QUOTED_COMMAS = re.compile(r'(?<=")([+-]?\d{1,3}(?:,\d{3})+)(?=[."])')
+"""Signs between thousands: 1.234,5, and 1,234.5, in quotes alone where commas separate the columns."""
 
 
 def has_spaced_quotes(text: str) -> bool:
@@ -210,10 +209,11 @@ CHANGES_OF_CELLS = (
 """What cells may have that numbers are read without: whether a text has it, and the text without it."""
 
 
-def join_thousands(text: str, decimal_point: str) -> str:
+def join_thousands(text: str, decimal_point: str, delimiter: str) -> str:
     """Return the text with numbers whose thousands are not set apart."""
-    sign = "." if decimal_point == "," else ","
-    return _GROUPS[decimal_point].sub(lambda number: number[1].replace(sign, ""), text)
+    if decimal_point == ",":
+        return _POINTS.sub(lambda number: number[1].replace(".", ""), text)
+    return (_QUOTED_COMMAS if delimiter == "," else _COMMAS).sub(lambda number: number[1].replace(",", ""), text)
 
 
 _LABELLED = re.compile(r"(?P<label>[A-Za-z_][\w.]*(?:\[\d+\])?)[ ]*[:=][ ]*[\[(]?[ ]*(?=[+-]?[.\d])")
