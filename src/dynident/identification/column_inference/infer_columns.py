@@ -481,19 +481,8 @@ class _ColumnInference(WorkingProposal):
                 # The size of the torques depends on the gains, so it is asked together with them.
                 self.questions.append(question)
                 in_si = False
-        self._check_against_dynamics(q, tau * self._get_factors(signal or "tau", gains), effort, in_si=in_si)
+        self._check_against_dynamics(q, tau * self.get_factors_to_si(signal or "tau", gains), effort, in_si=in_si)
         return kind
-
-    def _get_factors(self, signal: str, gains: list[float | None]) -> FloatArray:
-        """Return the factors (n,) that make N m or N of the effort's numbers, 1 where they are not known."""
-        factors = np.ones(self.robot.n)
-        for index, joint in enumerate(self.robot.joints):
-            unit = self.units.get(f"{signal}{index + 1}", self.units.get(signal))
-            if signal == "tau" and unit is not None:
-                factors[index] = of_units.get_factor("tau", joint.kind, unit)
-            elif signal == "current":
-                factors[index] = (gains[index] or 1.0) * {"mA": 1e-3}.get(unit or "A", 1.0)
-        return factors
 
     def _check_against_dynamics(self, q: FloatArray, tau: FloatArray, effort: ColumnGroup, *, in_si: bool) -> None:
         """Check the columns against the robot's dynamics; where much is unexplained, that comes first."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
+
 from dynident.array_types import FloatArray
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import ColumnGroup
@@ -162,3 +164,27 @@ class WorkingProposal:
         """Return the names of the first and the last column of a group."""
         first, last = (self.sample.names[group.columns[place]] for place in (0, -1))
         return f"{first} … {last}" if first != last else first
+
+    def get_factors_to_si(self, signal: str, gains: list[float | None]) -> FloatArray:
+        """Return the factors that make N m or N of the effort's numbers.
+
+        Parameters
+        ----------
+        signal : str
+            "tau" or "current".
+        gains : list of float or None
+            Drive gains of the joints; None where one is not known.
+
+        Returns
+        -------
+        (n,)
+            1 where a factor is not known.
+        """
+        factors = np.ones(self.robot.n)
+        for index, joint in enumerate(self.robot.joints):
+            unit = self.units.get(f"{signal}{index + 1}", self.units.get(signal))
+            if signal == "tau" and unit is not None:
+                factors[index] = of_units.get_factor("tau", joint.kind, unit)
+            elif signal == "current":
+                factors[index] = (gains[index] or 1.0) * {"mA": 1e-3}.get(unit or "A", 1.0)
+        return factors
