@@ -306,6 +306,8 @@ def _robot_from_table(name: str, content: str, stated: dict[str, Any]) -> Robot:
         if not error.pointer.startswith(_CONTENT):
             raise
         detail = f"this is neither XML (URDF, MJCF) nor JSON; read as a Denavit-Hartenberg table: {error.detail}"
+        if re.match(r"[^\n]*\b(?:t|time)[,;\t][^\n]*q_?1", content):
+            detail = "this looks like a recording: the robot's description comes first, and the recordings after it"
         raise DynidentError(detail, pointer=error.pointer, title=error.title) from error
 
 

@@ -27,6 +27,7 @@ _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _ENGLISH = re.compile(r"^[+-]?\d{1,3}(?:,\d{3})+\.\d*$")
 """A number with commas between thousands, and a decimal point."""
 _UNIT = re.compile(r"^[\[(]?[A-Za-zµμ°%‰·*./^²0-9 -]{0,12}[\])]?$")
+_NESTED = re.compile(r"[\[(]\s*[\[(][^\]\[()]*[\])]?\s*,\s*[\[(]|[\[(]\s*[\[(][-+.\d][^\]\[()]*,\s*[\[(]")
 _TUPLE = re.compile(r"^\(.*\)$")
 _LOOKED_AT = 1 << 16
 _ROWS = 200
@@ -97,6 +98,12 @@ def detect_dialect(start: bytes) -> Dialect:
     if len(start) == _LOOKED_AT and len(original) > 1:
         original.pop()  # it is cut off
     whole = join_open_lists(original)
+    if any(_NESTED.search(line) for line in whole[1:4]):
+        raise RecordingError(
+            "Cells hold lists within lists: write one column for each number, or arrays of one kind of signal, "
+            '"[0.1, 0.2]".',
+            title="Unreadable file",
+        )
     if has_lists(whole):
         original = whole
         rewrite.append(flatten_lists)

@@ -71,10 +71,12 @@ _MAKER_WORDS = {
     "current_as_torque": "gravity compensated torque", "actuator_force": "actuator effort",
     "qfrc_bias": "computed torque", "qfrc_passive": "computed torque", "qfrc_constraint": "computed torque",
     "qfrc_inverse": "computed torque", "pos_estimate": "position turns", "vel_estimate": "velocity turns s",
+    "qOut_": "commanded position ", "alphaOut_": "commanded velocity ", "tauOut_": "commanded torque ",
 }  # fmt: skip
 """What makers' own words for signals mean: of KUKA's RobotSensorInterface (the axes E1 to E6 are not the robot's), and
 of Universal Robots' RTDE, whose currents as torques are without the load of gravity; of MuJoCo, whose actuators' forces
-are torques where joints turn, and whose other generalised forces are computed; and of ODrive, which counts turns."""
+are torques where joints turn, and whose other generalised forces are computed; of ODrive, which counts turns; and of
+mc_rtc, whose Out goes to the robot."""
 
 _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
     (

@@ -113,7 +113,14 @@ def _ask_for_rate(work: WorkingProposal) -> Question | None:
         if name.signal != "t" or not np.isfinite(t).all() or (steps < 0).any():
             continue
         ticks = np.flatnonzero(steps > 0) + 1
-        if len(ticks) < _FEWEST_TICKS or 2 * len(ticks) > len(t):
+        if len(t) > 2 and len(ticks) < _FEWEST_TICKS:
+            remedy = Remedy("rate")
+            detail = (
+                f"{name.name} is the same in nearly all rows: it has too few digits, as seconds since 1970 have with "
+                f"32 bits. If the rows are evenly spaced, state their rate: {remedy}."
+            )
+            return Question("columns/t", detail, remedies=(remedy,))
+        if 2 * len(ticks) > len(t):
             continue
         unit = name.unit or "s"
         # Between the first and the last change every row is counted once.

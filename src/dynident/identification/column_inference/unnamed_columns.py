@@ -10,7 +10,12 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_names import ColumnName
-from dynident.identification.column_inference.column_statistics import SLOPE, compute_roughness, correlate_slopes
+from dynident.identification.column_inference.column_statistics import (
+    SLOPE,
+    compute_roughness,
+    correlate_slopes,
+    find_clock_columns,
+)
 
 _EXPLAINED, _CLEARLY = 0.3, 1.5
 """Largest unexplained share of the torque for an order of the columns to be taken, and ratio to the next best order."""
@@ -187,7 +192,9 @@ def select_whole_signals(columns: Sequence[int], values: FloatArray, alive: Bool
     list of int
         Numbers of the columns that are left.
     """
-    numbers = [index for index in columns if np.isfinite(values[:, index]).all()]
+    # A second clock, or a counter of rows, is no signal of a joint.
+    running = find_clock_columns(values)
+    numbers = [index for index in columns if np.isfinite(values[:, index]).all() and index not in running]
     moving = [index for index in numbers if alive[index]]
     return numbers if len(moving) % n and not len(numbers) % n else moving
 

@@ -48,6 +48,7 @@ _NOT_READ = (
     (b"#datatype,", _INFLUX),
     (b"<!DOCTYPE html", "a page of the web, and not the file that it shows: download that itself (raw)."),
     (b"<html", "a page of the web, and not the file that it shows: download that itself (raw)."),
+    (b"ARROW1", "a table of Arrow (Feather): write it as Parquet, df.to_parquet(…), or as CSV."),
     (b"ULog", "a log of PX4 (.ulg): convert it with ulog2csv."),
     (b"header:", "a printout of messages: record a bag, or write a table with `ros2 topic echo --csv TOPIC`."),
     (b"---\nheader:", "a printout of messages: record a bag, or write a table with `ros2 topic echo --csv TOPIC`."),
