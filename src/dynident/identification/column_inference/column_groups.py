@@ -16,6 +16,7 @@ from dynident.identification.column_inference.column_names import (
     list_spellings,
 )
 from dynident.identification.column_inference.metadata_proposal import Question
+from dynident.number_format import format_percent
 from dynident.recordings.position_checks import MOVED
 from dynident.robot import Robot
 
@@ -398,8 +399,8 @@ def infer_by_elimination(
         share = unexplained(only.columns, best.columns)
         if share < EXPLAINED:
             reason = (
-                f"no other column has the name of a position, and with it the dynamics leave {share:.0%} of the "
-                "torque unexplained"
+                "no other column has the name of a position, and with it the dynamics leave "
+                f"{format_percent(share, decimals=0)} of the torque unexplained"
             )
             return [replace(only, signal="q", reason=reason)]
     return []

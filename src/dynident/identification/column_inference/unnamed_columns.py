@@ -16,6 +16,7 @@ from dynident.identification.column_inference.column_statistics import (
     correlate_slopes,
     find_clock_columns,
 )
+from dynident.number_format import format_percent
 
 _EXPLAINED, _CLEARLY = 0.3, 1.5
 """Largest unexplained share of the torque for an order of the columns to be taken, and ratio to the next best order."""
@@ -162,7 +163,8 @@ def _split_two_blocks(
         q,
         (),
         tau,
-        f"with this choice the robot's dynamics leave {share:.0%} of the torque unexplained; with others far more",
+        f"with this choice the robot's dynamics leave {format_percent(share, decimals=0)} of the torque unexplained; "
+        "with others far more",
     )
 
 
