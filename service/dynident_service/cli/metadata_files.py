@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, get_args
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, word_remedies
 from dynident.identification.column_inference import EffortKind, Inspection, Question
 from dynident.recordings import RecordingMetadata
 from dynident_service.cli.input_checks_and_writes import read_json_object
@@ -61,6 +61,8 @@ class StatedAnswers:
             answered_signals = (*self.columns, *self.units) if question.choices else tuple(self.columns)
             return any(_signal_kind(signal) in ("tau", "current") for signal in answered_signals)
         answered = {"columns": self.columns, "units": self.units}.get(about, {})
+        if question.field == "columns/tau" and any(_signal_kind(signal) == "current" for signal in answered):
+            return True
         return any(not key or _signal_kind(signal) == _signal_kind(key) for signal in answered)
 
 
@@ -76,12 +78,16 @@ def describe_answer(question: Question) -> str:
     if question.check:
         return f"--accept {question.check} if the recording is right as it is"
     if about == "units" and key and question.choices:
-        return " or ".join(f"--units {key}={choice!r}" if " " in choice else f"--units {key}={choice}"
-                           for choice in question.choices[:3])  # fmt: skip
+        options = [f"--units {key}={choice!r}" if " " in choice else f"--units {key}={choice}"
+                   for choice in question.choices[:3]]  # fmt: skip
+        return " or ".join([*options, "--rate HZ"] if key == "t" else options)
     if question.field == "columns/t" and question.choices:
         return "--columns t=COLUMN, or --rate HZ"
     if about == "columns" and key and question.choices:
-        return f"--columns {key}=NAMES, as {key}={question.choices[0]}…"
+        if " … " in question.choices[0]:
+            # The choices are whole sets of columns, from the first joint's to the last one's.
+            return f"--columns {key}1={question.choices[0].partition(' … ')[0]},{key}2=…"
+        return f"--columns {key}1=COLUMN,{key}2=COLUMN,…"
     return ""
 
 
@@ -116,6 +122,8 @@ def accept_proposal(
     DynidentError
         Where a question is open: to accept the proposal would be a guess.
     """
+    from dynident_service.cli.request_options import write_option
+
     assert inspection.proposal is not None
     stated_answers = answers or StatedAnswers()
     open_questions = [
@@ -125,10 +133,10 @@ def accept_proposal(
     ]
     # To go on would be a guess, of which the user would not learn.
     if open_questions:
-        answered = [(question, describe_answer(question)) for question in open_questions]
         question_list = "".join(
-            f"\n  {question.field}: {question.detail}" + (f" → {answer}" if answer else "")
-            for question, answer in answered
+            f"\n  {question.field}: {word_remedies(question.detail, question.remedies, write_option)}"
+            + (f" → {answer}" if (answer := describe_answer(question)) else "")
+            for question in open_questions
         )
         raise DynidentError(
             f"{path.name} cannot be used as proposed; these questions are open:{question_list}\nAnswer them with "

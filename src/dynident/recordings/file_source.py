@@ -141,8 +141,12 @@ class FileSource:
     """The first cells of columns that hold words, by their names."""
     has_gaps = False
     """Whether cells of the first rows are empty."""
-    remarks: tuple[str, ...] = ()
-    """What was done to read the file, where that is not plain."""
+    own_remarks: tuple[str, ...] = ()
+    """What this object does to read the file, where that is not plain."""
+    inner: FileSource | None = None
+    """The source that this one reads from."""
+    clocks: Mapping[str, str] = MappingProxyType({})
+    """Columns with a time of their own: of their names to the column of that time."""
     stated_rate: float | None = None
     """Hz of the rows by what the file says beside its columns, such as a sampling time."""
 
@@ -152,6 +156,11 @@ class FileSource:
             _check_name(name)
         self.names = list(names)
         self.units = dict(units or {})
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was done to read the file, where that is not plain; complete after its rows were read."""
+        return (*(() if self.inner is None else self.inner.remarks), *self.own_remarks)
 
     def blocks(self) -> Iterator[FloatArray]:
         """Yield all columns as they are, (m, columns) at a time; what is no number is NaN."""

@@ -26,6 +26,13 @@ _SHORTEST_AXIS = 1e-6
 _OF_MORE_FREEDOMS = ("floating", "planar", "ball", "spherical")
 
 
+_ADVICE = {
+    "sdf": " This is an SDF: give the URDF or xacro that it was made from, or convert it.",
+    "COLLADA": " This is a mesh: give the URDF that names it.",
+}
+"""What to do with other descriptions, by their root."""
+
+
 def make_urdf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
     """Return an error that names the line.
 
@@ -72,7 +79,9 @@ def parse_urdf(text: str, pointer: str = "") -> Element:
     root = parse_xml(text, "A URDF", pointer, TITLE)
     if root.tag != "robot":
         raise make_urdf_error(
-            f"The root element is <{root.tag}>; a URDF needs the root element <robot>.", root.line, pointer
+            f"The root element is <{root.tag}>; a URDF needs the root element <robot>.{_ADVICE.get(root.tag, '')}",
+            root.line,
+            pointer,
         )
     xacro = next((child for child in root.children if child.tag.startswith("xacro:")), None)
     if xacro is not None:
@@ -278,7 +287,11 @@ def _reduce_link(name: str, link: Element, fail: _Fail) -> Element:
         for attribute in names:
             _parse_number(element, attribute, owner, fail)
     if _parse_number(mass, "value", owner, fail) < 0:
-        raise fail(f"The mass of {owner} is negative.", mass.line)
+        raise fail(
+            f"The mass of {owner} is negative: correct it, or leave out this <inertial>, which identification does not "
+            "need.",
+            mass.line,
+        )
     reduced_inertial = Element("inertial", {}, inertial.line)
     reduced_inertial.children.extend([*_check_origin(inertial, owner, fail), mass, inertia])
     reduced.children.append(reduced_inertial)
