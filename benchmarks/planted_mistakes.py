@@ -79,6 +79,9 @@ NAMES: dict[str, tuple[str, ...]] = {
     "gravity": ("gravity_direction",),
     "command": ("commanded_torque", "constant_torque"),
     "coupled": ("joint_coupling",),
+    # Of an arm that is turned as a whole both are one.
+    "zeros": ("joint_zero", "gravity_direction"),
+    "wraps": ("wrapped_angles", "position_unit"),
     "grams": ("description_units",),
     "counts": ("position_unit",),
     "registers": ("registers",),
@@ -86,7 +89,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     "last joint first": ("torque_order", "joint_order"),
 }
 """Checks that name each mistake."""
-TOLD_ONLY = ("gravity", "command", "coupled", "grams", "counts", "registers", "no torque")
+TOLD_ONLY = ("gravity", "command", "coupled", "zeros", "wraps", "grams", "counts", "registers", "no torque")
 """Mistakes that nothing said of the file puts right, or that are put right unasked."""
 FARAWAY = 30.0
 """Factor by which the outer joints' torques are multiplied at least, at most thirty times it."""
@@ -252,6 +255,17 @@ def plant_mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pai
         counted = {f"q{joint}": columns[f"q{joint}"] + columns[f"q{joint - 1}"]}
         others = {name: values for name, values in columns.items() if name.rstrip("0123456789") not in ("dq", "ddq")}
         yield Planted("coupled", f"joint {joint} counted from {joint - 1}", others | counted)
+    others = {name: values for name, values in columns.items() if name.rstrip("0123456789") not in ("dq", "ddq")}
+    for joint in (joint for joint in turning if joint in moving):
+        turns = int(rng.integers(1, 4))
+        yield Planted(
+            "zeros", f"joint {joint} counted from {90 * turns} degrees",
+            columns | {f"q{joint}": columns[f"q{joint}"] + 0.5 * np.pi * turns})  # fmt: skip
+    # Angles that stay within a turn wrap where the joint's zero is at an end of it.
+    wide = [joint for joint in turning if joint in moving]
+    wrapped = {f"q{k}": (columns[f"q{k}"] + np.pi) % (2.0 * np.pi) - np.pi for k in wide}
+    if any(np.abs(np.diff(values)).max() > np.pi for values in wrapped.values()):
+        yield Planted("wraps", "angles within half a turn", others | wrapped)
     yield from _of_registers(columns, robot, effort, rng, moving)
     yield from _of_description(columns, robot, effort, rng)
 
@@ -380,7 +394,9 @@ def try_mistake(robot: Robot, right: Read, planted: Planted) -> Outcome:
 
 
 def _harm(robot: Robot, right: Read, planted: Planted) -> bool:
-    if not planted.kind.endswith(("swapped", "turned", "coupled", "gravity")) or planted.kind.startswith("all"):
+    if not planted.kind.endswith(("swapped", "turned", "coupled", "gravity", "zeros")) or planted.kind.startswith(
+        "all"
+    ):
         return True
     read = read_file(robot, planted.columns, RecordingMetadata(accept=ACCEPT))
     if read.recording is None or right.recording is None:

@@ -12,11 +12,11 @@ from dynident_service.wire_types.common import Identifier, Labelled, Name, Reque
 from dynident_service.wire_types.request_bodies import derive_body
 
 
-@derive_body(Revision, or_null=("columns", "units", "permutation", "signs", "scale"))
+@derive_body(Revision, or_null=("columns", "units", "permutation", "signs", "scale", "zeros"))
 class RevisionRequest(RequestModel):
     """Changes to the metadata of a measurement's file, which stays as it is. Fields that are not given stay, too.
 
-    `columns`, `units`, `permutation`, `signs` and `scale` are merged with the earlier values, key by key. All fields
+    `columns`, `units`, `permutation`, `signs`, `scale` and `zeros` are merged with the earlier values, key by key. All fields
     but `role` and `name` are also fields of an upload's metadata.
     """
 

@@ -13,6 +13,7 @@ from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
 from dynident.identification.recording_faults.held_out_fit import (
     CLEARLY,
+    SURELY,
     UnexplainedTorque,
     compute_log_shares,
     find_moving_joints,
@@ -139,10 +140,46 @@ class DescriptionFit:
         mistake : ColumnFault
             The fault.
         """
-        if mistake.kind == "torque scaled" or self._unexplained_as_is > self.now.blocks.mean() + self._threshold:
+        as_is = self._left_as_is
+        if mistake.kind == "torque scaled" or as_is is None:
             return False
-        mended = measure_left_by_description(self.robot, mistake.mend(self.motion))
-        return mended is not None and self._unexplained_as_is - mended < self._threshold
+        mended = self.measure_left(mistake)
+        if mended is None:
+            return False
+        explains_as_it_is = as_is.mean() <= self.now.blocks.mean() + self._threshold
+        return bool(
+            (explains_as_it_is and as_is.mean() - mended.mean() < self._threshold)
+            or self._is_surely_less(as_is, mended)
+        )
+
+    def surely_demands(self, mistake: ColumnFault) -> bool:
+        """Tell whether the description surely explains more without a fault.
+
+        Parameters
+        ----------
+        mistake : ColumnFault
+            The fault.
+        """
+        as_is, mended = self._left_as_is, self.measure_left(mistake)
+        return as_is is not None and mended is not None and self._is_surely_less(mended, as_is)
+
+    def measure_left(self, mistake: ColumnFault) -> FloatArray | None:
+        """Return what the description leaves in every block (blocks,) without a fault; None without masses.
+
+        Parameters
+        ----------
+        mistake : ColumnFault
+            The fault.
+        """
+        if mistake not in self._known:
+            self._known[mistake] = measure_blocks_left_by_description(self.robot, mistake.mend(self.motion))
+        return self._known[mistake]
+
+    def _is_surely_less(self, left: FloatArray, other: FloatArray) -> bool:
+        """Tell whether clearly less is left than otherwise, and in most blocks."""
+        more = other - left
+        error = float(more.std(ddof=1)) / np.sqrt(BLOCKS)
+        return float(more.mean()) >= max(self._threshold, SURELY * error)
 
     def prefers(self, mistake: ColumnFault, other: ColumnFault) -> bool:
         """Tell whether the description explains clearly more without one fault than without another.
@@ -154,19 +191,20 @@ class DescriptionFit:
         mistake, other : ColumnFault
             Two faults.
         """
-        first_left, second_left = (
-            measure_left_by_description(self.robot, each.mend(self.motion)) for each in (mistake, other)
-        )
-        return first_left is not None and second_left is not None and second_left - first_left >= self._threshold
+        first, second = self.measure_left(mistake), self.measure_left(other)
+        return first is not None and second is not None and second.mean() - first.mean() >= self._threshold
 
     @property
     def _threshold(self) -> float:
         return CLEARLY / max(int(self.now.moving.sum()), 1)
 
     @cached_property
-    def _unexplained_as_is(self) -> float:
-        unexplained = measure_left_by_description(self.robot, self.motion)
-        return np.inf if unexplained is None else unexplained
+    def _left_as_is(self) -> FloatArray | None:
+        return measure_blocks_left_by_description(self.robot, self.motion)
+
+    @cached_property
+    def _known(self) -> dict[ColumnFault, FloatArray | None]:
+        return {}
 
 
 def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
@@ -187,6 +225,20 @@ def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
     float or None
         None where the description has no masses.
     """
+    blocks = measure_blocks_left_by_description(robot, motion)
+    return None if blocks is None else float(blocks.mean())
+
+
+def measure_blocks_left_by_description(robot: Robot, motion: Motion) -> FloatArray | None:
+    """Return the same of every block (blocks,).
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    """
     load = compute_described_load(robot, motion)
     if load is None:
         return None
@@ -197,7 +249,7 @@ def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
         )
         for joint in np.flatnonzero(find_moving_joints(motion))
     ]
-    return float(np.mean(shares))
+    return np.mean(shares, axis=0)
 
 
 def _build_columns(motion: Motion, load: FloatArray, joint: int) -> FloatArray:
@@ -207,7 +259,7 @@ def _build_columns(motion: Motion, load: FloatArray, joint: int) -> FloatArray:
     return np.stack([load[:, joint], np.sign(dq), dq, motion.ddq[:, joint], ones, -ones], axis=1)
 
 
-def _measure_unexplained(columns: FloatArray, tau: FloatArray, block: IntArray, moves: BoolArray) -> float:
+def _measure_unexplained(columns: FloatArray, tau: FloatArray, block: IntArray, moves: BoolArray) -> FloatArray:
     rows = np.concatenate([columns, tau[:, None]], axis=1)
     parts = [rows[moves & (block == number)] for number in range(BLOCKS)]
     grams = np.stack([part.T @ part for part in parts])
@@ -216,7 +268,7 @@ def _measure_unexplained(columns: FloatArray, tau: FloatArray, block: IntArray, 
     others = np.tensordot(LEAVE_ONE_OUT, grams, axes=1)
     residual = np.stack([np.append(-_fit(gram), 1.0) for gram in others[:-1]])
     squares = np.einsum("bi,bik,bk->b", residual, grams, residual)
-    return float(compute_log_shares(squares, others[-1, -1, -1] / BLOCKS).mean())
+    return compute_log_shares(squares, others[-1, -1, -1] / BLOCKS)
 
 
 def _fit(gram: FloatArray) -> FloatArray:

@@ -22,13 +22,11 @@ from dynident.identification.recording_faults.fault_search import (
     MOST_JOINTS,
     WORST_EXPLAINED,
     DetectedFault,
-    HeldOutFits,
-    filter_for_search,
     find_delay,
     find_excess_of_motion,
     search_faults,
 )
-from dynident.identification.recording_faults.filtered_motion import thin_out
+from dynident.identification.recording_faults.filtered_motion import filter_for_search, thin_out
 from dynident.identification.recording_faults.gravity_in_torque import (
     Mounting,
     StaticTorque,
@@ -36,7 +34,7 @@ from dynident.identification.recording_faults.gravity_in_torque import (
     find_other_mounting,
     find_static_torque,
 )
-from dynident.identification.recording_faults.held_out_fit import UnexplainedTorque
+from dynident.identification.recording_faults.held_out_fit import HeldOutFits, UnexplainedTorque
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
 from dynident.recordings.metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Check, Revision
 from dynident.recordings.recording import ModelChecks, Recording
@@ -51,8 +49,9 @@ _CHECK: dict[FaultKind, str] = {
     "joint turned": "joint_sign",
     "torque scaled": "torque_scale",
     "joint coupled": "joint_coupling",
+    "joint zero": "joint_zero",
 }
-_SILENT = {"torque_scale", "joint_coupling"}
+_SILENT = {"torque_scale", "joint_coupling", "joint_zero"}
 """Checks that are not listed as passed: another check reports for them, or they have nothing to say."""
 
 GRAVITY, SCALE, DESCRIPTION_UNITS = "gravity_direction", "torque_scale", "description_units"
@@ -60,7 +59,7 @@ GRAVITY, SCALE, DESCRIPTION_UNITS = "gravity_direction", "torque_scale", "descri
 VETOES = (COMMANDED, GRAVITY, SCALE, "gravity_load", "torque_sign", "joint_sign")
 """Checks whose findings make a model useless, however well it fits: its masses are not the robot's."""
 
-CAUSES = (*VETOES, "torque_order", "joint_order", "joint_coupling")
+CAUSES = (*VETOES, "torque_order", "joint_order", "joint_coupling", "joint_zero")
 """Checks that name possible causes where a model fails."""
 
 _HARDLY_BETTER = 1.1
@@ -361,6 +360,8 @@ def build_revision(mistake: ColumnFault, n: int) -> Revision | None:
     kinds = [kind for kind, is_wrong in sides if is_wrong]
     if mistake.kind == "torque scaled":
         return Revision(scale={f"tau{joint + 1}": mistake.factor for joint in mistake.joints})
+    if mistake.kind == "joint zero":
+        return Revision(zeros=_get_zeros(mistake))
     if not mistake.is_swap:
         return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in mistake.joints})
     # Permutations of a request count from one.
@@ -368,6 +369,10 @@ def build_revision(mistake: ColumnFault, n: int) -> Revision | None:
     for joint, source in mistake.places:
         order[joint] = source + 1
     return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
+
+
+def _get_zeros(mistake: ColumnFault) -> dict[str, float]:
+    return {f"q{joint + 1}": float(f"{mistake.factor:.8g}") for joint in mistake.joints}
 
 
 def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
@@ -409,6 +414,10 @@ def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str],
         "torque turned": f"the torque{plural} of {of} ({columns[1]}) {verb[0]} the opposite sign",
         "position turned": f"the position{plural} of {of} ({columns[0]}) {verb[0]} the opposite sign",
         "joint turned": f"position and torque of {of} ({columns[0]}, {columns[1]}) have the opposite sign",
+        "joint zero": (
+            f"the zero of {of} ({columns[0]}) is not the description's: the column is "
+            f"{np.rad2deg(mistake.factor):.0f} degrees where the description has 0"
+        ),
         "torque scaled": (
             f"the torque{plural} of {of} ({columns[1]}) {verb[1]} {1.0 / mistake.factor:.3g} times the value that "
             "fits the other joints"
@@ -431,6 +440,9 @@ def _describe_cure(mistake: ColumnFault, q: Sequence[str], tau: Sequence[str]) -
         )
         remedy = Remedy("scale", {f"tau{joint + 1}": float(f"{mistake.factor:.3g}") for joint in mistake.joints})
         return f"Check {which} by {mistake.factor:.3g}: {remedy}.", (remedy,)
+    if mistake.kind == "joint zero":
+        remedy = Remedy("zeros", _get_zeros(mistake))
+        return f"State where the joint's zero is ({remedy}, in rad), or turn the joint in the description.", (remedy,)
     if not mistake.is_swap:
         side = "tau" if mistake.kind == "torque turned" else "q"
         remedy = Remedy("signs", {f"{side}{joint + 1}": -1 for joint in mistake.joints})
