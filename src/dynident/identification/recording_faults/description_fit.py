@@ -16,10 +16,14 @@ from dynident.identification.recording_faults.held_out_fit import (
     SURELY,
     UnexplainedTorque,
     compute_log_shares,
-    find_moving_joints,
 )
 from dynident.identification.recording_faults.torque_scale import compute_described_load
-from dynident.identification.recording_faults.tree_fit import BLOCKS, LEAVE_ONE_OUT, find_moving_rows
+from dynident.identification.recording_faults.tree_fit import (
+    BLOCKS,
+    LEAVE_ONE_OUT,
+    find_moving_joints,
+    find_moving_rows,
+)
 from dynident.robot.model import Robot
 
 _HEAVIEST = 1000.0
@@ -30,6 +34,9 @@ _WIDEST = 3.0
 descriptions that are right, and 30 and more with mm taken for m."""
 
 _SMALL = 1e-3
+
+_FEW_ROWS = 400
+"""Rows by which it is estimated what the description leaves: it has a few parameters a joint."""
 
 
 @dataclass(frozen=True)
@@ -175,6 +182,29 @@ class DescriptionFit:
             self._known[mistake] = measure_blocks_left_by_description(self.robot, mistake.mend(self.motion))
         return self._known[mistake]
 
+    def may_demand(self, mistake: ColumnFault) -> bool:
+        """Tell whether the description may explain more without a fault, by a few rows; also without masses.
+
+        Parameters
+        ----------
+        mistake : ColumnFault
+            The fault.
+        """
+        as_is, mended = self._estimate_as_is, self.estimate_left(mistake)
+        return as_is is None or mended is None or as_is - mended >= 0.5 * self._threshold
+
+    def estimate_left(self, mistake: ColumnFault) -> float | None:
+        """Return what the description leaves of a few rows without a fault, in the mean; None without masses.
+
+        Parameters
+        ----------
+        mistake : ColumnFault
+            The fault.
+        """
+        # The load does not depend on the torque, and takes most of the time.
+        load = None if mistake.is_of_positions else self._few_loads
+        return _estimate_left(self.robot, mistake.mend(self._few_rows), load)
+
     def _is_surely_less(self, left: FloatArray, other: FloatArray) -> bool:
         """Tell whether clearly less is left than otherwise, and in most blocks."""
         more = other - left
@@ -201,6 +231,19 @@ class DescriptionFit:
     @cached_property
     def _left_as_is(self) -> FloatArray | None:
         return measure_blocks_left_by_description(self.robot, self.motion)
+
+    @cached_property
+    def _estimate_as_is(self) -> float | None:
+        return _estimate_left(self.robot, self._few_rows, self._few_loads)
+
+    @cached_property
+    def _few_rows(self) -> Motion:
+        every = max(1, len(self.motion.q) // _FEW_ROWS)
+        return Motion(*(getattr(self.motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block")))
+
+    @cached_property
+    def _few_loads(self) -> FloatArray | None:
+        return compute_described_load(self.robot, self._few_rows)
 
     @cached_property
     def _known(self) -> dict[ColumnFault, FloatArray | None]:
@@ -250,6 +293,20 @@ def measure_blocks_left_by_description(robot: Robot, motion: Motion) -> FloatArr
         for joint in np.flatnonzero(find_moving_joints(motion))
     ]
     return np.mean(shares, axis=0)
+
+
+def _estimate_left(robot: Robot, motion: Motion, load: FloatArray | None = None) -> float | None:
+    """Return the mean logarithm of the unexplained share of the torque, of all rows that are fitted to."""
+    load = compute_described_load(robot, motion) if load is None else load
+    if load is None:
+        return None
+    moves, shares = find_moving_rows(motion), []
+    for joint in np.flatnonzero(find_moving_joints(motion)):
+        rows = np.column_stack([_build_columns(motion, load, int(joint)), motion.tau[:, joint]])[moves[:, joint]]
+        gram = rows.T @ rows
+        residual = np.append(-_fit(gram), 1.0)
+        shares.append(compute_log_shares(residual @ gram @ residual, gram[-1, -1]))
+    return float(np.mean(shares))
 
 
 def _build_columns(motion: Motion, load: FloatArray, joint: int) -> FloatArray:

@@ -25,7 +25,6 @@ from dynident.identification.recording_faults.held_out_fit import (
     HeldOutFit,
     HeldOutFits,
     UnexplainedTorque,
-    find_moving_joints,
 )
 from dynident.identification.recording_faults.torque_scale import (
     compute_described_load,
@@ -38,7 +37,7 @@ from dynident.identification.recording_faults.torque_scale import (
     is_nearer_to_others,
     refine_factor_by_masses,
 )
-from dynident.identification.recording_faults.tree_fit import find_parallel_axes, list_chains
+from dynident.identification.recording_faults.tree_fit import find_moving_joints, find_parallel_axes, list_chains
 from dynident.recordings import Recording
 from dynident.robot.model import Robot
 
@@ -231,10 +230,15 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         for mistake in among
         if mistake.own_joints not in off and _is_possible_fault(mistake, robot, motion, sizes)
     ]
-    # One small solution for each of some hundred faults; rows of W are kept where only torques change.
-    trials = [(mistake, judge.measure_unexplained(mistake.mend(motion))) for mistake in possible]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)
+    # One small solution for each of some hundred faults; rows of W are kept where only torques change. Masses tell
+    # most of a zero, which no other column changes with it.
+    trials = [
+        (mistake, judge.measure_unexplained(mistake.mend(motion)))
+        for mistake in possible
+        if mistake.kind != "joint zero" or described.may_demand(mistake)
+    ]
     for best, unexplained in sorted(trials, key=lambda pair: pair[1].score):
         # Sorted by score: where the best one is not clear, the others are not looked at.
         if not now.is_surely_above(unexplained) or unexplained.average_share > CURED:
@@ -273,15 +277,15 @@ def _find_fault_by_masses(
     not.
     """
     among = [trial for trial in trials if trial[0].kind != "torque scaled" and trial[1].score < now.score + ALIKE]
-    left = [described.measure_left(mistake) for mistake, _ in among]
-    known = [(float(blocks.mean()), number) for number, blocks in enumerate(left) if blocks is not None]
+    estimates = [described.estimate_left(mistake) for mistake, _ in among]
+    known = sorted((left, number) for number, left in enumerate(estimates) if left is not None)
     if not known:
         return None
-    lowest, number = min(known)
+    lowest, number = known[0]
     mistake, unexplained = among[number]
-    if not described.surely_demands(mistake):
+    if not described.may_demand(mistake) or not described.surely_demands(mistake):
         return None
-    alike = tuple(among[other][0] for mean, other in known if mean < lowest + ALIKE and other != number)
+    alike = tuple(among[other][0] for left, other in known[1:] if left < lowest + ALIKE)
     return _FaultStep(mistake, alike, unexplained)
 
 

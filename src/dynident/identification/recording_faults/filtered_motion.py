@@ -14,9 +14,8 @@ from dynident.identification.recording_faults.held_out_fit import (
     CLEARLY,
     HeldOutFit,
     HeldOutFits,
-    find_moving_joints,
 )
-from dynident.identification.recording_faults.tree_fit import BLOCKS
+from dynident.identification.recording_faults.tree_fit import BLOCKS, find_moving_joints
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.nonparametric_fit import shorten_recording
 from dynident.recordings.preprocessing import LEAST_HARMONICS, OVERSAMPLING, find_motion_band
@@ -135,4 +134,9 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion
 
 def has_enough_rows(motion: Motion, judge: HeldOutFit) -> bool:
     """Tell whether there are enough rows to decide anything."""
-    return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns
+    thinned, moving = thin_out(motion), int(find_moving_joints(motion).sum())
+    needed = _ROWS_PER_COLUMN * judge.n_columns
+    # In a test of one joint most of the parameters have no part.
+    return len(thinned.q) * moving >= needed or (
+        moving == 1 and len(thinned.q) >= _ROWS_PER_COLUMN * judge.count_determined(thinned)
+    )

@@ -11,12 +11,15 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import DEFAULT_EFFECTS, OFFSETS, EffectChoice, Signals, build_columns
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.tree_fit import BLOCKS, TreeFit, TreeSolution, list_trees
+from dynident.identification.recording_faults.tree_fit import (
+    BLOCKS,
+    TreeFit,
+    TreeSolution,
+    find_moving_joints,
+    list_trees,
+)
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot.model import Robot
-
-_STILL = 1e-3
-"""Share of the fastest joint's speed below which a joint is at rest."""
 
 CLEARLY, SURELY = 0.6, 2.5
 """Sum over the joints of the logarithm by which the unexplained share of the torque has to fall without a fault (on
@@ -141,6 +144,16 @@ class HeldOutFit:
     def n_columns(self) -> int:
         """Number of parameters."""
         return sum(tree.n_columns for tree in self._trees)
+
+    def count_determined(self, motion: Motion) -> int:
+        """Return the number of parameters, or combinations of them, that a motion determines.
+
+        Parameters
+        ----------
+        motion : Motion
+            Filtered rows of the recording.
+        """
+        return sum(tree.count_determined(motion) for tree in self._trees)
 
     def measure_unexplained(self, motion: Motion) -> UnexplainedTorque:
         """Return the unexplained shares of a motion's torque, each block of time predicted from the others.
@@ -274,9 +287,3 @@ def compute_log_shares(squares: FloatArray, measured: FloatArray, least: float =
     # Clipped: one block that is explained perfectly must not decide a mean of logarithms.
     shares = np.sqrt(np.maximum(squares, 0.0) / np.maximum(measured, np.finfo(float).tiny))
     return np.asarray(np.log(np.clip(shares, least, _MOST)))
-
-
-def find_moving_joints(motion: Motion) -> BoolArray:
-    """Return which joints move, and have a torque that changes (n,): the others tell nothing."""
-    speed = np.sqrt((motion.dq**2).mean(axis=0))
-    return np.asarray((speed > _STILL * speed.max(initial=0.0)) & (np.ptp(motion.tau, axis=0) > 0))

@@ -21,6 +21,9 @@ _PARALLEL = 0.999
 BLOCKS = 10
 """Blocks of time that a motion is cut into."""
 
+_STILL = 1e-3
+"""Share of the fastest joint's speed below which a joint is at rest."""
+
 _SLOW = 0.05
 """Share of a joint's rms speed below which a row is left out: sticking joints have a friction of any size."""
 
@@ -175,6 +178,14 @@ class TreeFit:
         """Number of parameters."""
         return self._observation.n_columns
 
+    def count_determined(self, motion: Motion) -> int:
+        """Return the rank of W where joints move: the number of parameters, or combinations, that are determined."""
+        own = self._select(motion)
+        normal = self._get_rows(motion, own).inner[-1][find_moving_joints(own)].sum(axis=0)
+        scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+        values = np.linalg.eigvalsh(normal / np.outer(scale, scale))
+        return int((values > _RIDGE * max(float(values.max()), np.finfo(float).tiny)).sum())
+
     def solve(self, motion: Motion) -> TreeSolution:
         """Solve for a motion; the solutions of a few are kept, as most candidates change few joints."""
         own = self._select(motion)
@@ -322,3 +333,9 @@ class TreeFit:
 def find_moving_rows(motion: Motion) -> BoolArray:
     """Return where each joint moves (m, n)."""
     return np.asarray(np.abs(motion.dq) > _SLOW * np.sqrt((motion.dq**2).mean(axis=0)))
+
+
+def find_moving_joints(motion: Motion) -> BoolArray:
+    """Return which joints move, and have a torque that changes (n,): the others tell nothing."""
+    speed = np.sqrt((motion.dq**2).mean(axis=0))
+    return np.asarray((speed > _STILL * speed.max(initial=0.0)) & (np.ptp(motion.tau, axis=0) > 0))
