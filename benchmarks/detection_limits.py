@@ -26,7 +26,7 @@ from common import show
 from support.hidden_effects import NAMES, ROBOT, WITH_OFFSET, experiment, on_joint
 
 from dynident.diagnosis import Diagnosis, diagnose
-from dynident.diagnosis.result import DetectionLimit
+from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.effects import get_effect
 
 SIZES = ("0.5 x half", "1 x half", "1 x size", "2 x half", "2 x size")

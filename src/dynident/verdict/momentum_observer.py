@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.blas_threads import single_threaded
@@ -22,10 +23,10 @@ from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.expressions import Program
 from dynident.identification import Estimate, Identification
-from dynident.identification.estimators.simulator import read_longest_piece
-from dynident.identification.study.equation_of_motion import build_equation_of_motion
+from dynident.identification.estimators.identified_robot_simulator import read_longest_piece
+from dynident.identification.identified_models.equation_of_motion import build_equation_of_motion
 from dynident.recordings import Recording
-from dynident.recordings.phases import SLOW
+from dynident.recordings.joint_phases import SLOW
 from dynident.robot import Robot
 from dynident.verdict.detectable_loads import (
     FALSE_ALARMS_AN_HOUR,
@@ -35,7 +36,7 @@ from dynident.verdict.detectable_loads import (
     compute_tool_jacobian,
     draw_unit_forces,
 )
-from dynident.verdict.evidence import LONGEST
+from dynident.verdict.held_out_evidence import LONGEST
 
 GAIN = 30.0
 """Bandwidth of the residual in 1/s: faster observers follow the noise of positions and torques."""
@@ -137,21 +138,19 @@ class MomentumObserver:
 
     def observe(self, q: FloatArray, tau: FloatArray) -> ObservedContacts:
         """Return the residual of the next m samples of a motion: q and tau (m, n), every `period`."""
-        # Importing it takes half a second, so that only those who need it do.
-        from scipy.signal import lfilter
-
         n = self._robot.n
         for name, values in (("q", q), ("tau", tau)):
             if values.ndim != 2 or values.shape[1] != n:
                 raise DynidentError(
                     f"{name} has the shape {values.shape}; give (m, {n}), a value a joint", pointer=name
                 )
-        rate, gain = self.period * _SMOOTHING * self.gain, self.period * self.gain
-        q_before, tau_before, p_before, r_before = self._before or (q[0], tau[0], None, np.zeros(n))
         # Backward differences, y - y' = T w (x - y), which are stable for every period.
+        rate, gain = self.period * _SMOOTHING * self.gain, self.period * self.gain
+        smoothing, smooth_pole, residual_pole = rate / (1 + rate), 1 / (1 + rate), 1 / (1 + gain)
+        q_before, tau_before, p_before, r_before = self._before or (q[0], tau[0], None, np.zeros(n))
         smooth = [
-            lfilter([rate / (1 + rate)], [1.0, -1.0 / (1 + rate)], x, axis=0, zi=(y / (1 + rate))[None])[0]
-            for x, y in ((q, q_before), (tau, tau_before))
+            _run_first_order(smooth_pole, smoothing * values, before)
+            for values, before in ((q, q_before), (tau, tau_before))
         ]
         dq = np.diff(smooth[0], axis=0, prepend=q_before[None]) / self.period
         states = self._memory.push(self._robot.positions(smooth[0])) if self._has_memory else np.zeros((len(q), 0))
@@ -161,9 +160,7 @@ class MomentumObserver:
         # The first sample has no momentum before it.
         if p_before is None:
             change[0] = 0.0
-        residual = lfilter(
-            [self.gain / (1 + gain)], [1.0, -1.0 / (1 + gain)], change, axis=0, zi=(r_before / (1 + gain))[None]
-        )[0]
+        residual = _run_first_order(residual_pole, self.gain * residual_pole * change, r_before)
         self._before = (smooth[0][-1], smooth[1][-1], p[-1], residual[-1])
         return ObservedContacts(residual, smooth[0], dq, self._find_slow(dq))
 
@@ -173,6 +170,15 @@ class MomentumObserver:
             self._since_slow = np.where(row, 0.0, self._since_slow + self.period)
             slow[k] = self._since_slow < settled
         return slow
+
+
+def _run_first_order(pole: float, inputs: FloatArray, before: FloatArray) -> FloatArray:
+    """Return y (m, n) with y[k] = pole y[k - 1] + inputs[k], from y[-1] = before (n,)."""
+    # A triangular system of two bands. scipy.signal.lfilter does it too, but its import takes longer than the observer.
+    bands = np.stack([np.ones(len(inputs)), np.full(len(inputs), -pole)])
+    right_sides = inputs.copy()
+    right_sides[0] += pole * before
+    return np.asarray(lapack.dtbtrs(bands, right_sides, uplo="L", diag="U")[0])
 
 
 @dataclass(frozen=True, eq=False)

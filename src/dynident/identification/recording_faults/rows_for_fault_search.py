@@ -1,0 +1,169 @@
+"""Filtered rows of a recording for the search of faults: filtered as for an identification, or narrower."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from math import floor
+
+import numpy as np
+
+from dynident.array_types import FloatArray, IntArray
+from dynident.effects import OFFSETS
+from dynident.errors import DynidentError
+from dynident.identification.recording_faults.column_faults import Motion
+from dynident.identification.recording_faults.tree_fit import BLOCKS, find_moving_joints
+from dynident.identification.recording_faults.unexplained_torque import (
+    CLEARLY,
+    HeldOutFit,
+)
+from dynident.recordings import Recording, choose_preprocessing
+from dynident.recordings.nonparametric_fit import shorten_recording
+from dynident.recordings.preprocessing import LEAST_HARMONICS, OVERSAMPLING, find_motion_band
+from dynident.recordings.recording import SampleBlock
+from dynident.regressors.filtered_rows import filter_in_parallel
+from dynident.robot.robot_model import Robot
+
+_ROWS = 2500
+"""Rows that faults are looked for in: every candidate is fitted to them, so more would take longer and tell little."""
+
+
+_ROWS_PER_COLUMN = 8
+"""Rows for each parameter that a fit needs, at least, to tell one order of the columns from another."""
+
+_EXPLAINED = 0.2
+"""Share left of an average joint's torque, or of the worst joint's, from which on the motion's own band is looked at
+instead: an elastic arm leaves that with the filters of an identification, and half of it there."""
+
+
+class HeldOutFits:
+    """Fits of a robot: with its links and friction, and with a constant torque on each joint as well.
+
+    Each is built when it is first needed, and serves all questions about the robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+
+    @cached_property
+    def plain_fit(self) -> HeldOutFit:
+        """Fit of links and friction."""
+        return HeldOutFit(self._robot)
+
+    @cached_property
+    def offset_fit(self) -> HeldOutFit:
+        """Fit of links, friction and a constant torque on each joint."""
+        return HeldOutFit(self._robot, (OFFSETS,))
+
+
+def filter_motion(recording: Recording) -> Motion | None:
+    """Return filtered rows from all over a recording; None where it is too short to be filtered.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    """
+    whole = filter_whole_motion(recording)
+    return None if whole is None else thin_out(whole[0])
+
+
+def thin_out(motion: Motion) -> Motion:
+    """Return every so many rows of a motion, as many as faults are looked for in.
+
+    Parameters
+    ----------
+    motion : Motion
+        Filtered rows of the recording.
+    """
+    # Evenly spread, so that every part of the motion is represented.
+    step = max(1, len(motion.q) // _ROWS)
+    q, dq, ddq, tau = (np.ascontiguousarray(signal[::step]) for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
+    block: IntArray = np.arange(len(q)) * BLOCKS // len(q)
+    return Motion(q, dq, ddq, tau, block)
+
+
+def filter_whole_motion(recording: Recording, *, narrow: bool = False) -> tuple[Motion, float] | None:
+    """Return the filtered rows in their order, and the seconds between them; None where the recording is too short.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    narrow : bool
+        Keep a few harmonics of the motion alone. A fault of the columns shows there, while an elastic arm, or one with
+        backlash, has most of what no rigid robot explains above that.
+    """
+    try:
+        choice = choose_preprocessing([recording])
+        cutoff = choice.torque_cutoff
+        if narrow and cutoff is not None:
+            cutoff = min(cutoff, LEAST_HARMONICS * find_motion_band([recording]))
+            choice = replace(choice, decimation=max(1, floor(recording.sampling_rate / (OVERSAMPLING * cutoff))))
+    except DynidentError:
+        return None
+    # Positions and torques go through the same filters, so that neither lags. The fits are only compared with each
+    # other, so the filters need not be those of an identification.
+    choice = replace(choice, position_cutoff=cutoff, torque_cutoff=cutoff)
+    n = recording.n
+
+    def values(block: SampleBlock) -> FloatArray:
+        return np.concatenate([block.q, block.dq, block.ddq, block.tau], axis=1)
+
+    # A few minutes tell enough; filtering an hour only takes time.
+    short = shorten_recording(recording, choice.decimation)
+    rows = [part for _, _, part in filter_in_parallel(short, choice, values)]
+    whole = np.concatenate(rows) if rows else np.zeros((0, 4 * n))
+    if not len(whole):
+        return None
+    # Blocks of consecutive rows: held out one by one, they test a fit on motion that it has not seen.
+    block: IntArray = np.arange(len(whole)) * BLOCKS // len(whole)
+    q, dq, ddq, tau = (np.ascontiguousarray(part) for part in np.split(whole, 4, axis=1))
+    return Motion(q, dq, ddq, tau, block), short.period * choice.decimation
+
+
+def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion, float] | None:
+    """Filter a recording as an identification does; or narrower, where much less is unexplained then.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    judges : HeldOutFits
+        Fits of the robot.
+
+    Returns
+    -------
+    tuple of Motion and float, or None
+        Rows in their order, and the seconds between them; None where the recording is too short.
+    """
+    wide = filter_whole_motion(recording)
+    if wide is None or not has_enough_rows(wide[0], judges.plain_fit):
+        return wide
+    unexplained = judges.plain_fit.measure_unexplained(thin_out(wide[0]))
+    if max(unexplained.average_share, unexplained.worst_share) < _EXPLAINED:
+        return wide
+    # What a rigid robot does not explain is mostly at high frequencies: an elastic arm, or backlash.
+    narrow = filter_whole_motion(recording, narrow=True)
+    if narrow is None or not has_enough_rows(narrow[0], judges.plain_fit):
+        return wide
+    return (
+        narrow
+        if unexplained.compute_summed_fall_to(judges.plain_fit.measure_unexplained(thin_out(narrow[0]))) >= CLEARLY
+        else wide
+    )
+
+
+def has_enough_rows(motion: Motion, judge: HeldOutFit) -> bool:
+    """Tell whether there are enough rows to decide anything."""
+    thinned, moving = thin_out(motion), int(find_moving_joints(motion).sum())
+    needed = _ROWS_PER_COLUMN * judge.n_columns
+    # In a test of one joint most of the parameters have no part.
+    return len(thinned.q) * moving >= needed or (
+        moving == 1 and len(thinned.q) >= _ROWS_PER_COLUMN * judge.count_determined(thinned)
+    )
