@@ -161,9 +161,4 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion
 
 def has_enough_rows(motion: Motion, judge: HeldOutFit) -> bool:
     """Tell whether there are enough rows to decide anything."""
-    thinned, moving = thin_out(motion), int(find_moving_joints(motion).sum())
-    needed = _ROWS_PER_COLUMN * judge.n_columns
-    # In a test of one joint most of the parameters have no part.
-    return len(thinned.q) * moving >= needed or (
-        moving == 1 and len(thinned.q) >= _ROWS_PER_COLUMN * judge.count_determined(thinned)
-    )
+    return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns

@@ -178,14 +178,6 @@ class TreeFit:
         """Number of parameters."""
         return self._observation.n_columns
 
-    def count_determined(self, motion: Motion) -> int:
-        """Return the rank of W where joints move: the number of parameters, or combinations, that are determined."""
-        own = self._select(motion)
-        normal = self._get_rows(motion, own).inner[-1][find_moving_joints(own)].sum(axis=0)
-        scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-        values = np.linalg.eigvalsh(normal / np.outer(scale, scale))
-        return int((values > _RIDGE * max(float(values.max()), np.finfo(float).tiny)).sum())
-
     def solve(self, motion: Motion) -> TreeSolution:
         """Solve for a motion; the solutions of a few are kept, as most candidates change few joints."""
         own = self._select(motion)

@@ -156,16 +156,6 @@ class HeldOutFit:
         """Number of parameters."""
         return sum(tree.n_columns for tree in self._trees)
 
-    def count_determined(self, motion: Motion) -> int:
-        """Return the number of parameters, or combinations of them, that a motion determines.
-
-        Parameters
-        ----------
-        motion : Motion
-            Filtered rows of the recording.
-        """
-        return sum(tree.count_determined(motion) for tree in self._trees)
-
     def measure_unexplained(self, motion: Motion) -> UnexplainedTorque:
         """Return the unexplained shares of a motion's torque, each block of time predicted from the others.
 
