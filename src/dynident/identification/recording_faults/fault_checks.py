@@ -54,12 +54,13 @@ _CHECK: dict[FaultKind, str] = {
 _SILENT = {"torque_scale", "joint_coupling", "joint_zero"}
 """Checks that are not listed as passed: another check reports for them, or they have nothing to say."""
 
-GRAVITY, SCALE, DESCRIPTION_UNITS = "gravity_direction", "torque_scale", "description_units"
+GRAVITY, SCALE, ZERO = "gravity_direction", "torque_scale", "joint_zero"
+DESCRIPTION_UNITS = "description_units"
 
 VETOES = (COMMANDED, GRAVITY, SCALE, "gravity_load", "torque_sign", "joint_sign")
 """Checks whose findings make a model useless, however well it fits: its masses are not the robot's."""
 
-CAUSES = (*VETOES, "torque_order", "joint_order", "joint_coupling", "joint_zero")
+CAUSES = (*VETOES, "torque_order", "joint_order", "joint_coupling", ZERO)
 """Checks that name possible causes where a model fails."""
 
 _HARDLY_BETTER = 1.1
