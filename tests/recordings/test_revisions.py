@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque
 
 from dynident.identification.robot_recording_import import import_cured, import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
+from dynident.recordings.metadata_revisions import adapt_revision
 
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
@@ -127,3 +129,24 @@ def test_a_revision_changes_what_it_names_and_keeps_the_rest() -> None:
     assert after.signs == {"tau1": 1, "tau2": -1}
     assert after.windows == ((0.0, 5.0),)
     assert Revision(windows=()).apply_to(said).windows == ()
+
+
+def test_a_zero_is_stated_of_a_joint_and_goes_with_its_column(tmp_path: Path) -> None:
+    def position(metadata: RecordingMetadata) -> np.ndarray:
+        recording = brought_in(path, replace(metadata, accept=("joint_order", "joint_sign", "torque_order")))[0]
+        segment = recording.segments[0]
+        return np.concatenate([rows.q for rows in recording.source.rows(segment.first_row, segment.length, 10**6)])
+
+    path = written(tmp_path / "run.csv")
+    right = position(RecordingMetadata())
+    said = RecordingMetadata(zeros={"q2": 0.25}, signs={"q3": -1})
+    turned = position(said)
+    assert np.allclose(turned, right * [1, 1, -1, 1, 1, 1] - [0, 0.25, 0, 0, 0, 0], rtol=1e-12)
+    revision = adapt_revision(
+        Revision(permutation={"q": (1, 3, 2, 4, 5, 6)}, signs={"q3": -1.0}, zeros={"q3": 0.5}), said, ROBOT.joint_names
+    )
+    after = position(revision.apply_to(said))
+    assert np.allclose(after, turned[:, [0, 2, 1, 3, 4, 5]] * [1, 1, -1, 1, 1, 1] - [0, 0, 0.5, 0, 0, 0], rtol=1e-12)
+    with pytest.raises(RecordingError) as refused:
+        brought_in(path, RecordingMetadata(zeros={"tau2": 0.1}))
+    assert refused.value.pointer == "/zeros/tau2"

@@ -133,17 +133,14 @@ def load_recordings(
     )
     # Options and metadata files are read before the first recording, which may take minutes.
     metadata_by_name = read_metadata(reading.metadata, names)
-    answers = StatedAnswers(columns, units, reading.accept, reading.cure)
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
         measurements = []
         for index, (path, name) in enumerate(zip(everything, names, strict=True)):
-            base_metadata = metadata_by_name.get(name)
-            if base_metadata is None:
-                base_metadata = (
-                    _propose_metadata(path, robot, answers, reading.rate)
-                    if reading.as_proposed
-                    else RecordingMetadata()
-                )
+            base_metadata = metadata_by_name.get(name, RecordingMetadata())
+            # A metadata file without columns holds answers to what is proposed; one with columns is the whole proposal.
+            if reading.as_proposed and not base_metadata.columns:
+                answers = StatedAnswers(columns, units, reading.accept, reading.cure, base_metadata)
+                base_metadata = _propose_metadata(path, robot, answers, reading.rate)
             # Options win over a metadata file, key by key for columns and units.
             metadata = replace(
                 base_metadata,
@@ -198,7 +195,7 @@ def _load_recording(
             error.detail += " Or let dynident correct it: --cure."
         # The library knows columns, rows and times, but not which of the files it is.
         error.detail = f"{path.name}: {word_remedies(error.detail, error.remedies, write_option)}"
-        error.checks = _word_checks(error.checks)
+        error.checks, error.remedies = _word_checks(error.checks), ()
         raise
     checks = _word_checks(imported.checks)
     return LoadedRecording(imported.recording, checks, path, imported.metadata)

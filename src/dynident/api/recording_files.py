@@ -302,8 +302,8 @@ def revise(
     change : Revision, optional
         The `apply` of a check; or state the changes as fields.
     **fields : fields of Revision
-        Any of windows, exclude, columns, units, permutation, signs, scale, torque_delay, role and name. They take
-        precedence over `change`.
+        Any of windows, exclude, columns, units, permutation, signs, scale, zeros, torque_delay, role and name. They
+        take precedence over `change`.
 
     Returns
     -------

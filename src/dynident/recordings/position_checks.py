@@ -246,10 +246,11 @@ def has_other_unit(limit: JointLimits, low: float, high: float, rate: float, sma
         lower, upper = limit.position
         slack = 0.1 * (upper - lower)
         # With limits: beyond them as given, inside them in the other unit, and by more than limits that are a little
-        # wrong would explain.
+        # wrong would explain, or a zero that is elsewhere on the turn.
         beyond = low < lower - slack or high > upper + slack
         inside = lower - slack <= low * small and high * small <= upper + slack
-        return beyond and inside and max(abs(low), abs(high)) > 2.0 * max(abs(lower), abs(upper))
+        widest, turn = max(abs(lower), abs(upper)), 2.0 * pi if limit.kind == "revolute" else 0.0
+        return beyond and inside and max(abs(low), abs(high)) > widest + max(widest, turn)
     # Without limits: a speed that no joint has, or a range of several turns (of 20 m) that is really moved through.
     fastest = 3.0 * limit.velocity if limit.velocity is not None else (FASTEST if limit.kind == "revolute" else 20.0)
     widest = 8.0 * pi if limit.kind == "revolute" else 20.0

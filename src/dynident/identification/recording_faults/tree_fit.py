@@ -22,6 +22,9 @@ _PARALLEL = 0.999
 BLOCKS = 10
 """Blocks of time that a motion is cut into."""
 
+_STILL = 1e-3
+"""Share of the fastest joint's speed below which a joint is at rest."""
+
 _SLOW = 0.05
 """Share of a joint's rms speed below which a row is left out: sticking joints have a friction of any size."""
 
@@ -324,3 +327,9 @@ class TreeFit:
 def find_moving_rows(motion: Motion) -> BoolArray:
     """Return where each joint moves (m, n)."""
     return np.asarray(np.abs(motion.dq) > _SLOW * np.sqrt((motion.dq**2).mean(axis=0)))
+
+
+def find_moving_joints(motion: Motion) -> BoolArray:
+    """Return which joints move, and have a torque that changes (n,): the others tell nothing."""
+    speed = np.sqrt((motion.dq**2).mean(axis=0))
+    return np.asarray((speed > _STILL * speed.max(initial=0.0)) & (np.ptp(motion.tau, axis=0) > 0))
