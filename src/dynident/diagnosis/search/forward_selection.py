@@ -19,7 +19,7 @@ from dynident.diagnosis.search.model_comparison import build_finer_pool, compare
 from dynident.diagnosis.search.next_finding import select_candidate
 from dynident.diagnosis.search.physical_constraints import is_physically_possible
 from dynident.diagnosis.search.pruning import prune_findings
-from dynident.diagnosis.search.refine import split_groups
+from dynident.diagnosis.search.refine import changes_prediction, split_groups
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import get_effect
 from dynident.identification.shape_search import list_between
@@ -275,8 +275,9 @@ def search_findings(
 ) -> SearchRecord:
     """Add the best effect that passes all tests, again and again, until none does; then drop what became superfluous.
 
-    After an effect that is a first-order sensitivity all columns are made anew: those of the plain model are about
-    torque that it predicted wrongly for want of this effect, and what they leave would be taken for something else.
+    After an effect that is a first-order sensitivity, and after a mass of some runs, all columns are made anew: those
+    of the plain model are about torque that it predicted wrongly for want of this effect, and what they leave would be
+    taken for something else.
     Names that take much of the same error are weighed with their shape constants between those of the grid.
     What the residual has but a faint trace of is asked about once something was found on its joint, and what was found
     before it once more. What two findings over the position of a joint say, one that says as much takes the name of.
@@ -321,7 +322,7 @@ def search_findings(
         chosen, equal = compare_names(rows.model, pool, state, choice, judged, rows.gather_products)
         finding = Finding(chosen, equal, chosen.p, _list_neighbour_columns(pool, chosen.candidate, state.base))
         base = state.base + finding.columns
-        if get_effect(chosen.candidate.effect).first_order:
+        if changes_prediction(chosen.candidate.choice):
             rows = rows.add_findings((*state.picks, finding))
             data = rows.gather_products(pool)
         # What one run has and the others have not keeps the plain model from predicting a part of it, too.
