@@ -27,9 +27,9 @@ from hiding.drawing import Wanted, draw_cases
 from hiding.recorded import recorded
 
 from dynident.diagnosis import compare
-from dynident.diagnosis.comparing.noise import estimate_sensor_noise
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.summary import compute_residual_over_noise
+from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.diagnosis_summary import compute_residual_over_noise
 from dynident.identification import identify
 
 QUANTILES = (0.5, 0.75, 0.9, 0.95, 1.0)

@@ -18,8 +18,8 @@ import numpy as np
 from support.spoilt_recordings import KINDS, NOISES, N, arm_signals, corrupt
 
 from dynident.recordings import JointLimits, RecordedJoints
-from dynident.recordings.conditioning.outliers import measure_usual_steps
-from dynident.recordings.importing import condition_arrays
+from dynident.recordings.conditioning.corrupted_sample_detection import measure_usual_steps
+from dynident.recordings.recording_import import condition_arrays
 
 RATES = (60.0, 100.0, 200.0, 500.0, 1000.0)
 COUNTS = (1e-6, 1e-4, 2e-3)

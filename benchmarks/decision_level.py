@@ -21,9 +21,9 @@ import numpy as np
 from common import FloatArray, show
 from scipy import signal
 
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.products import Products
-from dynident.diagnosis.candidates.scoring import compute_contributions, score_candidates
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.candidates.held_out_scores import compute_contributions, score_candidates
+from dynident.diagnosis.candidates.inner_products_and_folds import Products
 from dynident.diagnosis.candidates.significance import ALPHA, combine_scores, compute_familywise_p
 
 JOINTS, MODEL = 3, 10
@@ -40,15 +40,15 @@ def main() -> None:
     arguments = parser.parse_args()
     seed = secrets.randbelow(10**6) if arguments.seed == "new" else int(arguments.seed)
     lines = [("stretches", "long, widths", "p <= 0.01", "p <= 0.05", "named")]
-    for n_stretches, long in CASES:
-        rng = np.random.default_rng([seed, n_stretches, long])
-        smallest, named = np.array([drawn(rng, n_stretches, long) for _ in range(arguments.draws)]).T
+    for n_blocks, long in CASES:
+        rng = np.random.default_rng([seed, n_blocks, long])
+        smallest, named = np.array([drawn(rng, n_blocks, long) for _ in range(arguments.draws)]).T
         shares = [f"{100 * np.mean(smallest <= level):.1f} %" for level in (0.01, 0.05)]
-        lines.append((str(n_stretches), str(long), *shares, f"{100 * named.mean():.1f} %"))
+        lines.append((str(n_blocks), str(long), *shares, f"{100 * named.mean():.1f} %"))
     show(f"Candidates that explain nothing, seed {seed}, {arguments.draws} draws", lines)
 
 
-def drawn(rng: np.random.Generator, n_stretches: int, long: int) -> tuple[float, bool]:
+def drawn(rng: np.random.Generator, n_blocks: int, long: int) -> tuple[float, bool]:
     """The smallest p of all candidates, and whether any of them would pass."""
     first = np.cumsum((MODEL, *WIDTHS))
     candidates = [
@@ -56,11 +56,11 @@ def drawn(rng: np.random.Generator, n_stretches: int, long: int) -> tuple[float,
         for end, width in zip(first[1:], WIDTHS, strict=True)
     ]
     columns = int(first[-1])
-    rows = n_stretches * long * ROWS
-    grams = tuple(_gram(rng, rows, columns, n_stretches) for _ in range(JOINTS))
+    rows = n_blocks * long * ROWS
+    grams = tuple(_gram(rng, rows, columns, n_blocks) for _ in range(JOINTS))
     position = tuple(np.arange(columns) for _ in range(JOINTS))
-    counts = np.full((n_stretches, JOINTS), float(long * ROWS))
-    data = Products.from_grams(grams, position, counts, np.zeros(n_stretches, dtype=np.intp))
+    counts = np.full((n_blocks, JOINTS), float(long * ROWS))
+    data = Products.from_grams(grams, position, counts, np.zeros(n_blocks, dtype=np.intp))
     base, noise, joints = np.arange(MODEL), np.ones(JOINTS), tuple(range(JOINTS))
     scores = [score_candidates(data, base, candidates, noise, kind)[1] for kind in ("interleaved", "contiguous")]
     judged = [combine_scores(pair, joints, noise) for pair in zip(*scores, strict=True)]
@@ -71,12 +71,12 @@ def drawn(rng: np.random.Generator, n_stretches: int, long: int) -> tuple[float,
     return float(p.min()), named
 
 
-def _gram(rng: np.random.Generator, rows: int, columns: int, n_stretches: int) -> FloatArray:
+def _gram(rng: np.random.Generator, rows: int, columns: int, n_blocks: int) -> FloatArray:
     """(s, columns + 1, columns + 1): of columns of half the filter's band, and of noise in all of it."""
     slow, band = (signal.butter(4, share / ROWS, output="sos") for share in (1.0, 2.0))
     w = _unit(signal.sosfiltfilt(slow, rng.normal(size=(rows + 20 * ROWS, columns)), axis=0))
     y = _unit(signal.sosfiltfilt(band, rng.normal(size=(rows + 20 * ROWS, 1)), axis=0))
-    both = np.column_stack([w, y])[10 * ROWS : -10 * ROWS].reshape(n_stretches, -1, columns + 1)
+    both = np.column_stack([w, y])[10 * ROWS : -10 * ROWS].reshape(n_blocks, -1, columns + 1)
     return np.asarray(both.transpose(0, 2, 1) @ both)
 
 

@@ -29,13 +29,13 @@ from scipy.optimize import minimize
 from dynident.effects import EffectChoice
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
 from dynident.excitation.criteria.design_criterion import build_design_criterion
-from dynident.excitation.design_model import DesignModel, build_design_model
-from dynident.excitation.optimising import augmented_lagrangian
-from dynident.excitation.optimising.augmented_lagrangian import search_stepwise
-from dynident.excitation.optimising.design_problem import Budget, CandidateEvaluator, DesignProblem, draw_candidates
+from dynident.excitation.design_observation_matrix import DesignModel, build_design_model
+from dynident.excitation.optimisation import augmented_lagrangian
+from dynident.excitation.optimisation.augmented_lagrangian import search_stepwise
+from dynident.excitation.optimisation.design_problem import Budget, CandidateEvaluator, DesignProblem, draw_candidates
 from dynident.motion.joint_trajectories import Family, FourierFamily
 from dynident.motion.limits.bounds import Bounds, build_bounds
-from dynident.motion.limits.margins import AmplitudeScaler
+from dynident.motion.limits.limit_margins import AmplitudeScaler
 from dynident.progress import ignore_progress
 from dynident.regressors.base_parameters import evaluate_at_random_states, select_base
 from dynident.regressors.observation_matrix import Observation

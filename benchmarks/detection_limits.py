@@ -30,7 +30,7 @@ from hiding.case import Case, Manner, Placed, Take
 from hiding.recorded import recorded
 
 from dynident.diagnosis import Diagnosis, diagnose
-from dynident.diagnosis.result import DetectionLimit
+from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.effects import get_effect
 from dynident.identification import identify
 from dynident.robot import Robot

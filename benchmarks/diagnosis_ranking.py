@@ -18,9 +18,9 @@ from compared import compared
 from numpy.typing import NDArray
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool
-from dynident.diagnosis.candidates.products import products_from_reduction, split_folds
-from dynident.diagnosis.candidates.scoring import score_candidates
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, build_pool
+from dynident.diagnosis.candidates.held_out_scores import score_candidates
+from dynident.diagnosis.candidates.inner_products_and_folds import products_from_reduction, split_folds
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording, recording_from_arrays
@@ -56,8 +56,8 @@ def main() -> None:
     scoring = time.process_time() - start
     ours = {score.candidate: float(score.after.sum()) / float(before.sum()) for score in scores}
 
-    picked = pool.candidates[:: max(1, len(pool.candidates) // N_REFITTED)][:N_REFITTED]
-    each, worst = refitted(pool, picked, recording, model, ours)
+    selected = pool.candidates[:: max(1, len(pool.candidates) // N_REFITTED)][:N_REFITTED]
+    each, worst = refitted(pool, selected, recording, model, ours)
     start = time.process_time()
     diagnose(model, [recording])
     whole = time.process_time() - start
@@ -71,7 +71,7 @@ def main() -> None:
             ("columns of all candidates, symbolic, once a robot", f"{building:.2f} s", ""),
             ("one pass over the data", f"{reducing:.2f} s", ""),
             ("ranking: held-out error of every candidate", f"{scoring:.2f} s", f"{n / scoring:.0f}"),
-            (f"refitting with numpy's lstsq (scaled from {len(picked)})", f"{each * n:.1f} s", f"{1 / each:.1f}"),
+            (f"refitting with numpy's lstsq (scaled from {len(selected)})", f"{each * n:.1f} s", f"{1 / each:.1f}"),
             ("a whole diagnosis: pass, both kinds of folds, search, spectra", f"{whole:.2f} s", ""),
         ],
     )
@@ -88,24 +88,24 @@ def main() -> None:
 
 def refitted(
     pool: Pool,
-    picked: tuple[Candidate, ...],
+    selected: tuple[Candidate, ...],
     recording: Recording,
     model: Identification,
     ours: dict[Candidate, float],
 ) -> tuple[float, float]:
     """Seconds a candidate, and how far the held-out errors are from ours, relative to the error."""
-    w, y, stretch = rows_of(pool, recording, model)
+    w, y, row_block = rows_of(pool, recording, model)
     noise = model.noise
     base = tuple(range(pool.n_base))
-    plain = held_out(w[:, :, base] / noise[:, None], y / noise, stretch) * noise
+    plain = held_out(w[:, :, base] / noise[:, None], y / noise, row_block) * noise
     seconds, worst = 0.0, 0.0
-    for candidate in picked:
+    for candidate in selected:
         start = time.process_time()
-        left = held_out(w[:, :, base + candidate.columns] / noise[:, None], y / noise, stretch) * noise
+        left = held_out(w[:, :, base + candidate.columns] / noise[:, None], y / noise, row_block) * noise
         seconds += time.process_time() - start
         ratio = float((left**2).sum() / (plain**2).sum())
         worst = max(worst, abs(ratio - ours[candidate]))
-    return seconds / len(picked), worst
+    return seconds / len(selected), worst
 
 
 def rows_of(pool: Pool, recording: Recording, model: Identification) -> tuple[FloatArray, FloatArray, IndexArray]:
@@ -122,11 +122,11 @@ def rows_of(pool: Pool, recording: Recording, model: Identification) -> tuple[Fl
     return np.concatenate(w), np.concatenate(y), np.searchsorted(starts, np.concatenate(t), side="right") - 1
 
 
-def held_out(w: FloatArray, y: FloatArray, stretch: IndexArray) -> FloatArray:
+def held_out(w: FloatArray, y: FloatArray, row_block: IndexArray) -> FloatArray:
     """Residual (m, n) of every row, predicted by a fit to the other folds."""
     rest = np.empty_like(y)
-    for left_out in split_folds(int(stretch.max()) + 1, "interleaved"):
-        test = np.isin(stretch, left_out)
+    for left_out in split_folds(int(row_block.max()) + 1, "interleaved"):
+        test = np.isin(row_block, left_out)
         fitted = np.linalg.lstsq(w[~test].reshape(-1, w.shape[2]), y[~test].reshape(-1), rcond=None)[0]
         rest[test] = y[test] - w[test] @ fitted
     return rest

@@ -29,10 +29,10 @@ from planted_mistakes import columns_of, read_file, signals_of
 from scipy.signal import butter, filtfilt
 
 from dynident.identification.column_inference.column_statistics import Sample
-from dynident.identification.column_inference.effort_kind import CANNOT_TELL
 from dynident.identification.column_inference.infer_columns import propose
+from dynident.identification.column_inference.torque_or_current import CANNOT_TELL
 from dynident.robot import Drive, Robot
-from dynident.robot.pinocchio_model import to_pinocchio
+from dynident.robot.pinocchio_conversion import to_pinocchio
 
 FILES = (
     "ur10e/id_30s_12harm",

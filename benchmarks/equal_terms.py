@@ -37,15 +37,15 @@ from hiding.drawing import Wanted, draw_cases
 from hiding.recorded import recorded
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.candidates.accumulate import PhasedProducts
-from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.search import forward_selection, model_comparison
-from dynident.diagnosis.search.state import State, score_all
-from dynident.estimation.errors import compute_t
+from dynident.diagnosis.search import comparison_of_rivals, forward_selection
+from dynident.diagnosis.search.search_state import State, score_all
+from dynident.estimation.residual_errors import compute_t
 from dynident.identification import identify
 from dynident.identification.shape_search import list_between
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 
 RIVALS, STARTS = 0.3, 12
 FAMILIES = (
@@ -109,17 +109,20 @@ def contests_of(case: Case, folder: Path) -> list[Contest]:
 def listening(case: Case) -> Iterator[list[Contest]]:
     """Contests as they are fought, and once more with more rivals and starts."""
     heard: list[Contest] = []
-    fight = model_comparison.compare_names
+    fight = comparison_of_rivals.compare_names
 
     def settled(
         model: Model,
         pool: Pool,
         state: State,
-        choice: model_comparison.Choice,
+        choice: comparison_of_rivals.Choice,
         judged: Sequence[ScoredCandidate],
         products: Callable[[Pool], PhasedProducts],
-    ) -> model_comparison.Choice:
-        with patch.object(model_comparison, "_CONTENDS", RIVALS), patch.object(model_comparison, "_STARTS", STARTS):
+    ) -> comparison_of_rivals.Choice:
+        with (
+            patch.object(comparison_of_rivals, "_CONTENDS", RIVALS),
+            patch.object(comparison_of_rivals, "_STARTS", STARTS),
+        ):
             found = weighed(case, model, pool, state, choice[0], judged, products)
         if found is not None:
             heard.append(found)
@@ -140,12 +143,12 @@ def weighed(
 ) -> Contest | None:
     """All that take part, or None where none of them is hidden on the joint."""
     own = [item for item in judged if item.candidate == chosen.candidate]
-    contenders = list(dict.fromkeys([*own, *model_comparison._find_contenders(chosen, judged)]))
+    contenders = list(dict.fromkeys([*own, *comparison_of_rivals._find_contenders(chosen, judged)]))
     names = dict.fromkeys(item.candidate.effect for item in contenders)
     if len(names) < 2 or not any(is_right(case, item.candidate, pool) for item in contenders):
         return None
     parents = {finer: item for item in contenders for finer in list_between(item.candidate.choice)}
-    finer = model_comparison.build_finer_pool(model, pool, state, list(parents))
+    finer = comparison_of_rivals.build_finer_pool(model, pool, state, list(parents))
     data = products(finer)
     kinds = [data.find_row_kinds(one.columns) for one in finer.candidates]
     common = all(turns for turns, _ in kinds), all(starts for _, starts in kinds)

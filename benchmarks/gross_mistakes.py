@@ -57,7 +57,7 @@ from dynident.identification.recording_faults.fault_search import (
     find_motion_faults,
     measure_unexplained_share,
 )
-from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion
+from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.robot import Robot
@@ -116,16 +116,16 @@ def main() -> None:
     show("Planted mistakes", rows)
 
 
-def _tried(robot: Robot, motion: Motion, mistake: ColumnFault) -> tuple[float, bool, bool, bool]:
+def _tried(robot: Robot, motion: Motion, fault: ColumnFault) -> tuple[float, bool, bool, bool]:
     """Harm of a mistake, whether it is noticed, whether what is named undoes it, and whether it blocks."""
-    wrong = mistake.mend(motion)
+    wrong = fault.mend(motion)
     usual, bad = measure_unexplained_share(robot, motion), measure_unexplained_share(robot, wrong)
     told = find_motion_faults(robot, wrong)
     found = told[0] if told else ()
     mended = wrong
     for one in found:
-        mended = one.mistake.mend(mended)
-    named = bool(found) and mistake in (found[0].mistake, *found[0].alike)
+        mended = one.fault.mend(mended)
+    named = bool(found) and fault in (found[0].fault, *found[0].alike)
     cured = named or (bool(found) and measure_unexplained_share(robot, mended) <= usual * 1.05)
     return float(np.log(bad / usual)), bool(found), cured, any(one.certain for one in found)
 
@@ -136,7 +136,7 @@ def _delays(robot: Robot, recording: Recording) -> tuple[str, ...]:
     for seconds in (0.0, LATE, -LATE):
         whole = filter_whole_motion(recording if seconds == 0.0 else _moved_torque(recording, seconds))
         found = None if whole is None else find_delay(robot, *whole)
-        told.append("-" if found is None else f"{1e3 * found.seconds:.1f} ms{' !' if found.is_mistake else ''}")
+        told.append("-" if found is None else f"{1e3 * found.seconds:.1f} ms{' !' if found.is_fault else ''}")
     return tuple(told)
 
 
@@ -170,7 +170,7 @@ def _other_faults(seed: int, recordings: int) -> list[tuple[str, str, str, str, 
             for draw in range(recordings):
                 robot, motion = spoiled(arm, np.random.default_rng([seed, draw]))
                 told = find_motion_faults(robot, motion)
-                found = [one for one in told[0] if one.mistake.kind != "torque scaled"] if told else []
+                found = [one for one in told[0] if one.fault.kind != "torque scaled"] if told else []
                 count, named, refused = count + 1, named + bool(found), refused + any(one.certain for one in found)
                 most = max([most, *(float(np.log(one.left_with / one.left_without)) for one in found)])
         rows.append((name, str(count), str(named), str(refused), f"{most:.2f}"))

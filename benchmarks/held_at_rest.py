@@ -44,7 +44,7 @@ from dynident.diagnosis.search.static_friction import find_halts, find_static_fr
 from dynident.identification import extend, identify
 
 # The package shows the function of that name, not the module.
-DIAGNOSIS = import_module("dynident.diagnosis.examination")
+DIAGNOSIS = import_module("dynident.diagnosis.diagnose_model")
 HALTS = 12
 BY_HALTS = (1, 4, 6, 8, HALTS, 1000)
 LIMITS = ((0.1, 3.0), (0.2, 2.0), (0.2, 3.0), (0.2, 5.0), (0.3, 3.0), (0.3, 5.0))

@@ -29,7 +29,7 @@ from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.identification import Identification, IdentificationChoices, identify_model
 from dynident.progress import ignore_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing, recording_from_arrays
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.robot import Robot, robot_from_library, robot_from_urdf, to_pinocchio
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))

@@ -31,12 +31,12 @@ from dynident.effects import STOP, Column, EffectChoice, MemorySignal, Reference
 from dynident.effects.hysteresis_states import step_state
 from dynident.estimation import CovarianceName, statistics
 from dynident.identification import Identification, IdentificationChoices, identify, identify_model
-from dynident.identification.choices import AVAILABLE_COVARIANCES, EstimatorName
+from dynident.identification.identification_choices import AVAILABLE_COVARIANCES, EstimatorName
+from dynident.identification.identified_models.torque_prediction import predict
 from dynident.identification.shape_search import refine_shapes
-from dynident.identification.study.prediction import predict
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording, choose_preprocessing, recording_from_arrays
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.robot import robot_from_library, to_pinocchio
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))

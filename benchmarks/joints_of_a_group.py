@@ -45,12 +45,12 @@ from hiding.sessions import draw_session
 from hiding.site import Site
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.candidates.accumulate import PhasedProducts
-from dynident.diagnosis.candidates.pool import Pool
+from dynident.diagnosis.candidates.candidate_pool import Pool
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.search import pruning, refine
-from dynident.diagnosis.search.state import State
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.search import finding_refinement, pruning
+from dynident.diagnosis.search.search_state import State
 from dynident.identification import extend, identify
 
 Manner = Literal["own", "alike", "two"]
@@ -218,7 +218,7 @@ def listening(case: str, effect: str, having: set[str]) -> Iterator[list[Weighed
         )
         return kept
 
-    with patch.object(pruning, "_has_gain", gains), patch.object(refine, "trim_joints", trimmed):
+    with patch.object(pruning, "_has_gain", gains), patch.object(finding_refinement, "trim_joints", trimmed):
         yield heard
 
 

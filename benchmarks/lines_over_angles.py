@@ -30,7 +30,7 @@ from hiding.drawing import Wanted, draw_cases
 from hiding.recorded import recorded
 
 from dynident.array_types import FloatArray
-from dynident.diagnosis.comparing.compare import compare
+from dynident.diagnosis.comparison.measured_against_predicted import compare
 from dynident.diagnosis.residuals.spectral_peaks import compute_angle_power, find_peaks
 from dynident.identification import identify
 

@@ -245,7 +245,7 @@ def _kept(
         return None, None, None
     expected = next(one for one in design.expected if one.name == promised.parameter).standard_deviation
     found = [identify(robot, runs, [], choices)]
-    with patch("dynident.identification.study.fit_model.linearise_shapes", lambda *_, **__: None):
+    with patch("dynident.identification.identified_models.fit_model.linearise_shapes", lambda *_, **__: None):
         found.append(identify(robot, runs, [], choices))
     told = [
         next((one.standard_deviation for one in grown.parameters if one.name == promised.parameter), None)

@@ -14,7 +14,7 @@ import numpy as np
 from common import FloatArray
 
 from dynident.robot import Robot, robot_from_library, robot_from_urdf
-from dynident.robot.pinocchio_model import compute_described_torque
+from dynident.robot.pinocchio_conversion import compute_described_torque
 
 Kind = Literal["rigid", "elastic", "poor"]
 KINDS: tuple[Kind, ...] = ("rigid", "elastic", "poor")

@@ -41,17 +41,16 @@ from planted_arms import drawn_arms
 
 from dynident.api.robot_files import load_robot
 from dynident.identification.recording_faults.column_faults import Motion, list_possible_faults
-from dynident.identification.recording_faults.description_fit import measure_left_by_description
 from dynident.identification.recording_faults.fault_search import ALIKE, find_delay, measure_unexplained_share
-from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion, thin_out
-from dynident.identification.recording_faults.held_out_fit import HeldOutFit
+from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion, thin_out
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
 from dynident.identification.recording_faults.tree_fit import find_parallel_axes
-from dynident.identification.robot_recordings import import_for_robot
+from dynident.identification.recording_faults.unexplained_torque import HeldOutFit, measure_left_by_description
+from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
-from dynident.recordings.stored_rows import ArraySource
+from dynident.recordings.row_storage import ArraySource
 from dynident.robot import Robot
-from dynident.robot.pinocchio_model import compute_described_torque
+from dynident.robot.pinocchio_conversion import compute_described_torque
 
 MORE_SETS = (*SETS, "dfki_double_pendulum", "kinova_gen3")
 LATE, NEAR = 0.02, 0.006

@@ -27,12 +27,12 @@ from engine.robots import arm_by_name
 from dynident import parallel
 from dynident.effects import DEFAULT_EFFECTS
 from dynident.estimation import Reduction
-from dynident.identification.robot_recordings import import_for_robot
+from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import Preprocessing, Recording, RecordingMetadata
 from dynident.regressors.filtered_rows import reduce_recordings
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.robot import Robot
-from dynident.robot.pinocchio_model import compute_described_torque
+from dynident.robot.pinocchio_conversion import compute_described_torque
 
 RATE = 500.0
 

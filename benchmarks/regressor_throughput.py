@@ -18,7 +18,7 @@ from compared import compared
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot import robot_from_library, to_pinocchio
-from dynident.robot.pinocchio_model import to_dynamic_parameters
+from dynident.robot.pinocchio_conversion import to_dynamic_parameters
 
 N_BLOCK, N_LOOP, REPEATS = 65536, 2000, 7
 N_PART = 2048

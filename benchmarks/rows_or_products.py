@@ -3,8 +3,8 @@
     python benchmarks/rows_or_products.py
 
 Says from how many rows a stretch on products are the quicker way: `_MOST_ROWS` of
-`dynident.diagnosis.candidates.accumulate`. Making the products is part of their time, and done once; scores are read in
-some ten rounds of a diagnosis.
+`dynident.diagnosis.candidates.inner_product_accumulation`. Making the products is part of their time, and done once;
+scores are read in some ten rounds of a diagnosis.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import time
 import numpy as np
 from common import FloatArray, show
 
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.products import Products, ProductStack, RowStack
-from dynident.diagnosis.candidates.scoring import score_candidates
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.candidates.held_out_scores import score_candidates
+from dynident.diagnosis.candidates.inner_products_and_folds import Products, ProductStack, RowStack
 
 JOINTS, BASE, CANDIDATES, STRETCHES, ROUNDS = 6, 60, 240, 150, 10
 ROWS = (8, 16, 32, 64, 128, 256)
@@ -48,9 +48,9 @@ def main() -> None:
 def stacks_of(count: int, candidates: int) -> tuple[list[RowStack], list[RowStack]]:
     """The same rows of every joint twice: what has been read once is in the cache."""
     random = np.random.default_rng(count)
-    stretch = np.repeat(np.arange(STRETCHES), count)
-    values = [random.normal(size=(len(stretch), BASE + 2 * candidates + 1)) for _ in range(JOINTS)]
-    return tuple([RowStack(each.copy(), stretch, STRETCHES) for each in values] for _ in range(2))
+    row_block = np.repeat(np.arange(STRETCHES), count)
+    values = [random.normal(size=(len(row_block), BASE + 2 * candidates + 1)) for _ in range(JOINTS)]
+    return tuple([RowStack(each.copy(), row_block, STRETCHES) for each in values] for _ in range(2))
 
 
 def made(stack: RowStack) -> FloatArray:

@@ -2,7 +2,7 @@
 
     python benchmarks/smallest_gain.py [--seed 1 | --seed new] [--cases 84] [--processes 2]
 
-Calibrates `least_gain_over_noise` and `least_reach` of `diagnosis/decision_rules.py`. The arms of `hidden_effects.py`
+Calibrates `least_gain_over_noise` and `least_reach` of `diagnosis/decision_levels.py`. The arms of `hidden_effects.py`
 are diagnosed, and what is recommended is added one after the other, in its order. A line a name: `gain`, the squared
 error where joints move that it takes away, over the square of the sensors' noise in the band, on the joint where that
 is most; `reach`, the share of its column that is left beside the model, times the t of what it gains; the error of

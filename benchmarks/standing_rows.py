@@ -1,4 +1,4 @@
-"""How slow is standing, and how long is sticking? The constants of `dynident.recordings.phases`, calibrated.
+"""How slow is standing, and how long is sticking? The constants of `dynident.recordings.joint_phases`, calibrated.
 
     python benchmarks/standing_rows.py [--seed 1 | --seed new] [--arms ur10,six-1] [--rates 1000,60] [--only starts]
 
@@ -58,7 +58,7 @@ from placebos.subjects import REAL_ARMS, imported
 from dynident.diagnosis import compare
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.recordings import Recording, low_pass, phases, recording_from_arrays
+from dynident.recordings import Recording, joint_phases, low_pass, recording_from_arrays
 from dynident.regressors import row_phases
 from dynident.robot import Robot
 
@@ -85,7 +85,7 @@ ASIDE = 0.05
 """Seconds before and behind a halt that tell whether the joint turns round in it."""
 
 Constants = dict[str, float]
-USUAL: Constants = {name: getattr(phases, name) for name in ("SLOW", "SLOW_SHARE", "_FASTER", "_LINGERS")}
+USUAL: Constants = {name: getattr(joint_phases, name) for name in ("SLOW", "SLOW_SHARE", "_FASTER", "_LINGERS")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ def _hysteresis(robot: Robot, rng: np.random.Generator) -> tuple[Hidden, ...]:
 @contextmanager
 def constants(values: Constants) -> Iterator[None]:
     """Other constants of the module for a while; whatever phases are known are forgotten."""
-    before = {name: getattr(phases, name) for name in values}
+    before = {name: getattr(joint_phases, name) for name in values}
     try:
         _set(values)
         yield
@@ -188,19 +188,19 @@ def constants(values: Constants) -> Iterator[None]:
 
 def _set(values: Constants) -> None:
     for name, value in values.items():
-        setattr(phases, name, value)
-    phases._known.clear()
+        setattr(joint_phases, name, value)
+    joint_phases._known.clear()
 
 
 @contextmanager
 def no_phases(recording: Recording) -> Iterator[None]:
     """All rows of a recording move."""
-    nothing = phases.Halts(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool), np.zeros(0, dtype=bool))
-    phases._known[recording] = phases.Phases(tuple((nothing,) * recording.n for _ in recording.segments))
+    nothing = joint_phases.Halts(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool), np.zeros(0, dtype=bool))
+    joint_phases._known[recording] = joint_phases.Phases(tuple((nothing,) * recording.n for _ in recording.segments))
     try:
         yield
     finally:
-        phases._known.clear()
+        joint_phases._known.clear()
 
 
 def _settings() -> dict[str, Constants | None]:
@@ -386,7 +386,7 @@ class Turns:
 def turns_of(recording: Recording, exact: Sequence[Measured] | None, joints: Sequence[int]) -> Turns:
     """The turns of some joints; `exact` are the runs behind the recording's segments."""
     free, length, stuck = [], [], []
-    known = phases.find_phases(recording)
+    known = joint_phases.find_phases(recording)
     for index, segment in enumerate(recording.segments):
         t, q = _path(recording, index) if exact is None else (exact[index].t, exact[index].q)
         # Time of a segment counts from the recording's start, the engine's from the session's.

@@ -29,8 +29,8 @@ from service_beside import served
 
 from dynident.robot import library_table, robot_from_library, to_pinocchio
 from dynident_client import Client
-from dynident_client.records import Identification, Robot
-from dynident_client.requests import Trajectory
+from dynident_client.computation_options import Trajectory
+from dynident_client.resource_objects import Identification, Robot
 
 ALLOWED = {
     "first view of an empty service": 1000.0,

@@ -22,10 +22,10 @@ from dynident.reports.figures.design import draw_design
 from dynident.reports.figures.diagnosis import draw_candidates, draw_evidence
 from dynident.reports.figures.ladder import draw_models
 from dynident.reports.figures.residuals import draw_residuals
-from dynident.reports.figures.signals import draw_torque
-from dynident_service.cli import inputs
+from dynident.reports.figures.signals_over_time import draw_torque
+from dynident_service.cli import argument_loading
 from dynident_service.cli.design_and_simulation_files import load_proposed_design
-from dynident_service.cli.options import Reading
+from dynident_service.cli.shared_options import Reading
 
 HERE = Path(__file__).resolve().parent
 FIGURES = HERE / "figures"
@@ -53,15 +53,18 @@ def run(folder: Path) -> None:
 
 def draw(folder: Path) -> dict[str, str]:
     """The figures by name, from the files that the commands left."""
-    first, better = (inputs.load_model(folder / name) for name in ("model.npz", "better.npz"))
-    found = inputs.load_diagnosis(folder / "diagnosis.json")
+    first, better = (argument_loading.load_model(folder / name) for name in ("model.npz", "better.npz"))
+    found = argument_loading.load_diagnosis(folder / "diagnosis.json")
     robot = first.model.robot
     joint = robot.joint_names.index(JOINT)
     reading = Reading()
     files = [folder / name for name in ("run1.csv", "run2.csv")]
-    with inputs.load_recordings(files, robot, reading, ignore_progress, [folder / "validation.csv"]) as (given, tried):
-        run1, run2 = inputs.extract_recordings(given)
-        validation = inputs.extract_recordings(tried)[0]
+    with argument_loading.load_recordings(files, robot, reading, ignore_progress, [folder / "validation.csv"]) as (
+        given,
+        tried,
+    ):
+        run1, run2 = argument_loading.extract_recordings(given)
+        validation = argument_loading.extract_recordings(tried)[0]
         compared = compare(first, validation)
         return {
             "compare": draw_torque(compared, [joint], "validation"),

@@ -90,7 +90,7 @@ class Bursts(Hidden):
 
     joint: int
     size: float
-    stretches: tuple[tuple[float, float], ...]
+    blocks: tuple[tuple[float, float], ...]
     seed: int
 
     def start(self, live: Live) -> Act:
@@ -102,7 +102,7 @@ class Bursts(Hidden):
 
         def act(step: int) -> None:
             t = step * step_size
-            for begin, end in self.stretches:
+            for begin, end in self.blocks:
                 if begin <= t <= end:
                     applied[k] -= float(sizes @ np.sin(rates * t + phases))
 

@@ -40,10 +40,8 @@ def friction_of_acceleration(site: Site) -> Placed:
 def bursts(site: Site) -> Placed:
     j = site.joint()
     begins = np.sort(site.rng.uniform(0.1, 0.8, 2)) * site.length
-    stretches = tuple((float(begin), float(begin) + site.between(1.0, 2.0)) for begin in begins)
-    physics = oddities.Bursts(
-        j, site.sized(0.02, 0.03) * float(site.effort[j]), stretches, int(site.rng.integers(1000))
-    )
+    blocks = tuple((float(begin), float(begin) + site.between(1.0, 2.0)) for begin in begins)
+    physics = oddities.Bursts(j, site.sized(0.02, 0.03) * float(site.effort[j]), blocks, int(site.rng.integers(1000)))
     return Placed("bursts", (j,), physics, equals=("external_contact",), variables=("time",))
 
 

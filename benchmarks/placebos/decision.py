@@ -1,6 +1,6 @@
 """What the decision rule would recommend of given rows: the one place that knows how candidates are judged.
 
-It does what `dynident.diagnosis.examination` does, from its pool of candidates to its picks. Where that changes,
+It does what `dynident.diagnosis.diagnose_model` does, from its pool of candidates to its picks. Where that changes,
 this has to follow; all else of the placebo stays.
 """
 
@@ -13,23 +13,23 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis import compare
-from dynident.diagnosis.candidates.accumulate import PhasedProducts, gather_products
-from dynident.diagnosis.candidates.pool import Pool, build_pool
-from dynident.diagnosis.comparing.noise import estimate_sensor_noise
-from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS
-from dynident.diagnosis.residuals.resolvable_motion import compute_resolution
+from dynident.diagnosis.candidates.candidate_pool import Pool, build_pool
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
+from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
+from dynident.diagnosis.diagnosis_request import DEFAULT_MOST_EFFECTS
+from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import propose_shapes
-from dynident.diagnosis.search.contacts import find_contacts
+from dynident.diagnosis.search.external_contacts import find_contacts
+from dynident.diagnosis.search.finding_refinement import improve_reference
 from dynident.diagnosis.search.forward_selection import search_findings
-from dynident.diagnosis.search.refine import improve_reference
-from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import ReferenceParameters
 from dynident.identification import Identification
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
-from dynident.recordings.phases import Phase
+from dynident.recordings.joint_phases import Phase
 from dynident.regressors.filtered_rows import FilteredSamples, stream_filtered_samples
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import Observation
 from dynident.regressors.row_phases import RowPhases, find_joints_with_friction
 from placebos.shifting import IndexArray, SamplesOf, remembered
@@ -109,7 +109,7 @@ class Question:
         start = self._start(data)
         first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
         found = search_findings(data, pool, start, first, DEFAULT_MOST_EFFECTS, rows, ignore_progress)
-        return tuple(_told(pick) for pick in found.picks)
+        return tuple(_told(finding) for finding in found.findings)
 
     def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IndexArray:
         """(m, n): whether a joint moves, turns round, stands, or moves beside a halt: each another kind of equation."""
@@ -120,10 +120,10 @@ class Question:
 
     def _start(self, data: PhasedProducts) -> State:
         base, noise = tuple(range(self.pool.n_base)), self.identification.noise
-        picks = find_contacts(data, self.pool, base, noise, self.identification.preprocessing)
-        for finding in picks:
+        findings = find_contacts(data, self.pool, base, noise, self.identification.preprocessing)
+        for finding in findings:
             base += finding.columns
-        return State(base, estimate_residual_noise(data, base) if picks else noise, self.floor, picks)
+        return State(base, estimate_residual_noise(data, base) if findings else noise, self.floor, findings)
 
 
 def _rows(identification: Identification, pool: Pool, reference: ReferenceParameters) -> SamplesOf:
@@ -141,6 +141,6 @@ def _phases(identification: Identification, pool: Pool, recording: Recording) ->
     return phases.with_friction_of(find_joints_with_friction(pool.observation, pool.n_base))
 
 
-def _told(pick: Finding) -> str:
-    candidate = pick.judged.candidate
+def _told(finding: Finding) -> str:
+    candidate = finding.judged.candidate
     return candidate.effect + (f" on {', '.join(candidate.joints)}" if candidate.joints else "")

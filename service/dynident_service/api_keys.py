@@ -16,8 +16,8 @@ from starlette.types import Scope as RequestScope
 from dynident_service.fair_queue import name_address_party, name_key_party
 from dynident_service.settings import Settings, hash_key
 from dynident_service.storage.database import Database, get_database_time
+from dynident_service.storage.database_tables import KeyRow, get_utc_time
 from dynident_service.storage.quotas import UNLIMITED, QuotaLimits
-from dynident_service.storage.tables import KeyRow, get_utc_time
 
 Scope = Literal["read", "submit", "admin"]
 SCOPES: tuple[Scope, ...] = ("read", "submit", "admin")

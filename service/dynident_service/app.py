@@ -18,17 +18,17 @@ from dynident_service import tracing
 from dynident_service.api_keys import KeyRing
 from dynident_service.docs_page import mount_docs_page as mount_documentation
 from dynident_service.fair_queue import name_address_party
-from dynident_service.jobs.pool import ForkServer
-from dynident_service.metrics import Metrics
+from dynident_service.jobs.child_pool import ForkServer
 from dynident_service.middleware import AccessControl, AccessLog, AuditLog, RequestTiming
 from dynident_service.problem_responses import REQUEST_ID
 from dynident_service.problem_responses import install_handlers as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
+from dynident_service.prometheus_metrics import Metrics
 from dynident_service.request_limits import Admission, BodyLimit, set_threads
 from dynident_service.routes import ROUTERS
 from dynident_service.security_headers import SafeHeaders
-from dynident_service.services import Services, open_services
 from dynident_service.settings import Settings
+from dynident_service.storage_and_engine import Services, open_services
 from dynident_service.tracing import RequestTracing
 from dynident_service.upload_quotas import UploadRoom, get_quota_limits
 from dynident_service.workbench import mount_workbench as mount_workbench

@@ -25,7 +25,7 @@ def main() -> None:
         hide_secrets()  # first of all, as it starts the program again
     gc.set_threshold(_YOUNG)
     try:
-        from dynident_service.cli.app import create_application
+        from dynident_service.cli.program_and_exit_codes import create_application
     except ModuleNotFoundError as missing:
         if missing.name not in ("typer", "rich", "click"):
             raise

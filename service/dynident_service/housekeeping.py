@@ -13,9 +13,14 @@ from pathlib import Path
 
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
-from dynident_service.storage.deletion import IMPORT_LIFETIME, delete_expired, delete_unused_imports, sweep_objects
+from dynident_service.storage.deletion_and_expiry import (
+    IMPORT_LIFETIME,
+    delete_expired,
+    delete_unused_imports,
+    sweep_objects,
+)
 from dynident_service.storage.integrity_check import REPAIRABLE, check_storage
-from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.object_store import ObjectStore
 
 EVERY = 60.0
 """Seconds between rounds."""

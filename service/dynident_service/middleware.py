@@ -14,10 +14,10 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from dynident_service.api_keys import KeyHolder, KeyRing, extract_key, find_needed_scope
-from dynident_service.logs import FIELDS, set_current_request
-from dynident_service.metrics import Metrics
+from dynident_service.log_lines import FIELDS, set_current_request
 from dynident_service.problem_responses import REQUEST_ID, respond
 from dynident_service.problems import Problem, make_problem
+from dynident_service.prometheus_metrics import Metrics
 from dynident_service.request_limits import charge_key
 from dynident_service.settings import Settings, is_loopback
 from dynident_service.storage.quotas import Account, set_account

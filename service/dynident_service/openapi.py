@@ -15,8 +15,8 @@ from dynident.schema.fields import LARGEST
 from dynident_service.app import create_app
 from dynident_service.settings import Settings
 
-REQUESTS_FILE = "src/dynident_client/requests.py"
-DESCRIPTIONS_FILE = "src/dynident_client/descriptions.py"
+REQUESTS_FILE = "src/dynident_client/computation_options.py"
+DESCRIPTIONS_FILE = "src/dynident_client/upload_options.py"
 ANSWERS_FOLDER = "src/dynident_client/answers"
 _REQUESTS = {
     "IdentificationRequest": ("robot_id", "measurement_ids", "validation_ids", "effects"),
@@ -61,7 +61,7 @@ _ANSWERS = {
     "validations": ("DriveGainsResult", "ValidationResult"),
 }
 """Schemas of answers, and of parts of answers, by the module that holds them."""
-_SHARED = "parts"
+_SHARED = "shared_answers"
 """Module of the schemas that answers of several modules contain."""
 _SPARSE = ("Problem", "ProblemField")
 """Answers that leave out empty fields; all others have every field."""
@@ -172,7 +172,7 @@ def _write_module(schemas_by_name: Mapping[str, Any], imported: Sequence[str]) -
         for name in sorted(_STATED.keys() & schemas_by_name)
         for line in _write_choices(name, schemas_by_name[name])
     ]
-    more = f"\nfrom dynident_client.requests import {', '.join(imported)}\n" if imported else ""
+    more = f"\nfrom dynident_client.computation_options import {', '.join(imported)}\n" if imported else ""
     head = f"{_HEAD}{more}" + "".join(["\n", *choices] if choices else [])
     text = "\n\n".join([head, *classes])
     takes_anything = any(": Any" in text_of_class or "Any]" in text_of_class for text_of_class in classes)

@@ -12,7 +12,7 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from dynident.errors import DynidentError
-from dynident_service.logs import get_current_request
+from dynident_service.log_lines import get_current_request
 from dynident_service.problems import (
     MEDIA_TYPE,
     Problem,
@@ -24,7 +24,7 @@ from dynident_service.problems import (
 )
 from dynident_service.security_headers import SAFE
 from dynident_service.storage.data_directory import is_disk_full
-from dynident_service.storage.retry import AWAY, describe_error
+from dynident_service.storage.retry_while_away import AWAY, describe_error
 
 REQUEST_ID = "X-Request-ID"
 log = logging.getLogger("dynident.service")

@@ -16,8 +16,8 @@ from dynident_service.interactive_compute import InteractiveCompute
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.problems import ProblemError
 from dynident_service.storage.database import Database
-from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.tables import ResourceRow
+from dynident_service.storage.database_tables import ResourceRow
+from dynident_service.storage.object_store import ObjectStore
 
 FRESH = 1.0
 """Seconds for which a result is reused, however often readiness is asked for."""
@@ -107,7 +107,7 @@ class Readiness:
     async def _ask_child(self) -> None:
         await self._awaited.call(
             Request({"type": "http", "headers": []}, _wait_forever),
-            "dynident_service.jobs.messages:confirm_readiness",
+            "dynident_service.jobs.child_messages:confirm_readiness",
             bool,
             {},
             ComputationLimits(GIVEN_UP),

@@ -25,8 +25,8 @@ from dynident_service import tracing
 from dynident_service.app import create_app
 from dynident_service.environment_secrets import forget_keys
 from dynident_service.fair_queue import SharedPlaces, name_address_party
-from dynident_service.jobs.engine import Engine
-from dynident_service.logs import configure_logging
+from dynident_service.jobs.job_engine import Engine
+from dynident_service.log_lines import configure_logging
 from dynident_service.problems import MEDIA_TYPE, make_problem
 from dynident_service.security_headers import SAFE
 from dynident_service.settings import Settings, load_settings

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from dynident_service.logs import get_current_job, get_current_request
+from dynident_service.log_lines import get_current_job, get_current_request
 
 if TYPE_CHECKING:
     from opentelemetry.sdk.trace import TracerProvider

@@ -16,9 +16,9 @@ from dynident_service.request_limits import is_upload
 from dynident_service.settings import Settings
 from dynident_service.storage.data_directory import check_disk_space
 from dynident_service.storage.database import Database
+from dynident_service.storage.database_tables import RetryRow
 from dynident_service.storage.quotas import Account, QuotaLimits, check_quota, get_account, make_bytes_error, sum_bytes
-from dynident_service.storage.records import Kind, NewResource
-from dynident_service.storage.tables import RetryRow
+from dynident_service.storage.repository_values import Kind, NewResource
 
 FORM = 65_536
 """Upper limit in bytes for a form without its file. The size of the file itself is known only when it has arrived."""

@@ -28,20 +28,20 @@ from dynident.version import __version__
 
 if TYPE_CHECKING:
     from dynident.api.changes_over_time import Changes, FollowedRobot, changes, series
-    from dynident.api.comparison import ComparedRecording, Comparisons, compare
-    from dynident.api.data_frames import Table
     from dynident.api.effect_arguments import register
     from dynident.api.figure import Figure
     from dynident.api.model import Ladder, Model
     from dynident.api.model_diagnosis import DiagnosedModel, diagnose
     from dynident.api.model_identification import identify, load_model
+    from dynident.api.model_report import Report, report
     from dynident.api.model_validation import Validation, Validations, validate
     from dynident.api.motion_design import DesignedMotion, design
+    from dynident.api.named_tables import Table
     from dynident.api.parameter_tables import ErrorTable, JointError, Parameters
+    from dynident.api.recording_collection import CheckedRecording, Recordings
     from dynident.api.recording_files import InspectedFile, inspect, read_recordings, revise
-    from dynident.api.recordings import CheckedRecording, Recordings
-    from dynident.api.reporting import Report, report
     from dynident.api.robot_files import load_robot
+    from dynident.api.torque_comparison import ComparedRecording, Comparisons, compare
     from dynident.effects import EffectChoice
     from dynident.errors import DynidentError
     from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest

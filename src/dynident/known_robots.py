@@ -20,7 +20,7 @@ _PACKAGE_SUFFIX = "_description"
 
 def list_library_arms() -> tuple[str, ...]:
     """Return the names of the arms that come with this package, sorted."""
-    names = (entry.name for entry in (files("dynident") / "robot" / "library").iterdir())
+    names = (entry.name for entry in (files("dynident") / "robot" / "bundled_arms").iterdir())
     return tuple(sorted(name.removesuffix(".json") for name in names if name.endswith(".json")))
 
 

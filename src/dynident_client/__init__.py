@@ -12,7 +12,7 @@
 
 from dynident_client.client import Client
 from dynident_client.errors import JobCancelled, JobFailed, ProblemError
-from dynident_client.records import Computed, Job, Measurement, Page, Record, Report
+from dynident_client.resource_objects import Computed, Job, Measurement, Page, Record, Report
 
 __all__ = [
     "Client",

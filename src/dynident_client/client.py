@@ -9,7 +9,7 @@ from typing import Self
 import httpx2
 
 from dynident_client import answers
-from dynident_client.analyses_and_reports import (
+from dynident_client.analysis_and_report_collections import (
     Comparisons,
     CurrentModelSets,
     Diagnoses,
@@ -18,10 +18,10 @@ from dynident_client.analyses_and_reports import (
     SeriesOfDays,
     Validations,
 )
-from dynident_client.identifications import Identifications
-from dynident_client.records import Job, Page, Record, get_identifier
+from dynident_client.identification_collection import Identifications
+from dynident_client.resource_objects import Job, Page, Record, get_identifier
+from dynident_client.robot_measurement_design_collections import Designs, Imports, Measurements, Robots, Simulations
 from dynident_client.transport import Event, ListPart, Transport
-from dynident_client.uploads_and_designs import Designs, Imports, Measurements, Robots, Simulations
 
 
 class Jobs:

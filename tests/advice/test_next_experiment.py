@@ -12,16 +12,16 @@ from support.hidden_effects import BAND, CASES, NAMES, ROBOT, WITH_OFFSET, Exper
 from support.oracles import fourier_motion
 
 from dynident.advice import NextExperiment
-from dynident.advice.experiments import EXPERIMENTS, Question, choose_experiment
+from dynident.advice.discriminating_experiments import EXPERIMENTS, Question, choose_experiment
 from dynident.advice.next_experiment import next_experiment, restrict_criterion_to_motion
 from dynident.diagnosis import Comparison, compare
 from dynident.diagnosis.ambiguities import Doubt, list_doubts
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.result import Invisible
-from dynident.diagnosis.search.state import Finding
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.diagnosis_result import Invisible
+from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.excitation import design_experiment
-from dynident.excitation.design_model import build_design_model
+from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.identification import IdentificationChoices, identify
 from dynident.motion.limits.bounds import build_bounds
 

@@ -19,18 +19,18 @@ import dynident as dy
 from dynident.diagnosis import DiagnosisChoices
 from dynident.errors import DynidentError
 from dynident.excitation import design_experiment
-from dynident.identification.choices import EssentialChoices
-from dynident.identification.loads.known_load import KnownLoad
-from dynident.identification.loads.payload_data import parse_payload
-from dynident.identification.methods.bases import ESTIMATORS
-from dynident.identification.study.correlated_and_essential_parameters import essential_parameters
+from dynident.identification.identification_choices import EssentialChoices
+from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
+from dynident.identification.loads.drive_gain_request import KnownLoad
+from dynident.identification.loads.payloads_of_recordings import parse_payload
+from dynident.identification.methods.base_classes import ESTIMATORS
 from dynident.motion.collision.surroundings import Box, ToolRange, Wall
 from dynident.progress import ignore_progress
-from dynident.recordings.metadata import Filters
 from dynident.recordings.preprocessing import preprocessing_from_request
+from dynident.recordings.recording_metadata import Filters
 from dynident.robot import robot_from_urdf
 from dynident.simulation import ActingEffect, Simulated, Warming, build_simulation_request, simulate
-from dynident.validation.request import TRIALS, ValidationData, build_trial
+from dynident.validation.validation_request import TRIALS, ValidationData, build_trial
 from dynident_service.adapters.designs import design_to_reference
 
 NAME = "pendulum"

@@ -13,7 +13,7 @@ import pyarrow.csv as pacsv
 import pytest
 
 import dynident as dy
-from dynident.api.recording_sources import _get_temporary_folder
+from dynident.api.recordings_in_memory import _get_temporary_folder
 
 pandas = pytest.importorskip("pandas")
 

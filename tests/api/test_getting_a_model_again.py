@@ -15,7 +15,7 @@ import pytest
 
 import dynident as dy
 from dynident.effects import EffectChoice
-from dynident.effects.text_format import format_effect, parse_effects
+from dynident.effects.effect_text_format import format_effect, parse_effects
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.recordings import Preprocessing
 from dynident.reports.sections.provenance import ROBOT, build_commands

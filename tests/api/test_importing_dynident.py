@@ -64,7 +64,7 @@ def test_the_light_installation_says_what_is_missing() -> None:
 def test_the_library_below_knows_nothing_of_the_desk() -> None:
     told = run(
         "import sys\n"
-        "import dynident.reports.report, dynident.export, dynident.validation, dynident.excitation\n"
+        "import dynident.reports.html_page, dynident.export, dynident.validation, dynident.excitation\n"
         "print([name for name in sys.modules if name.startswith('dynident.api')])"
     )
     assert told.strip() == "[]"

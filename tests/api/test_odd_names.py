@@ -20,17 +20,17 @@ from hypothesis import strategies as st
 from support.oracles import fourier_motion, pinocchio_torque, record
 
 import dynident as dy
-from dynident.api.recordings import CheckedRecording
-from dynident.diagnosis.comparing.storage import StoredComparison, write_comparison
+from dynident.api.recording_collection import CheckedRecording
+from dynident.diagnosis.comparison.comparison_files import StoredComparison, write_comparison
 from dynident.export import ExportFormat, export_model
-from dynident.export.request import LOAD_FORMATS
+from dynident.export.export_request import LOAD_FORMATS
 from dynident.recordings import Recording
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.text_encoding import escape_surrogates
 from dynident_service.adapters.designs import trajectory_as_csv, write_trajectory
 from dynident_service.adapters.identifications import build_file_response
-from dynident_service.cli.table_files import build_comparison_table, build_courses_table, write_table
-from dynident_service.cli.table_files import write_trajectory as write_trajectory_of_command
+from dynident_service.cli.csv_and_parquet_output import build_comparison_table, build_courses_table, write_table
+from dynident_service.cli.csv_and_parquet_output import write_trajectory as write_trajectory_of_command
 
 NAMES = st.text(st.characters(exclude_categories=()), min_size=1, max_size=12).filter(str.strip)
 ODD = ('a,b;"c"', "line\nbreak", "\ud800", "é\u2028ß", "'=1+1", "\r", "a\tb", "0\x1f")

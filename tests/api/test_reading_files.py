@@ -11,9 +11,9 @@ import pyarrow.csv as pacsv
 import pytest
 
 import dynident as dy
-from dynident.api.recordings import CheckedRecording
+from dynident.api.recording_collection import CheckedRecording
 from dynident.recordings import open_recording, recording_from_arrays
-from dynident.robot.library import library_table
+from dynident.robot.bundled_arms import library_table
 
 Table = dict[str, np.ndarray]
 

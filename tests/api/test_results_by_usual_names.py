@@ -266,7 +266,7 @@ def test_a_picture_without_its_renderer_says_what_to_install(
     import sys
 
     monkeypatch.setitem(sys.modules, "typst", None)
-    monkeypatch.delitem(sys.modules, "dynident.reports.pdf", raising=False)
+    monkeypatch.delitem(sys.modules, "dynident.reports.pdf_report", raising=False)
     words = r"typst, which is not installed; .*dynident\[science\].*save\('runs.svg'\)"
     with pytest.raises(dy.DynidentError, match=words):
         runs.plot().save(tmp_path / "runs.png")

@@ -12,11 +12,11 @@ from support.one_joint_robots import ONE_JOINT, one_joint_recordings, one_joint_
 
 import dynident as dy
 from dynident.excitation.criteria.criterion_choice import CRITERIA
-from dynident.excitation.request import FAMILIES, JOINT_BY_JOINT
-from dynident.excitation.row_model_names import ROW_MODELS
+from dynident.excitation.design_request import FAMILIES, JOINT_BY_JOINT
+from dynident.excitation.equation_type_names import ROW_MODELS
 from dynident.export import ExportFormat, export_model
-from dynident.export.request import LOAD_FORMATS
-from dynident.identification.choices import (
+from dynident.export.export_request import LOAD_FORMATS
+from dynident.identification.identification_choices import (
     AVAILABLE_COVARIANCES,
     AVAILABLE_ESTIMATORS,
     AVAILABLE_MODELS,
@@ -24,7 +24,7 @@ from dynident.identification.choices import (
     STEPS,
 )
 from dynident.progress import ignore_progress
-from dynident.validation.request import TRIALS, ValidationData
+from dynident.validation.validation_request import TRIALS, ValidationData
 
 pytestmark = pytest.mark.sweep
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from support.running_commands import dynident, write_run
 
-from dynident.robot.library import library_table
+from dynident.robot.bundled_arms import library_table
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ import pytest
 from support.running_commands import dynident, write_run
 
 from dynident.identification.column_inference import Question
-from dynident_service.cli.metadata import StatedAnswers
+from dynident_service.cli.metadata_files import StatedAnswers
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from support.running_commands import ROBOT, dynident
 
 from dynident.identification import from_bytes
 from dynident.reports.number_format import format_percent
-from dynident.robot.library import library_table
+from dynident.robot.bundled_arms import library_table
 
 FIGURES = {"rms", "relative", "relative_total"}
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from support.running_commands import ROBOT, dynident
 
-from dynident.identification.choices import AVAILABLE_MODELS
+from dynident.identification.identification_choices import AVAILABLE_MODELS
 
 
 def test_unseen_data_and_own_data(desk: Path):

@@ -13,8 +13,8 @@ from support.running_commands import ROBOT, dynident, write_run
 
 import dynident as dynident_package
 from dynident.robot import urdf_from_robot
+from dynident.verdict.fitness_by_use import _PRESLIDING, CURE, DIAGNOSE, GAINS
 from dynident.verdict.model_verdict import _WHEN_GOOD
-from dynident.verdict.use_findings import _PRESLIDING, CURE, DIAGNOSE, GAINS
 
 
 @pytest.fixture(scope="module")

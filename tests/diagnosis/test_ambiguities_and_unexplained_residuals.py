@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.scoring import Score
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.candidates.held_out_scores import Score
 from dynident.diagnosis.candidates.significance import ScoredCandidate, combine_scores
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.result import UnknownPattern
-from dynident.diagnosis.search.state import Finding
-from dynident.diagnosis.summary import rank_findings, select_verdict
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.diagnosis_result import UnknownPattern
+from dynident.diagnosis.diagnosis_summary import rank_findings, select_verdict
+from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import EffectChoice
 
 PEAK = (("delta", 2.0), ("vs", 0.1))

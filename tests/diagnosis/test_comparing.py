@@ -10,8 +10,8 @@ from support.hidden_effects import BAND, NAMES, NOISE, ROBOT, experiment, motion
 from support.oracles import Motion, fourier_motion, record
 
 from dynident.diagnosis import compare
-from dynident.diagnosis.comparing.noise import estimate_sensor_noise
-from dynident.diagnosis.residuals.patterns import build_failure_map, find_unknown_patterns
+from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
+from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import build_failure_map, find_unknown_patterns
 from dynident.diagnosis.residuals.spectral_peaks import find_angle_lines
 from dynident.errors import DynidentError
 from dynident.recordings import Preprocessing, low_pass, recording_from_arrays

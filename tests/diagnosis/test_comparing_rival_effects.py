@@ -10,12 +10,12 @@ from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, nothing, on_
 from support.oracles import FloatArray, Motion, fourier_motion, pinocchio_torque
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.candidates.pool import build_pool_of_choices
-from dynident.diagnosis.changes import identify_on_both
-from dynident.diagnosis.search.model_comparison import compare_names
+from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
+from dynident.diagnosis.changes_between_recordings import identify_on_both
+from dynident.diagnosis.search.comparison_of_rivals import compare_names
+from dynident.diagnosis.search.finding_refinement import RecordedSource
 from dynident.diagnosis.search.next_finding import select_candidate
-from dynident.diagnosis.search.refine import RecordedSource
-from dynident.diagnosis.search.state import State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import State, estimate_residual_noise, score_all
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.shape_refinement import list_shape_variables

@@ -11,14 +11,14 @@ import pyarrow as pa
 import pytest
 from support.installed_versions import older_than_locked
 
-from dynident.recordings.arrow import from_numbers, table_column_to_numbers
+from dynident.recordings.arrow_tables import from_numbers, table_column_to_numbers
 
 WRITTEN_AND_READ = """
 import sys
 from pathlib import Path
 from types import SimpleNamespace
 import numpy as np
-from dynident.diagnosis.comparing.storage import SIGNALS, StoredComparison, write_comparison
+from dynident.diagnosis.comparison.comparison_files import SIGNALS, StoredComparison, write_comparison
 
 t = np.arange(4.0)
 signals = {name: np.column_stack([t + k, t]) for k, name in enumerate(SIGNALS)}

@@ -10,9 +10,9 @@ import pytest
 from support.hidden_effects import EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, experiment, hysteresis
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.residuals.resolvable_motion import Resolution
-from dynident.diagnosis.search.refine import merge_alike
-from dynident.diagnosis.search.state import Finding
+from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
+from dynident.diagnosis.search.finding_refinement import merge_alike
+from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import EffectChoice
 from dynident.identification import extend
 from dynident.identification.shape_search import are_nearly_alike
@@ -72,8 +72,8 @@ def test_slips_too_short_for_the_data_to_tell_are_one():
 
     def left(slip: float) -> list[EffectChoice]:
         choices = (presliding(NAMES[1], slip, -1.0), five)
-        picks = [Finding(cast(Any, choice), (), 0.001) for choice in choices]
-        return list(merge_alike(picks, choices, ROBOT, resolved)[1])
+        findings = [Finding(cast(Any, choice), (), 0.001) for choice in choices]
+        return list(merge_alike(findings, choices, ROBOT, resolved)[1])
 
     assert left(0.0005) == [replace(five, joints=NAMES)]
     assert left(0.004) == [presliding(NAMES[1], 0.004, -1.0), five]

@@ -8,9 +8,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.search import contacts
-from dynident.diagnosis.search.state import Finding, State
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.search import external_contacts
+from dynident.diagnosis.search.search_state import Finding, State
 from dynident.recordings import Preprocessing
 
 CONTACT = Candidate("external_contact", (), (("t0", 1.0), ("t1", 2.0)), (3, 4, 5))
@@ -33,10 +33,10 @@ def left(monkeypatch):
             asked.append(base)
             return (found(CONTACT),) if shows else ()
 
-        monkeypatch.setattr(contacts, "find_contacts", find)
+        monkeypatch.setattr(external_contacts, "find_contacts", find)
         columns = (*MODEL, *(k for candidate in findings for k in candidate.columns))
         state = State(columns, np.ones(6), np.ones(6), tuple(found(candidate) for candidate in findings))
-        return contacts.drop_faded_contacts(
+        return external_contacts.drop_faded_contacts(
             cast(Any, None), cast(Any, None), state, Preprocessing(10.0, 10.0, 5)
         ), asked
 
@@ -45,20 +45,20 @@ def left(monkeypatch):
 
 def test_a_contact_that_friction_explains_goes_with_its_columns(left):
     state, asked = left((CONTACT, FRICTION), shows=False)
-    assert [finding.judged.candidate for finding in state.picks] == [FRICTION]
+    assert [finding.judged.candidate for finding in state.findings] == [FRICTION]
     assert state.base == (*MODEL, *FRICTION.columns)
     assert asked == [(*MODEL, *FRICTION.columns)]
 
 
 def test_a_contact_that_still_shows_stays_where_it_was_in_order(left):
     state, _ = left((CONTACT, FRICTION), shows=True)
-    assert [finding.judged.candidate for finding in state.picks] == [CONTACT, FRICTION]
+    assert [finding.judged.candidate for finding in state.findings] == [CONTACT, FRICTION]
     assert set(state.base) == {*MODEL, *CONTACT.columns, *FRICTION.columns}
 
 
 def test_a_contact_alone_is_not_asked_for_twice(left):
     state, asked = left((CONTACT,), shows=False)
-    assert [finding.judged.candidate for finding in state.picks] == [CONTACT]
+    assert [finding.judged.candidate for finding in state.findings] == [CONTACT]
     assert not asked
 
 
@@ -70,9 +70,9 @@ def test_a_burst_no_longer_than_what_a_filter_makes_of_a_step_is_no_contact(monk
         tried.append(candidate)
         return SimpleNamespace(candidate=candidate, drop=0.0, t=0.0), 1.0
 
-    monkeypatch.setattr(contacts, "_test_contact", try_one)
+    monkeypatch.setattr(external_contacts, "_test_contact", try_one)
     burst = Candidate("external_contact", (), (("t0", 1.0), ("t1", 1.0 + seconds)), (3, 4, 5))
     data = SimpleNamespace(select_for_candidates=lambda columns, signs: None)
     pool = SimpleNamespace(candidates=(burst, FRICTION))
-    contacts.find_contacts(cast(Any, data), cast(Any, pool), MODEL, np.ones(6), Preprocessing(10.0, 10.0, 5))
+    external_contacts.find_contacts(cast(Any, data), cast(Any, pool), MODEL, np.ones(6), Preprocessing(10.0, 10.0, 5))
     assert len(tried) == asked

@@ -10,11 +10,11 @@ import pytest
 from support.hidden_effects import CASES, NAMES, experiment
 
 from dynident.diagnosis import DecisionRules, diagnose
-from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.search.acceptance import find_rejection
-from dynident.diagnosis.search.state import State
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.search.acceptance_rules import find_rejection
+from dynident.diagnosis.search.search_state import State
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 MOST_LEVELS = 60

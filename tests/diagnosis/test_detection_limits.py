@@ -10,10 +10,10 @@ from support.hidden_effects import NAMES, ROBOT, WITH_OFFSET, experiment, on_joi
 
 from dynident.diagnosis import Diagnosis, diagnose
 from dynident.diagnosis.conclusion import conclude
-from dynident.diagnosis.result import DetectionLimit, UnknownPattern
+from dynident.diagnosis.diagnosis_result import DetectionLimit, UnknownPattern
 from dynident.effects import get_effect
 from dynident.reports.figures.diagnosis import draw_detection_limits
-from dynident.reports.result_rows import format_limits, format_share
+from dynident.reports.result_tables import format_limits, format_share
 from dynident.robot.joint import join_joint_names
 
 HIDDEN = ("joint_spring", "viscous_asymmetric")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from support.hidden_effects import BAND, NAMES, experiment, on_joint
 
-from dynident.diagnosis.candidates.accumulate import gather_products
-from dynident.diagnosis.candidates.pool import build_pool
-from dynident.diagnosis.search.physical_constraints import is_physically_possible
-from dynident.diagnosis.search.state import score_all
+from dynident.diagnosis.candidates.candidate_pool import build_pool
+from dynident.diagnosis.candidates.inner_product_accumulation import gather_products
+from dynident.diagnosis.search.physical_plausibility import is_physically_possible
+from dynident.diagnosis.search.search_state import score_all
 
 LAWS = {
     "bend": lambda q, v, load: 9.0 * np.sqrt(np.abs(v)) * np.sign(v) - 15.0 * v,

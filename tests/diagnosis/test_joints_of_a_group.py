@@ -9,9 +9,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.search import pruning
-from dynident.diagnosis.search.state import Finding, State
+from dynident.diagnosis.search.search_state import Finding, State
 
 ARM = tuple(f"joint_{k}" for k in range(1, 7))
 WEAK, AGAINST = 1.5, -1.5
@@ -86,13 +86,13 @@ def test_a_joint_that_cannot_have_changed_so_goes_whatever_it_gains(left_of):
 def test_a_change_of_one_joint_that_is_impossible_beside_what_was_found_since_is_dropped(monkeypatch):
     change = Candidate("load_dependent_friction", (ARM[1],), (), (1,), ("friday",))
     lasting = Candidate("presliding", (ARM[1],), (), (2,))
-    picks = tuple(Finding(cast(Any, SimpleNamespace(candidate=one)), (), 0.001) for one in (change, lasting))
+    findings = tuple(Finding(cast(Any, SimpleNamespace(candidate=one)), (), 0.001) for one in (change, lasting))
     monkeypatch.setattr(
         pruning, "_rescore_finding", lambda data, pool, state, finding: Gain(finding.judged.candidate, 5.0)
     )
     monkeypatch.setattr(pruning, "is_shadowed", lambda *asked: False)
     monkeypatch.setattr(pruning, "is_physically_possible", lambda data, pool, base, noise, item: base != (0, 2))
     pool = SimpleNamespace(is_change=lambda candidate: bool(candidate.runs))
-    state = State((0, 1, 2), np.ones(6), np.ones(6), picks)
+    state = State((0, 1, 2), np.ones(6), np.ones(6), findings)
     left = pruning.prune_findings(cast(Any, None), cast(Any, pool), state)
-    assert ([one.judged.candidate for one in left.picks], left.base) == ([lasting], (0, 2))
+    assert ([one.judged.candidate for one in left.findings], left.base) == ([lasting], (0, 2))

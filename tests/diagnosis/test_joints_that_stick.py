@@ -14,10 +14,10 @@ from support.scored_candidates import judged
 
 from dynident.diagnosis import compare, diagnose
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.reasons import Reason
+from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search import next_finding
-from dynident.diagnosis.search.acceptance import find_rejection, is_shadowed, is_too_small_for_runs
-from dynident.diagnosis.search.state import State
+from dynident.diagnosis.search.acceptance_rules import find_rejection, is_shadowed, is_too_small_for_runs
+from dynident.diagnosis.search.search_state import State
 from dynident.diagnosis.search.static_friction import Halts, find_halts, is_extrapolated
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.identification import extend, identify

@@ -9,10 +9,10 @@ import pytest
 from support.hidden_effects import BAND, NAMES, ROBOT, on_joint, recorded
 from support.oracles import fourier_motion
 
-from dynident.diagnosis.candidates.pool import build_pool_of_choices
+from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
+from dynident.diagnosis.search.finding_refinement import RecordedSource
 from dynident.diagnosis.search.forward_selection import merge_findings
-from dynident.diagnosis.search.refine import RecordedSource
-from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
 
@@ -51,7 +51,7 @@ def test_of_an_offset_and_a_wave_one_spring_remains_where_it_says_both(hidden, k
     for choice in two:
         (judged,) = score_all(data, pool, state.base, [pool.find_candidate(choice)], state.noise)
         found = Finding(judged, (), 1e-4)
-        state = replace(state, base=state.base + found.columns, picks=(*state.picks, found))
+        state = replace(state, base=state.base + found.columns, findings=(*state.findings, found))
     after = merge_findings(rows, data, pool, state)
-    assert [pick.judged.candidate.effect for pick in after.picks] == names
-    assert set(after.base) == {*base, *(k for pick in after.picks for k in pick.columns)}
+    assert [finding.judged.candidate.effect for finding in after.findings] == names
+    assert set(after.base) == {*base, *(k for finding in after.findings for k in finding.columns)}

@@ -9,7 +9,8 @@ import pytest
 from support.further_hidden_effects import loaded
 from support.hidden_effects import BAND, EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, motions, nothing, on_joint, recorded
 
-from dynident.diagnosis.candidates.products import ProductStack
+from dynident.diagnosis.candidates.inner_products_and_folds import ProductStack
+from dynident.diagnosis.diagnosis_result import Change, ChangedValue
 from dynident.diagnosis.monitoring import (
     Day,
     Measure,
@@ -25,7 +26,6 @@ from dynident.diagnosis.monitoring import (
     reduce_day,
 )
 from dynident.diagnosis.monitoring.parameter_tracks import StepProductStack, widen_intervals
-from dynident.diagnosis.result import Change, ChangedValue
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction, concatenate_reductions, statistics, weighted

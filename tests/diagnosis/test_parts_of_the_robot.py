@@ -14,8 +14,8 @@ from dynident.diagnosis import Diagnosis, diagnose
 from dynident.effects import CATALOGUE
 from dynident.errors import DynidentError
 from dynident.identification import identify
-from dynident.robot.document import robot_from_document, robot_to_document
-from dynident.robot.limits import HARDWARE, check_hardware
+from dynident.robot.description_and_json import robot_from_document, robot_to_document
+from dynident.robot.limits_and_drives import HARDWARE, check_hardware
 
 SPRING = "gravity_compensator"
 
@@ -117,8 +117,8 @@ def test_a_robot_file_states_its_parts_and_arguments_replace_them(tmp_path):
 
 
 def test_the_command_line_states_parts():
-    from dynident_service.cli.inputs import load_robot_argument
-    from dynident_service.cli.options import RobotAdditions
+    from dynident_service.cli.argument_loading import load_robot_argument
+    from dynident_service.cli.shared_options import RobotAdditions
 
     robot = load_robot_argument("ur10", RobotAdditions(has="cable", has_not="spring, gravity_compensator"))
     assert robot.hardware == {"cable": True, "spring": False, "gravity_compensator": False}

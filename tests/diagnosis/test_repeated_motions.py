@@ -10,8 +10,8 @@ from support.hidden_effects import BAND, NAMES, NOISE, ROBOT, WITH_OFFSET, exper
 from support.oracles import Motion, fourier_motion
 
 from dynident.diagnosis import compare, diagnose, judge
-from dynident.diagnosis.comparing.noise import estimate_noise_from_repetitions, floor_of
-from dynident.diagnosis.comparing.repeatability import (
+from dynident.diagnosis.comparison.noise_floor import estimate_noise_from_repetitions, floor_of
+from dynident.diagnosis.comparison.repeated_motion import (
     compute_repeated_share,
     find_own_repeats,
     find_periods,

@@ -9,10 +9,10 @@ import pytest
 from support.hidden_effects import NAMES, ROBOT, compared, experiment
 
 from dynident.diagnosis.ambiguities import find_misnamed, is_only_helpful_at_first
-from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.result import UnknownPattern, Variable
-from dynident.diagnosis.search.state import Finding
+from dynident.diagnosis.diagnosis_result import UnknownPattern, Variable
+from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import EffectChoice
 
 JOINT = 2

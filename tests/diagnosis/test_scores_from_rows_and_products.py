@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.diagnosis.candidates import accumulate
-from dynident.diagnosis.candidates.accumulate import RowAccumulator
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.products import Products, ProductStack, RowStack
-from dynident.diagnosis.candidates.scoring import compute_contributions, score_candidates
+from dynident.diagnosis.candidates import inner_product_accumulation
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.candidates.held_out_scores import compute_contributions, score_candidates
+from dynident.diagnosis.candidates.inner_product_accumulation import RowAccumulator
+from dynident.diagnosis.candidates.inner_products_and_folds import Products, ProductStack, RowStack
 
 JOINTS, COLUMNS, STRETCHES, PIECES = 3, 9, 12, 5
 BASE, NOISE = np.arange(4), np.array([1.0, 0.5, 2.0])
@@ -22,15 +22,15 @@ CANDIDATES = [
 
 def gathered(most_rows: int, monkeypatch: pytest.MonkeyPatch) -> Products:
     """Rows pushed in pieces that begin in the middle of stretches; the second joint lacks some of the columns."""
-    monkeypatch.setattr(accumulate, "_MOST_ROWS", most_rows)
+    monkeypatch.setattr(inner_product_accumulation, "_MOST_ROWS", most_rows)
     random = np.random.default_rng(0)
     having = [np.arange(COLUMNS), np.array([0, 2, 3, 5, 8]), np.arange(COLUMNS)]
     collected = RowAccumulator([len(columns) for columns in having], 2, STRETCHES)
     for piece in range(PIECES):
-        stretch = np.sort(random.integers(0, STRETCHES, 70)) if piece else np.arange(70) % STRETCHES
+        row_block = np.sort(random.integers(0, STRETCHES, 70)) if piece else np.arange(70) % STRETCHES
         rows = [random.normal(size=(70, len(columns) + 1)) for columns in having]
         moving = random.random((70, JOINTS)) < 0.7
-        collected.push(stretch, rows, (moving, ~moving))
+        collected.push(row_block, rows, (moving, ~moving))
     (moving_stacks, counts), (others, _) = collected.finish(STRETCHES)
     position = []
     for columns in having:

@@ -12,16 +12,21 @@ from hypothesis import strategies as st
 from scipy import stats
 from support.scored_candidates import judged
 
-from dynident.diagnosis.candidates.joint_products import JointBlocks
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.products import RowStack, products_from_reduction, split_data_folds, split_folds
-from dynident.diagnosis.candidates.scoring import (
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.candidates.held_out_scores import (
     Score,
     compute_contributions,
     compute_deviations,
     compute_held_out_errors,
     score_candidates,
 )
+from dynident.diagnosis.candidates.inner_products_and_folds import (
+    RowStack,
+    products_from_reduction,
+    split_data_folds,
+    split_folds,
+)
+from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
 from dynident.diagnosis.candidates.significance import (
     ScoredCandidate,
     are_indistinguishable,
@@ -29,11 +34,11 @@ from dynident.diagnosis.candidates.significance import (
     compute_familywise_p,
     select_simplest,
 )
-from dynident.diagnosis.search.acceptance import compute_stability
+from dynident.diagnosis.search.acceptance_rules import compute_stability
 from dynident.diagnosis.search.next_finding import find_richer_changes
-from dynident.diagnosis.search.state import State
+from dynident.diagnosis.search.search_state import State
 from dynident.estimation import FactorAccumulator
-from dynident.estimation.errors import compute_t
+from dynident.estimation.residual_errors import compute_t
 
 # Two equations over ten columns: 0-4 the model, 5-9 candidates; some columns are on one equation alone.
 CONTAINS = (np.array([0, 1, 2, 5, 6, 8, 9]), np.array([1, 2, 3, 4, 7, 8, 9]))
@@ -71,10 +76,10 @@ class Rows:
 
     def kept(self):
         """The same with the rows themselves."""
-        stretch = np.arange(len(self.t)) // PER_STRETCH
+        row_block = np.arange(len(self.t)) // PER_STRETCH
         made = self.products()
         stacks = tuple(
-            (RowStack(np.column_stack([w[:, c], y]), stretch, STRETCHES),)
+            (RowStack(np.column_stack([w[:, c], y]), row_block, STRETCHES),)
             for w, c, y in zip(self.wide, CONTAINS, self.y, strict=True)
         )
         return replace(made, stacks=stacks)

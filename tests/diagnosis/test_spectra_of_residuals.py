@@ -8,7 +8,7 @@ from support.hidden_effects import ROBOT
 from support.oracles import fourier_motion
 
 from dynident.diagnosis import angle_spectrum, autocorrelation, time_spectrum
-from dynident.diagnosis.comparing.autocorrelation_and_spectra import count_independent_squares
+from dynident.diagnosis.comparison.residual_autocorrelation_and_spectra import count_independent_squares
 from dynident.errors import DynidentError
 
 T = np.arange(4000) / 50.0

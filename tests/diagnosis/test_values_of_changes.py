@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynident.diagnosis.change_estimates import Estimates, yield_changes
-from dynident.diagnosis.result import Change, RankedEffect
+from dynident.diagnosis.change_sizes import Estimates, yield_changes
+from dynident.diagnosis.diagnosis_result import Change, RankedEffect
 from dynident.effects import Column, EffectChoice
-from dynident.estimation.uncertainty import Statistics
+from dynident.estimation.parameter_covariance import Statistics
 from dynident.robot import robot_from_library
 
 SINCE = ("today",)

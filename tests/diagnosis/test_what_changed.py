@@ -23,14 +23,14 @@ from support.hidden_effects import (
 from support.oracles import FloatArray, Motion, pinocchio_torque
 
 from dynident.diagnosis import Change, Diagnosis, diagnose
-from dynident.diagnosis.candidates.pool import build_pool
+from dynident.diagnosis.candidates.candidate_pool import build_pool
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import EffectChoice
 from dynident.effects.effect_columns import is_lasting_change
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Recording
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.robot import Robot
 
 pytestmark = pytest.mark.slow

@@ -12,12 +12,12 @@ from support.hidden_effects import CASES, NAMES, WITH_OFFSET, experiment, on_joi
 from test_scoring_and_significance import judged
 
 from dynident.diagnosis import Diagnosis, diagnose
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.reasons import CandidateOutcome, Reason, ReasonCode, build_too_small, find_outcome
-from dynident.diagnosis.search.acceptance import find_rejection
-from dynident.diagnosis.search.identifiability import list_columns_with_findings
-from dynident.diagnosis.search.state import State
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason, ReasonCode, build_too_small, find_outcome
+from dynident.diagnosis.search.acceptance_rules import find_rejection
+from dynident.diagnosis.search.identifiability_and_invisible_effects import list_columns_with_findings
+from dynident.diagnosis.search.search_state import State
 from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.errors import DynidentError
 
@@ -193,8 +193,8 @@ def test_a_group_that_is_no_candidate_counts_with_the_columns_of_each_of_its_joi
 
 
 def test_patterns_of_many_joints_are_told_by_the_variable():
-    from dynident.diagnosis.result import UnknownPattern
-    from dynident.diagnosis.summary import group_patterns
+    from dynident.diagnosis.diagnosis_result import UnknownPattern
+    from dynident.diagnosis.diagnosis_summary import group_patterns
 
     names = [f"{side}_{part}" for part in ("hip", "knee", "ankle", "elbow") for side in ("left", "right")]
     unknown = [UnknownPattern(name, "velocity", 0.1 + 0.01 * k) for k, name in enumerate(names[:-1])]

@@ -13,10 +13,10 @@ from pathlib import Path
 import dynident.effects as room
 room.__path__.append({folder!r})
 from fastapi.testclient import TestClient
-from dynident.advice.experiments import EXPERIMENTS
-from dynident.advice.experiments import choose_experiment
+from dynident.advice.discriminating_experiments import EXPERIMENTS
+from dynident.advice.discriminating_experiments import choose_experiment
 from dynident.effects import CATALOGUE, EffectChoice
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.robot import robot_from_library
 from dynident.simulation import VirtualRobot, build_typical_effect
 from dynident.testing import check_effect

@@ -23,7 +23,7 @@ from dynident.effects import (
     get_effect,
 )
 from dynident.effects.effect_columns import find_joints
-from dynident.effects.usual_sizes import get_velocity_scale
+from dynident.effects.usual_effect_sizes import get_velocity_scale
 from dynident.robot import Robot
 
 ROBOTS = ("ur10", "scara", "dual_arm")

@@ -22,7 +22,7 @@ from dynident.effects import (
     get_effect,
 )
 from dynident.effects.hysteresis_states import MemoryStates
-from dynident.effects.structure import get_horizontal_directions
+from dynident.effects.mechanical_structure import get_horizontal_directions
 from dynident.robot import Robot
 
 ROBOTS = ("ur10", "scara", "dual_arm")

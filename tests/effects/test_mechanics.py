@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from support.oracles import ARMS, FROM_PINOCCHIO, arm, crooked_urdf, pinocchio_rows, random_states
 
-from dynident.effects.mechanics import build_dynamic_rows
-from dynident.effects.signals import Signals
+from dynident.effects.effect_signals import Signals
+from dynident.effects.rigid_body_rows import build_dynamic_rows
 from dynident.robot import Robot, robot_from_modified_dh, robot_from_urdf, to_pinocchio, urdf_from_robot
 
 DRAWN = settings(max_examples=40, deadline=None)

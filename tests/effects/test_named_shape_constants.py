@@ -11,11 +11,11 @@ from support.oracles import arm
 
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.effects.effect_columns import check_shape_constants
-from dynident.effects.text_format import format_effect, parse_effects
+from dynident.effects.effect_text_format import format_effect, parse_effects
 from dynident.errors import DynidentError
-from dynident.export.summary import describe_effect
+from dynident.export.comments_and_names import describe_effect
 from dynident.identification import IdentifiedParameter, ShapeConstant
-from dynident.identification.study.solve_again import subtract_effects
+from dynident.identification.identified_models.remove_and_solve_again import subtract_effects
 from dynident.reports.labels import format_shape_constants
 
 ROBOT = arm("scara")

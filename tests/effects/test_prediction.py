@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from support.oracles import ARMS, FloatArray, arm, crooked_urdf, pinocchio_torque, random_states
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns, count_reference_parameters
-from dynident.effects.mechanics import to_constant
 from dynident.effects.newton_euler import build_inverse_dynamics, build_link_jacobian
+from dynident.effects.rigid_body_rows import to_constant
 from dynident.errors import DynidentError
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot import Robot, robot_from_library, robot_from_urdf, to_pinocchio

@@ -17,7 +17,7 @@ from dynident.estimation import (
     statistics,
     weighted,
 )
-from dynident.estimation.uncertainty import estimate_cluster_covariance
+from dynident.estimation.parameter_covariance import estimate_cluster_covariance
 
 N_PARAMETERS = 4
 CONTAINS = (np.array([0, 1, 2]), np.array([1, 2, 3]))

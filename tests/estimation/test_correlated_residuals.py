@@ -19,23 +19,23 @@ def smooth(rng: np.random.Generator, size: tuple[int, int], pole: float) -> np.n
     return signal.lfilter([np.sqrt(1 - pole**2)], [1, -pole], white, axis=0)[500:]
 
 
-def reduced(w: np.ndarray, y: np.ndarray, stretch: float = 2.0) -> Reduction:
-    accumulator = FactorAccumulator([np.arange(w.shape[1])], w.shape[1], stretch)
+def reduced(w: np.ndarray, y: np.ndarray, block_length: float = 2.0) -> Reduction:
+    accumulator = FactorAccumulator([np.arange(w.shape[1])], w.shape[1], block_length)
     accumulator.push(np.arange(len(y)) / RATE, [np.column_stack([w, y])])
     return accumulator.finish()
 
 
-def factor_of(w: np.ndarray, y: np.ndarray, stretch: float = 2.0) -> float:
-    reduction = reduced(w, y, stretch)
+def factor_of(w: np.ndarray, y: np.ndarray, block_length: float = 2.0) -> float:
+    reduction = reduced(w, y, block_length)
     return compute_correlation_factor(reduction.equations[0], ordinary(reduction).values)
 
 
-def many(column_pole: float, residual_pole: float, runs: int = 60, stretch: float = 2.0) -> np.ndarray:
+def many(column_pole: float, residual_pole: float, runs: int = 60, block_length: float = 2.0) -> np.ndarray:
     rng = np.random.default_rng(0)
     found = []
     for _ in range(runs):
         w = smooth(rng, (M, P), column_pole)
-        found.append(factor_of(w, w @ np.ones(P) + smooth(rng, (M, 1), residual_pole)[:, 0], stretch))
+        found.append(factor_of(w, w @ np.ones(P) + smooth(rng, (M, 1), residual_pole)[:, 0], block_length))
     return np.array(found)
 
 
@@ -63,7 +63,7 @@ def test_low_passed_residuals_count_for_less_by_their_bandwidth():
     for _ in range(40):
         w = smooth(rng, (M, P), 0.995)
         rest = signal.lfilter(taps, 1, rng.normal(size=M + 200))[200:]
-        found.append(factor_of(w, w @ np.ones(P) + rest, stretch=3.0))
+        found.append(factor_of(w, w @ np.ones(P) + rest, block_length=3.0))
     assert np.mean(found) == pytest.approx(RATE / (2 * 5.0), rel=0.25)
 
 
@@ -110,7 +110,7 @@ def test_neither_units_nor_the_order_of_stretches_change_the_factor(seed, scales
 def test_too_few_stretches_to_see_a_correlation_claim_none():
     rng = np.random.default_rng(4)
     w = smooth(rng, (100, P), 0.9)
-    assert factor_of(w, smooth(rng, (100, 1), 0.9)[:, 0], stretch=0.6) == 1.0
+    assert factor_of(w, smooth(rng, (100, 1), 0.9)[:, 0], block_length=0.6) == 1.0
 
 
 def test_a_perfect_fit_claims_no_correlation():

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from dynident.estimation import EstimationError, build_prior
 from dynident.estimation.kalman_filter import KalmanFilter, KalmanNoise, TorqueSlopes
-from dynident.estimation.qr import compute_r_factor
+from dynident.estimation.qr_decomposition import compute_r_factor
 
 # Inertia, first moment times gravity, viscous friction.
 TRUTH = np.array([0.4, 3.0, 0.25])

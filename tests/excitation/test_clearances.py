@@ -9,17 +9,17 @@ from support.robots_with_collision_geometry import safe_robot
 
 from dynident.effects import EffectChoice
 from dynident.excitation import CriterionChoice, DesignRequest
-from dynident.excitation.criteria.criterion_values import build_smooth_criterion
-from dynident.excitation.design_model import build_design_model
-from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
-from dynident.excitation.result import find_nearest_along
+from dynident.excitation.criteria.optimality_criteria import build_smooth_criterion
+from dynident.excitation.design_observation_matrix import build_design_model
+from dynident.excitation.design_result import find_nearest_along
+from dynident.excitation.optimisation.design_problem import DesignProblem, Multipliers
 from dynident.motion import Box, Surroundings, ToolRange, Wall
-from dynident.motion.collision.clearance import compute_block_distance, find_closest_shares
-from dynident.motion.collision.obstacles import build_block
+from dynident.motion.collision.obstacle_geometry import build_block
+from dynident.motion.collision.smooth_clearance import compute_block_distance, find_closest_shares
 from dynident.motion.joint_trajectories import FourierFamily
 from dynident.motion.limits.bounds import Bounds, build_bounds
 from dynident.robot import Limits
-from dynident.robot.kinematics import joint_frames
+from dynident.robot.forward_kinematics import joint_frames
 
 CELL = Surroundings(
     floor=-0.2,

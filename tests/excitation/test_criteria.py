@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_choice import CRITERIA, CriterionChoice
-from dynident.excitation.criteria.criterion_values import build_smooth_criterion, compute_true_values
+from dynident.excitation.criteria.optimality_criteria import build_smooth_criterion, compute_true_values
 
 seeds = st.integers(0, 2**32 - 1)
 A_PRIORI = np.geomspace(0.5, 2, 6)

@@ -7,10 +7,10 @@ import pytest
 from dynident.effects import CATALOGUE, DAHL, STOP, TRAVEL, EffectChoice, MemorySignal
 from dynident.effects.hysteresis_states import PathMemory, step_state
 from dynident.excitation.criteria.criterion_choice import CRITERIA, CriterionChoice
-from dynident.excitation.criteria.criterion_values import build_smooth_criterion
 from dynident.excitation.criteria.design_criterion import build_design_criterion
-from dynident.excitation.design_model import ObservationGradient, build_design_model
-from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
+from dynident.excitation.criteria.optimality_criteria import build_smooth_criterion
+from dynident.excitation.design_observation_matrix import ObservationGradient, build_design_model
+from dynident.excitation.optimisation.design_problem import DesignProblem, Multipliers
 from dynident.motion.joint_trajectories import FourierFamily
 from dynident.motion.limits.bounds import build_bounds
 from dynident.robot import robot_from_library, to_pinocchio

@@ -135,7 +135,7 @@ def test_an_optimised_design_is_better_than_the_best_random_one(ur10):
 
 
 def _dense_observation(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-    from dynident.regressors.model import build_model
+    from dynident.regressors.model_structure import build_model
 
     model = build_model(robot, INERTIA_AND_FRICTION)
     observation = model.observation

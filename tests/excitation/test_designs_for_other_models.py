@@ -10,11 +10,11 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.criteria.criterion_values import build_smooth_criterion
 from dynident.excitation.criteria.design_criterion import build_design_criterion
-from dynident.excitation.design_model import build_design_model
-from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
-from dynident.excitation.row_models import ROW_MODELS, build_row_model
+from dynident.excitation.criteria.optimality_criteria import build_smooth_criterion
+from dynident.excitation.design_observation_matrix import build_design_model
+from dynident.excitation.equation_type_rows import ROW_MODELS, build_row_model
+from dynident.excitation.optimisation.design_problem import DesignProblem, Multipliers
 from dynident.motion.joint_trajectories import FourierFamily
 from dynident.motion.limits.bounds import build_bounds
 from dynident.recordings import recording_from_arrays

@@ -13,13 +13,13 @@ from support.closed_loop_robots import five_bar, palletiser
 from dynident.effects import EffectChoice
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.motion import Box, ImpossibleLimitsError, Surroundings
-from dynident.motion.collision.clearance import CapsulePart, ClearanceConstraints, ClearancePairs
 from dynident.motion.collision.constraint_slack import LoopConstraints
+from dynident.motion.collision.smooth_clearance import CapsulePart, ClearanceConstraints, ClearancePairs
 from dynident.motion.limits.bounds import build_bounds
 from dynident.robot import Limits, Robot
-from dynident.robot.kinematics import joint_frames
+from dynident.robot.collision_shapes import Capsule
+from dynident.robot.forward_kinematics import joint_frames
 from dynident.robot.modified_dh import robot_from_modified_dh
-from dynident.robot.shapes import Capsule
 
 LARGEST_CONDITION = 30.0
 ROD = (-1.75, -0.95)

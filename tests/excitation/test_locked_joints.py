@@ -10,8 +10,8 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.design_criterion import build_design_criterion
-from dynident.excitation.design_model import build_design_model, lock_model
-from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
+from dynident.excitation.design_observation_matrix import build_design_model, lock_model
+from dynident.excitation.optimisation.design_problem import DesignProblem, Multipliers
 from dynident.motion import Surroundings
 from dynident.motion.joint_trajectories import FourierFamily
 from dynident.motion.limits.bounds import build_bounds, lock_bounds

@@ -12,7 +12,7 @@ import pytest
 
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.motion import Surroundings
-from dynident.motion.collision.obstacles import FLOOR_ALONE
+from dynident.motion.collision.obstacle_geometry import FLOOR_ALONE
 from dynident.robot import robot_from_urdf
 
 STOCK = next(Path(sys.prefix).glob("lib*/python3*/site-packages/cmeel.prefix/share/example-robot-data/robots"), None)

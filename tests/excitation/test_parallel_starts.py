@@ -10,8 +10,8 @@ import pytest
 from dynident import parallel
 from dynident.errors import Cancelled
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.optimising import augmented_lagrangian
-from dynident.excitation.optimising.design_problem import DesignProblem, Evaluation, Multipliers
+from dynident.excitation.optimisation import augmented_lagrangian
+from dynident.excitation.optimisation.design_problem import DesignProblem, Evaluation, Multipliers
 from dynident.robot import Robot, robot_from_library
 
 REQUEST = DesignRequest(

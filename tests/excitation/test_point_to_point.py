@@ -10,9 +10,9 @@ from dynident.effects import EffectChoice
 from dynident.errors import Cancelled, DynidentError
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.design_criterion import build_design_criterion
-from dynident.excitation.design_model import build_design_model
+from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.excitation.point_sequence import FreePoints, MovePlanner, PointSequence, TwoPoints, stack_rows
-from dynident.motion.collision.obstacles import Surroundings
+from dynident.motion.collision.obstacle_geometry import Surroundings
 from dynident.motion.limits.bounds import build_bounds
 from dynident.robot import Limits, Robot, to_pinocchio
 

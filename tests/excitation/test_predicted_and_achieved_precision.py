@@ -12,7 +12,7 @@ from dynident.excitation import CriterionChoice, Design, DesignRequest, Trajecto
 from dynident.identification import IdentificationChoices, identify_model
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording, choose_preprocessing, recording_from_arrays
-from dynident.regressors.model import Model, build_model
+from dynident.regressors.model_structure import Model, build_model
 from dynident.robot import Robot
 from dynident.simulation import Reference, Sensors, SimulationRequest, simulate, spread_over_joints
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.optimising.augmented_lagrangian import read_checkpoint
-from dynident.excitation.optimising.design_problem import Budget
+from dynident.excitation.optimisation.augmented_lagrangian import read_checkpoint
+from dynident.excitation.optimisation.design_problem import Budget
 from dynident.robot import Robot, robot_from_library
 
 REQUEST = DesignRequest(

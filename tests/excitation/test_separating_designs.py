@@ -11,7 +11,7 @@ from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.motion import ImpossibleLimitsError, Surroundings
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.robot import Robot
 
 BASE = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))

@@ -20,9 +20,9 @@ from dynident.excitation import (
     design_table,
     write_design,
 )
-from dynident.excitation.experiments.named_sets import BetweenTwoPoints, plan_runs
 from dynident.excitation.experiments.run_search import factor_information
-from dynident.motion.collision.obstacles import Surroundings
+from dynident.excitation.experiments.test_motion_sets import BetweenTwoPoints, plan_runs
+from dynident.motion.collision.obstacle_geometry import Surroundings
 from dynident.robot import Robot, to_pinocchio
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))

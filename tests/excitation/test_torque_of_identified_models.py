@@ -13,12 +13,12 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
-from dynident.excitation.criteria.criterion_values import build_smooth_criterion
-from dynident.excitation.design_model import build_design_model
+from dynident.excitation.criteria.optimality_criteria import build_smooth_criterion
+from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.excitation.expected_torque import ExpectedTorque, ExpectedTorqueGradient
-from dynident.excitation.optimising.design_problem import DesignProblem
+from dynident.excitation.optimisation.design_problem import DesignProblem
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.study.prediction import predict
+from dynident.identification.identified_models.torque_prediction import predict
 from dynident.motion.joint_trajectories import FourierFamily
 from dynident.motion.limits.bounds import build_bounds
 from dynident.robot import Limits

@@ -11,13 +11,13 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.design_model import build_design_model
+from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.motion import Box, Surroundings
 from dynident.motion.collision.free_space import build_free_space
 from dynident.motion.limits.bounds import ImpossibleLimitsError
-from dynident.motion.limits.margins import are_limits_kept
+from dynident.motion.limits.limit_margins import are_limits_kept
 from dynident.robot import Limits, robot_from_urdf
-from dynident.robot.meshes import build_hulls, find_mesh_file, read_surface
+from dynident.robot.link_meshes import build_hulls, find_mesh_file, read_surface
 
 FRICTION = (EffectChoice("coulomb"), EffectChoice("viscous"))
 SHORT = TrajectoryRequest(duration=4.0, harmonics=3, sampling_rate=100.0)

@@ -22,7 +22,7 @@ from support.oracles import arm
 from dynident.errors import DynidentError
 from dynident.export import export_model, model_from_json, model_to_document, to_json
 from dynident.regressors.observation_matrix import FurtherSignals
-from dynident.robot.model import INERTIAL_NAMES
+from dynident.robot.robot_model import INERTIAL_NAMES
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -27,8 +27,8 @@ from dynident.effects.hysteresis_states import MemoryStates
 from dynident.export import to_c_header, to_cpp_header
 from dynident.export.c_header import list_functions
 from dynident.identification import Identification
-from dynident.identification.study.equation_of_motion import build_equation_of_motion
-from dynident.identification.study.prediction import (
+from dynident.identification.identified_models.equation_of_motion import build_equation_of_motion
+from dynident.identification.identified_models.torque_prediction import (
     compute_coriolis_matrix,
     compute_gravity,
     compute_mass_matrix,

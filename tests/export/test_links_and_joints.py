@@ -28,13 +28,13 @@ from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque,
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.export.feasible_completion import complete_parameters
+from dynident.export.feasible_links_and_joints import FeasibleLinks
 from dynident.export.mjcf import to_mjcf
-from dynident.export.projected_model import FeasibleLinks
 from dynident.export.urdf import ROTOR_TAG, to_urdf
 from dynident.identification import Identification, identify
 from dynident.robot import Robot, robot_from_urdf
-from dynident.robot.model import INERTIAL_NAMES
 from dynident.robot.pseudo_inertia import pseudo_inertia
+from dynident.robot.robot_model import INERTIAL_NAMES
 
 TREE = robot_from_urdf("tree", crooked_urdf(7, 3, (1, 5), (-1, 0, 1, 1, 0, 4, 5)))
 ROBOTS = {"a serial arm": arm("ur10"), "a sliding joint": arm("scara"), "a tree": TREE, "axes askew": arm("crooked")}

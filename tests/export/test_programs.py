@@ -20,8 +20,8 @@ from support.oracles import Motion, crooked_urdf
 from dynident.errors import DynidentError
 from dynident.export.c_code import make_c_name, to_c, write_c_statements
 from dynident.export.casadi_function import build_torque_formula, to_casadi, to_casadi_bytes
-from dynident.export.document import model_from_json, to_json
-from dynident.export.predicting_model import PredictingModel
+from dynident.export.model_json import model_from_json, to_json
+from dynident.export.torque_predictor import PredictingModel
 from dynident.identification import Identification
 from dynident.regressors.observation_matrix import FurtherSignals
 from dynident.robot import robot_from_urdf

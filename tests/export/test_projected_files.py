@@ -15,7 +15,7 @@ from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, recor
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.export import ExportedFile, export_model, to_mjcf, to_urdf
-from dynident.export.projected_model import MOST_FREE_ERROR_RATIO, predicts_as_well
+from dynident.export.feasible_links_and_joints import MOST_FREE_ERROR_RATIO, predicts_as_well
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
 

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynident.expressions.angles import AngleTerms, substitute_angles
+from dynident.expressions.sines_and_cosines import AngleTerms, substitute_angles
 
 X, Y = ca.SX.sym("x", 2), ca.SX.sym("y")
 

@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynident.expressions import code_cache, program
-from dynident.expressions.program import Compiled
+from dynident.expressions import code_cache, compiled_expressions
+from dynident.expressions.compiled_expressions import Compiled
 
 llvm = pytest.importorskip("llvmlite.binding")
 
@@ -76,7 +76,7 @@ def test_damaged_code_is_compiled_again(folder, builds):
 
 def test_another_processor_or_compiler_has_code_of_its_own(folder, builds, monkeypatch):
     of(1.25)
-    monkeypatch.setattr(program, "_read_versions", lambda: "another one")
+    monkeypatch.setattr(compiled_expressions, "_read_versions", lambda: "another one")
     of(1.25)
     assert len(builds) == 2
 

@@ -77,8 +77,8 @@ def test_expressions_drawn_at_random_are_what_casadi_gives(data):
                 "sq": ca.tanh(left) ** 2, "fmin": ca.fmin(left, right),
             }[made]
         )  # fmt: skip
-    picks = data.draw(st.lists(st.integers(0, len(pool) - 1), min_size=1, max_size=8))
-    expression = ca.densify(ca.vertcat(*(ca.tanh(pool[k]) if k >= 5 else pool[k] for k in picks)))
+    chosen = data.draw(st.lists(st.integers(0, len(pool) - 1), min_size=1, max_size=8))
+    expression = ca.densify(ca.vertcat(*(ca.tanh(pool[k]) if k >= 5 else pool[k] for k in chosen)))
     rng = np.random.default_rng(0)
     x, y = rng.normal(size=(7, 3)), rng.normal(size=(7, 1))
     np.testing.assert_allclose(

@@ -13,13 +13,12 @@ from scipy.interpolate import make_interp_spline
 from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification.recording_faults import ColumnFault, build_dynamics_checks, find_recording_faults
-from dynident.identification.recording_faults import held_out_fit as judging
+from dynident.identification.recording_faults import unexplained_torque as judging
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows
 from dynident.identification.recording_faults.column_faults import estimate_delay
 from dynident.identification.recording_faults.fault_search import find_motion_faults
-from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
-from dynident.identification.recording_faults.held_out_fit import HeldOutFit
+from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion
 from dynident.identification.recording_faults.torque_scale import (
     compute_described_load,
     find_excess_friction,
@@ -28,6 +27,7 @@ from dynident.identification.recording_faults.torque_scale import (
     is_nearer_to_masses,
     is_nearer_to_others,
 )
+from dynident.identification.recording_faults.unexplained_torque import HeldOutFit
 from dynident.recordings import (
     JointLimits,
     RecordedJoints,
@@ -36,8 +36,8 @@ from dynident.recordings import (
     RecordingMetadata,
     import_recording,
 )
-from dynident.recordings.metadata import Check
 from dynident.recordings.recording import ModelChecks
+from dynident.recordings.recording_metadata import Check
 from dynident.robot import Robot
 
 pytestmark = pytest.mark.sweep
@@ -56,17 +56,17 @@ def measured(seed: int = 3) -> tuple[Motion, np.ndarray]:
     return motion, tau + 0.005 * EFFORT * np.random.default_rng(seed).normal(size=tau.shape)
 
 
-def recorded(mistake: ColumnFault | None = None, seed: int = 3) -> Recording:
+def recorded(fault: ColumnFault | None = None, seed: int = 3) -> Recording:
     motion, tau = measured(seed)
     q = motion.q
-    if mistake is not None:
+    if fault is not None:
         order, sign = np.arange(6), np.ones(6)
-        if len(mistake.joints) == 2:
-            order[list(mistake.joints)] = mistake.joints[::-1]
+        if len(fault.joints) == 2:
+            order[list(fault.joints)] = fault.joints[::-1]
         else:
-            sign[mistake.joints[0]] = -1.0
-        q = q[:, order] * sign if "torque" not in mistake.kind else q
-        tau = tau[:, order] * sign if "position" not in mistake.kind else tau
+            sign[fault.joints[0]] = -1.0
+        q = q[:, order] * sign if "torque" not in fault.kind else q
+        tau = tau[:, order] * sign if "position" not in fault.kind else tau
     return record(ROBOT, replace(motion, q=q), tau)
 
 
@@ -93,7 +93,7 @@ def test_a_right_recording_has_no_mistake_in_it_and_it_is_said_how_much_the_robo
 def test_a_mistake_is_named(made: ColumnFault) -> None:
     found, left = find_recording_faults(ROBOT, recorded(made)) or ((), 1.0)
     assert len(found) == 1
-    assert made in (found[0].mistake, *found[0].alike)
+    assert made in (found[0].fault, *found[0].alike)
     assert found[0].left_with > 1.1 * found[0].left_without
     assert left == pytest.approx(found[0].left_without)
 
@@ -122,7 +122,7 @@ def test_two_mistakes_at_once_are_both_named() -> None:
     motion, tau = measured()
     wrong = tau[:, [1, 0, 2, 3, 4, 5]] * [1, 1, -1, 1, 1, 1]
     found, _ = find_recording_faults(ROBOT, record(ROBOT, motion, wrong)) or ((), 1.0)
-    assert {one.mistake for one in found} == {
+    assert {one.fault for one in found} == {
         ColumnFault("torques swapped", (0, 1)),
         ColumnFault("torque turned", (2,)),
     }
@@ -382,7 +382,7 @@ def test_a_joint_that_is_explained_as_well_apart_from_the_others_is_not_said_to_
 
     monkeypatch.setattr(HeldOutFit, "measure_unexplained", left)
     found, _ = find_motion_faults(ROBOT, given) or ((), 1.0)
-    assert [one.mistake for one in found] == named
+    assert [one.fault for one in found] == named
 
 
 @dataclass(frozen=True)
@@ -393,9 +393,9 @@ class Left:
     fine_inside: float
 
 
-@pytest.mark.parametrize(("inside", "beside", "is_mistake"), [(1.0, 1.0, True), (0.2, 1.0, False), (1.0, 0.05, False)])
+@pytest.mark.parametrize(("inside", "beside", "is_fault"), [(1.0, 1.0, True), (0.2, 1.0, False), (1.0, 0.05, False)])
 def test_a_delay_that_helps_only_where_nothing_was_fitted_or_without_constant_torques_is_none(
-    inside: float, beside: float, is_mistake: bool
+    inside: float, beside: float, is_fault: bool
 ) -> None:
     whole = filter_whole_motion(moved(0.0))
     assert whole is not None
@@ -413,7 +413,7 @@ def test_a_delay_that_helps_only_where_nothing_was_fitted_or_without_constant_to
     found = estimate_delay(motion, period, left, lambda tried: left(tried, beside))
     assert found is not None
     assert found.seconds == pytest.approx(0.03, abs=0.003)
-    assert found.is_mistake is is_mistake
+    assert found.is_fault is is_fault
 
 
 def steps(seed: int, seconds: float = 8.0, rate: float = 200.0) -> Motion:
@@ -449,7 +449,7 @@ def test_constant_torques_do_not_make_a_short_right_recording_one_with_columns_i
 @pytest.mark.parametrize("seed", [0, 10])
 def test_a_mistake_is_named_beside_constant_torques_too(seed: int) -> None:
     found, _ = find_recording_faults(ROBOT, short_run(seed, [0, 2, 1, 3, 4, 5])) or ((), 1.0)
-    assert [one.mistake for one in found] == [ColumnFault("torques swapped", (1, 2))]
+    assert [one.fault for one in found] == [ColumnFault("torques swapped", (1, 2))]
 
 
 def test_a_command_is_told_where_a_joint_without_a_load_has_no_torque_at_all(tmp_path: Path) -> None:

@@ -13,9 +13,9 @@ from dynident.errors import DynidentError
 from dynident.estimation import FactorAccumulator, build_prior, solve_instrumental, weighted
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.estimators.feasible_problem import _list_not_negative
-from dynident.identification.study.prediction import predict
+from dynident.identification.identified_models.torque_prediction import predict
 from dynident.recordings import Preprocessing
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous"))
 BAND = Preprocessing(12.0, 12.0, 4)

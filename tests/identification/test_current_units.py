@@ -10,9 +10,9 @@ from support.oracles import arm, crooked_urdf, fourier_motion, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification.loads.current_models import identify_currents
-from dynident.identification.loads.payload_data import PLAIN_EFFECTS
+from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS
 from dynident.recordings import Preprocessing
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.robot import robot_from_urdf
 
 UR10 = arm("ur10")

@@ -11,7 +11,7 @@ from support.oracles import arm, fourier_motion, pinocchio_rows, record
 
 from dynident.errors import DynidentError
 from dynident.identification.loads.drive_gains import DriveGains, identify_gains, payload_mass
-from dynident.identification.loads.payload_data import read_known_payload
+from dynident.identification.loads.payloads_of_recordings import read_known_payload
 from dynident.recordings import Preprocessing
 from dynident.robot import Drive
 

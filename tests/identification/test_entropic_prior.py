@@ -21,12 +21,12 @@ from dynident.identification.description_prior import (
     build_normal_prior,
     build_prior,
 )
-from dynident.identification.equations.reduce_data import reduce_to_rows
+from dynident.identification.equations.reduced_recordings import reduce_to_rows
 from dynident.identification.estimators.feasible import minimise_entropic_cost
 from dynident.identification.estimators.feasible_problem import build_problem, build_standard_prior
-from dynident.identification.study.storage import from_bytes, to_bytes
+from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.robot import robot_from_urdf
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS, inertial_parameters, pseudo_inertia
 

@@ -10,7 +10,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, from_bytes, identify, to_bytes
-from dynident.identification.study.correlated_and_essential_parameters import essential_parameters
+from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
 from dynident.recordings import Preprocessing
 
 ROBOT = arm("ur10")

@@ -12,17 +12,19 @@ from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import ordinary, statistics
 from dynident.identification import IdentificationChoices, identify, remove
-from dynident.identification.equations.reduce_data import reduce_torque
-from dynident.identification.estimators.simulated_regressors import estimate_by_instrumental_variables
-from dynident.identification.estimators.simulator import (
+from dynident.identification.equations.reduced_recordings import reduce_torque
+from dynident.identification.estimation_problem import Problem
+from dynident.identification.estimators.identified_robot_simulator import (
     align_commanded_motion,
     build_movable_simulator,
     read_whole_segments,
     simulate_recording,
 )
-from dynident.identification.problem import Problem
+from dynident.identification.estimators.instrumental_variables_and_output_error import (
+    estimate_by_instrumental_variables,
+)
 from dynident.recordings import Preprocessing
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 
 NAMES = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")
 EFFECTS = tuple(EffectChoice(name) for name in NAMES)

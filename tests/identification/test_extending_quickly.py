@@ -13,7 +13,7 @@ from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors import row_cache
-from dynident.regressors.model import build_model, extend_model
+from dynident.regressors.model_structure import build_model, extend_model
 
 ROBOT = arm("ur10")
 NAMES = ROBOT.joint_names

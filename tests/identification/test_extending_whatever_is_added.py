@@ -11,12 +11,12 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.diagnosis import diagnose
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
-from dynident.effects.choices import DEFAULT_EFFECTS, OFFSETS
+from dynident.effects.effect_choices import DEFAULT_EFFECTS, OFFSETS
 from dynident.errors import DynidentError
 from dynident.identification import Identification, IdentificationChoices, extend, identify
 from dynident.recordings import RecordedJoints, Recording, RecordingMetadata, import_recording
 from dynident.regressors.base_parameters import select_base
-from dynident.regressors.model import build_model, extend_model
+from dynident.regressors.model_structure import build_model, extend_model
 from dynident.robot import Robot, robot_from_urdf
 
 KNOWN = (*DEFAULT_EFFECTS, OFFSETS)

@@ -18,9 +18,9 @@ from dynident.identification.recording_faults import (
     check_recording_faults,
     find_recording_faults,
 )
-from dynident.identification.recording_faults.description_fit import find_description_units
-from dynident.identification.recording_faults.filtered_motion import filter_motion
+from dynident.identification.recording_faults.description_units import find_description_units
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
+from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.identification.recording_faults.torque_scale import refine_factor_by_masses
 from dynident.identification.recording_faults.tree_fit import find_parallel_axes
 from dynident.recordings import Check, Recording, Revision
@@ -100,7 +100,7 @@ def test_an_angle_that_is_counted_from_the_joint_before_is_named() -> None:
     counted = motion.q + np.outer(motion.q[:, 1], np.arange(6) == 2)
     recording = record(ROBOT, replace(motion, q=counted), tau)
     found, left = find_recording_faults(ROBOT, recording) or ((), 1.0)
-    assert [one.mistake for one in found] == [ColumnFault("joint coupled", (2, 1), 1.0)]
+    assert [one.fault for one in found] == [ColumnFault("joint coupled", (2, 1), 1.0)]
     assert left < 0.1
     (check,) = findings(recording)
     assert check.name == "joint_coupling"

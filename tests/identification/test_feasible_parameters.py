@@ -15,9 +15,9 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.estimation import build_weighted_factor, compute_errors, statistics
 from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.identification.estimation_problem import Problem
 from dynident.identification.estimators.feasible import solve_feasible
-from dynident.identification.problem import Problem
-from dynident.identification.study.storage import from_bytes, to_bytes
+from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS, pseudo_inertia, smallest_pseudo_inertia
 

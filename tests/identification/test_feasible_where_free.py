@@ -13,7 +13,7 @@ from dynident.export import export_model
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Recording
 from dynident.robot import Robot
-from dynident.robot.model import INERTIAL_NAMES
+from dynident.robot.robot_model import INERTIAL_NAMES
 
 ROBOT = arm("ur10")
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous"))

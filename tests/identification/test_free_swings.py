@@ -13,7 +13,7 @@ from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.infer_columns import propose
-from dynident.identification.robot_recordings import import_for_robot
+from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import RecordingMetadata
 from dynident.robot import robot_from_urdf
 

@@ -11,9 +11,9 @@ from support.oracles import arm, fourier_motion, pinocchio_torque
 
 from dynident.api.robot_files import set_drive_gains
 from dynident.identification.column_inference.column_statistics import Sample
-from dynident.identification.column_inference.effort_kind import CANNOT_TELL
 from dynident.identification.column_inference.infer_columns import propose
-from dynident.identification.column_inference.proposal import Proposal
+from dynident.identification.column_inference.metadata_proposal import Proposal
+from dynident.identification.column_inference.torque_or_current import CANNOT_TELL
 
 ROBOT = arm("ur10")
 GAINS = (15.0, 13.0, 11.0, 10.6, 11.0, 11.5)

@@ -18,7 +18,7 @@ from dynident.errors import DynidentError
 from dynident.export.mjcf import to_mjcf
 from dynident.export.urdf import to_urdf
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.column_inference.inspection import inspect_file
+from dynident.identification.column_inference.file_inspection import inspect_file
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.robot import Robot, to_pinocchio
 from dynident.robot.modified_dh import robot_from_modified_dh

@@ -16,7 +16,7 @@ from dynident.estimation import EquationFactors, EstimationError, Reduction, sta
 from dynident.identification import IdentificationChoices, extend, identify, identify_model
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue, draw_postures
 from dynident.recordings import Preprocessing
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.robot import to_pinocchio
 
 ROBOT = arm("ur10")

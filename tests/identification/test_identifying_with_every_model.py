@@ -12,12 +12,12 @@ from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify, identify_model
-from dynident.identification.equations.model_equations import find_constants
-from dynident.identification.study.solve_again import remove
-from dynident.identification.study.storage import from_bytes, to_bytes
+from dynident.identification.equations.filtered_energy_power_wrench import find_constants
+from dynident.identification.identified_models.model_files import from_bytes, to_bytes
+from dynident.identification.identified_models.remove_and_solve_again import remove
 from dynident.progress import ignore_progress
 from dynident.recordings import Preprocessing, find_motion_band
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.reports import ReportedRecording, html_report
 
 ROBOT = arm("scara")

@@ -20,7 +20,7 @@ from dynident.identification import (
     remove,
     to_bytes,
 )
-from dynident.identification.study.correlated_and_essential_parameters import essential_parameters
+from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
 from dynident.recordings import Preprocessing
 from dynident.regressors.row_cache import MOST_VALUES
 

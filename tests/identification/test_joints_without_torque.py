@@ -24,7 +24,7 @@ from dynident.identification import (
     to_bytes,
 )
 from dynident.recordings import Recording, RecordingError, open_recording
-from dynident.recordings.phases import Phase
+from dynident.recordings.joint_phases import Phase
 from dynident.validation import validate_simulation
 from dynident.verdict import verdict
 

@@ -10,19 +10,19 @@ from regressors.test_rows_beside_halts import EXACT, NAMES, PEAK, PLAIN, ROBOT, 
 
 from dynident.effects import EffectChoice
 from dynident.estimation import compute_errors
-from dynident.estimation.errors import compute_evenness
+from dynident.estimation.residual_errors import compute_evenness
 from dynident.identification import Identification, IdentificationChoices, extend, identify
-from dynident.identification.study import held_out_gain
-from dynident.identification.study.held_out_gain import (
+from dynident.identification.identified_models import held_out_gain
+from dynident.identification.identified_models.held_out_gain import (
     compute_step_gains,
     find_best_of_errors,
     find_best_step,
     list_addition_warnings,
     list_confirming_rows,
 )
-from dynident.identification.study.storage import from_bytes, to_bytes
+from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Recording, recording_from_arrays
-from dynident.regressors.phase_errors import compute_errors_by_phase, compute_moving_errors, compute_phase_squares
+from dynident.regressors.errors_by_phase import compute_errors_by_phase, compute_moving_errors, compute_phase_squares
 
 
 def noisy(run: Recording, seed: int) -> Recording:

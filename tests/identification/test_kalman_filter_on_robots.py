@@ -11,10 +11,10 @@ from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, build_prior
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.equations.reduce_data import reduce_to_rows
+from dynident.identification.equations.reduced_recordings import reduce_to_rows
 from dynident.identification.estimators.kalman import TorqueFunction, estimate_noise, run_filter
 from dynident.recordings import choose_preprocessing
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 
 ROBOT = arm("scara")
 NAMES = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")

@@ -15,7 +15,7 @@ from dynident.diagnosis import Comparison, compare, diagnose
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Recording, low_pass, recording_from_arrays
-from dynident.recordings.phases import Phase
+from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
 
 STEP, RATE, DURATION = 2e-4, 1000.0, 20.0

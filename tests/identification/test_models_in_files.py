@@ -14,7 +14,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import WeightedRows
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
-from dynident.identification.study import result
+from dynident.identification.identified_models import identification_result
 from dynident.recordings import Preprocessing
 
 ROBOT = arm("scara")
@@ -159,13 +159,13 @@ def test_a_file_of_a_version_that_kept_rows_where_joints_turn_round_twice_is_rea
 def test_a_model_is_written_with_blas_on_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """On small matrices the others only spin: on a busy machine that took as long as the identification."""
     threads: list[int] = []
-    condition_number = result.compute_condition_number  # type: ignore[attr-defined]  # a name that it imports
+    condition_number = identification_result.compute_condition_number  # type: ignore[attr-defined]  # a name that it imports
 
     def watched(reduction):
         threads.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
         return condition_number(reduction)
 
-    monkeypatch.setattr(result, "compute_condition_number", watched)
+    monkeypatch.setattr(identification_result, "compute_condition_number", watched)
     read = from_bytes(CONTENT)
     with threadpool_limits(limits=2, user_api="blas"):
         assert to_bytes(read)

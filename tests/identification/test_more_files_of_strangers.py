@@ -14,7 +14,7 @@ from support.drawn_recordings import Log, guess, log, log_of, read, write
 
 from dynident.api.robot_files import load_robot
 from dynident.errors import DynidentError
-from dynident.identification.column_inference.inspection import inspect_file
+from dynident.identification.column_inference.file_inspection import inspect_file
 from dynident.recordings import RecordingError
 from dynident.robot import Robot, robot_from_urdf
 

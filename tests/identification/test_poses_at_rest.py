@@ -9,15 +9,15 @@ from support.poses_at_rest import poses, write_poses
 
 from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice
-from dynident.effects.choices import DEFAULT_EFFECTS, OFFSETS
+from dynident.effects.effect_choices import DEFAULT_EFFECTS, OFFSETS
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.infer_columns import propose
-from dynident.identification.robot_recordings import import_for_robot
+from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import Recording, RecordingMetadata, recording_from_arrays
-from dynident.recordings.phases import phase_shares
-from dynident.recordings.poses import are_poses, has_poses
+from dynident.recordings.joint_phases import phase_shares
+from dynident.recordings.pose_recordings import are_poses, has_poses
 from dynident.validation import validate_inertia_matrix
 from dynident.verdict import verdict
 

@@ -9,8 +9,8 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.study.correlated_and_essential_parameters import parameter_dependence
-from dynident.identification.study.prediction import predict
+from dynident.identification.identified_models.correlated_and_essential_parameters import parameter_dependence
+from dynident.identification.identified_models.torque_prediction import predict
 from dynident.recordings import Preprocessing
 
 ROBOT = arm("scara")

@@ -14,9 +14,9 @@ from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, build_weighted_factor, solve
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.description_prior import NormalPrior, build_normal_prior, build_prior, split_prior
-from dynident.identification.study.storage import from_bytes, to_bytes
+from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.robot import Robot
 from dynident.robot.pseudo_inertia import estimate_inertia_errors
 

@@ -11,7 +11,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, remove, to_bytes
-from dynident.identification.study import held_out_gain
+from dynident.identification.identified_models import held_out_gain
 from dynident.recordings import Preprocessing
 
 ROBOT = arm("ur10")

@@ -11,7 +11,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, extend, identify, reidentify, remove
-from dynident.identification.study.storage import from_bytes, to_bytes
+from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 
 ROBOT = arm("ur10")

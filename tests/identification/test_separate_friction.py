@@ -13,7 +13,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.recordings import Preprocessing
-from dynident.recordings.phases import find_sole_mover
+from dynident.recordings.joint_phases import find_sole_mover
 from dynident.robot import robot_from_urdf
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
@@ -217,7 +217,7 @@ def test_effects_can_be_added_to_a_model_with_separate_friction():
 
 
 def test_an_estimator_that_needs_all_equations_is_refused(monkeypatch):
-    monkeypatch.setattr("dynident.identification.choices.AVAILABLE_ESTIMATORS", ("feasible", "wls"))
+    monkeypatch.setattr("dynident.identification.identification_choices.AVAILABLE_ESTIMATORS", ("feasible", "wls"))
     standard = drawn_standard(UR10)
     with pytest.raises(DynidentError, match="steps") as caught:
         identify(

@@ -15,9 +15,8 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, compute_errors
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.equations.checks import find_undetermined_parameters
-from dynident.identification.problem import Problem
-from dynident.identification.strategies.dispatch import solve_by_strategy
+from dynident.identification.equations.model_and_data_checks import find_undetermined_parameters
+from dynident.identification.estimation_problem import Problem
 from dynident.identification.strategies.sequential import (
     StepEstimates,
     find_wrist_joints,
@@ -25,8 +24,9 @@ from dynident.identification.strategies.sequential import (
     select_joints,
     take_step,
 )
+from dynident.identification.strategies.solve_by_strategy import solve_by_strategy
 from dynident.recordings import Preprocessing
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.robot import robot_from_urdf
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
@@ -222,8 +222,8 @@ def test_the_wrist_are_the_last_three_joints_of_every_arm():
     [({"estimator": "feasible"}, "/estimator", "feasible"), ({"model": "power"}, "/strategy", "power")],
 )
 def test_choices_that_cannot_be_taken_in_steps_are_refused(more, pointer, word, monkeypatch):
-    monkeypatch.setattr("dynident.identification.choices.AVAILABLE_ESTIMATORS", ("feasible", "auto"))
-    monkeypatch.setattr("dynident.identification.choices.AVAILABLE_MODELS", ("dynamic", "power"))
+    monkeypatch.setattr("dynident.identification.identification_choices.AVAILABLE_ESTIMATORS", ("feasible", "auto"))
+    monkeypatch.setattr("dynident.identification.identification_choices.AVAILABLE_MODELS", ("dynamic", "power"))
     motion, standard = states(UR10), drawn_standard(UR10)
     data = reduced_states(MODEL, [(motion, torque_of(UR10, motion, standard))])
     with pytest.raises(DynidentError, match=word) as caught:

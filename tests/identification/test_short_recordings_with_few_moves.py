@@ -10,12 +10,15 @@ from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, recor
 
 from dynident.identification.recording_faults import ColumnFault, find_recording_faults, gravity_in_torque
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows
-from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
-from dynident.identification.recording_faults.filtered_motion import filter_motion
-from dynident.identification.recording_faults.held_out_fit import HeldOutFit
+from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.identification.recording_faults.tree_fit import BLOCKS, GramMatrices
+from dynident.identification.recording_faults.unexplained_torque import (
+    DescriptionFit,
+    HeldOutFit,
+    measure_left_by_description,
+)
 from dynident.recordings import Recording
-from dynident.robot.pinocchio_model import compute_described_torque
+from dynident.robot.pinocchio_conversion import compute_described_torque
 
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
@@ -54,7 +57,7 @@ def test_right_columns_stay_right_where_a_fit_explains_another_order_better_by_c
 
 
 def test_the_masses_of_the_description_refute_another_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(DescriptionFit, "refutes", lambda self, mistake: False)
+    monkeypatch.setattr(DescriptionFit, "refutes", lambda self, fault: False)
     found, _ = find_recording_faults(ROBOT, recorded(14)) or ((), 1.0)
     assert found
 
@@ -62,7 +65,7 @@ def test_the_masses_of_the_description_refute_another_order(monkeypatch: pytest.
 @pytest.mark.parametrize("seed", [3, 5, 33])
 def test_of_several_orders_that_explain_more_the_one_is_named_that_the_description_bears_out(seed: int) -> None:
     found, _ = find_recording_faults(ROBOT, recorded(seed, (0, 2, 1, 3, 4, 5))) or ((), 1.0)
-    assert [one.mistake for one in found] == [ColumnFault("torques swapped", (1, 2))]
+    assert [one.fault for one in found] == [ColumnFault("torques swapped", (1, 2))]
 
 
 def test_a_description_without_masses_refutes_nothing() -> None:

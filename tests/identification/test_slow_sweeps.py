@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.effects.choices import DEFAULT_EFFECTS, OFFSETS
+from dynident.effects.effect_choices import DEFAULT_EFFECTS, OFFSETS
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Recording
 from dynident.robot import Robot

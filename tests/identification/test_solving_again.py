@@ -12,7 +12,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import Identification, IdentificationChoices, from_bytes, identify, to_bytes
-from dynident.identification.study.solve_again import reidentify
+from dynident.identification.identified_models.remove_and_solve_again import reidentify
 from dynident.recordings import Preprocessing
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))

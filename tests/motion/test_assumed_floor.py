@@ -9,7 +9,13 @@ import pytest
 
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.motion import Surroundings
-from dynident.motion.collision.obstacles import FLOOR_ALONE, FLOOR_ASSUMED, NOTHING_STATED, assume_floor, measure_reach
+from dynident.motion.collision.obstacle_geometry import (
+    FLOOR_ALONE,
+    FLOOR_ASSUMED,
+    NOTHING_STATED,
+    assume_floor,
+    measure_reach,
+)
 from dynident.robot import Robot, library_names, robot_from_library, robot_from_urdf
 from dynident.robot.urdf_writer import urdf_from_robot
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.effects import EffectChoice
-from dynident.excitation.design_model import build_design_model
+from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.motion.jerk_limited_moves import Move, move_within_torque, plan_move
 from dynident.motion.joint_trajectories import Rest
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, build_bounds

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from support.oracles import arm
 
-from dynident.motion.collision.obstacles import NOTHING_STATED, measure_reach, note_reach
+from dynident.motion.collision.obstacle_geometry import NOTHING_STATED, measure_reach, note_reach
 from dynident.motion.collision.surroundings import Box, Surroundings
 from dynident.robot import urdf_from_robot
 

@@ -49,8 +49,8 @@ def loaded_command(folder: Path) -> Iterator[Path]:
 
 def serve(listening: socket.socket) -> None:
     """Do what is asked, one after the other or at the same time."""
-    importlib.import_module("dynident_service.cli.app").create_application()
-    importlib.import_module("dynident_service.work")
+    importlib.import_module("dynident_service.cli.program_and_exit_codes").create_application()
+    importlib.import_module("dynident_service.job_functions")
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     while True:
         line, _ = listening.accept()

@@ -14,7 +14,7 @@ import click
 import pytest
 import typer
 
-from dynident_service.cli.app import app
+from dynident_service.cli.program_and_exit_codes import app
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", ROOT / "benchmarks" / "README.md"]
@@ -102,7 +102,7 @@ def commands_in_messages() -> Iterator[tuple[str, str]]:
 def test_every_command_that_a_message_names_is_there_with_its_options() -> None:
     found = set(commands_in_messages())
     assert len(found) > 30
-    assert {("use_findings.py", "dynident validate MODEL payload LOADED --unloaded RUN --mass KG")} <= found
+    assert {("fitness_by_use.py", "dynident validate MODEL payload LOADED --unloaded RUN --mass KG")} <= found
     assert not {one: wrong for one in found if (wrong := wrong_with(one[1].replace("'", "")))}
 
 

@@ -9,8 +9,8 @@ import pytest
 
 import dynident.testing
 from dynident.effects import CATALOGUE
-from dynident.identification.choices import AVAILABLE_ESTIMATORS
-from dynident.identification.methods.bases import ESTIMATORS
+from dynident.identification.identification_choices import AVAILABLE_ESTIMATORS
+from dynident.identification.methods.base_classes import ESTIMATORS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")

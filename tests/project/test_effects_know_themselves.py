@@ -30,13 +30,13 @@ CONTRACT = {
     "service/dynident_service/adapters/robots.py": {"rigid_body"},
     "service/dynident_service/cli/commands/demo.py": {"stribeck"},
     # A check of recordings has the name of what it looks for; a URDF's mimic joint has an offset.
-    "src/dynident/recordings/metadata.py": {"torque_delay"},
+    "src/dynident/recordings/recording_metadata.py": {"torque_delay"},
     # What is said of a recording has a field of that name.
     "src/dynident/reports/sections/provenance.py": {"torque_delay"},
     "src/dynident/robot/urdf_writer.py": {"offset"},
     # A part of a robot has the name of the effect that it has.
-    "src/dynident/robot/limits.py": {"gravity_compensator"},
-    "src/dynident/robot/urdf.py": {"offset"},
+    "src/dynident/robot/limits_and_drives.py": {"gravity_compensator"},
+    "src/dynident/robot/urdf_reader.py": {"offset"},
     # And so have the numbers of a mesh in COLLADA.
     "src/dynident/robot/collada.py": {"offset"},
     "service/dynident_service/workbench/static/js/identification_form.js": {c.effect for c in DEFAULT_EFFECTS},

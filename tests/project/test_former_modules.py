@@ -8,16 +8,18 @@ from importlib import import_module
 
 import pytest
 
-from dynident.former_modules import MODULES, NAMES
+from dynident.former_modules import read_former_names
+
+FORMER = read_former_names()
 
 
-@pytest.mark.parametrize("former", MODULES)
+@pytest.mark.parametrize("former", FORMER.modules)
 def test_a_former_module_gives_its_names_with_a_warning(former: str) -> None:
-    present = import_module(MODULES[former])
+    present = import_module(FORMER.modules[former])
     sys.modules.pop(former, None)
-    with pytest.warns(DeprecationWarning, match=MODULES[former]):
+    with pytest.warns(DeprecationWarning, match=FORMER.modules[former]):
         module = import_module(former)
-    for old, new in NAMES.get(MODULES[former], {}).items():
+    for old, new in FORMER.names.get(FORMER.modules[former], {}).items():
         assert getattr(module, old) is getattr(present, new)
     with pytest.raises(AttributeError):
         module.there_is_no_such_name  # noqa: B018

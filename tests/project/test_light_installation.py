@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from dynident.optional_dependencies import EXTRA_OF_PACKAGE, SCIENCE_PACKAGES, format_install_hint
 from dynident.version import __version__
-from dynident_service.cli.app import app
+from dynident_service.cli.program_and_exit_codes import app
 
 ROOT = Path(__file__).resolve().parents[2]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
@@ -70,7 +70,7 @@ for one in {left_out!r}:
 from pathlib import Path
 from typer.testing import CliRunner
 from dynident.robot import robot_from_library, urdf_from_robot
-from dynident_service.cli.app import app
+from dynident_service.cli.program_and_exit_codes import app
 Path("arm.urdf").write_text(urdf_from_robot(robot_from_library("scara")))
 for line in {commands!r}:
     ended = CliRunner().invoke(app, line.split(), prog_name="dynident")

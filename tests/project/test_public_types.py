@@ -10,10 +10,10 @@ from typing import get_type_hints
 
 import pytest
 
-from dynident.recordings.metadata import Revision, RevisionFields
-from dynident.robot.document import DescriptionDocument, DriveDocument, LimitsDocument
-from dynident.robot.limits import Drive, Limits
-from dynident.robot.model import Description
+from dynident.recordings.recording_metadata import Revision, RevisionFields
+from dynident.robot.description_and_json import DescriptionDocument, DriveDocument, LimitsDocument
+from dynident.robot.limits_and_drives import Drive, Limits
+from dynident.robot.robot_model import Description
 from dynident.schema.fields import FieldDescription, FieldOptions
 
 SOURCES = Path(__file__).resolve().parents[2]

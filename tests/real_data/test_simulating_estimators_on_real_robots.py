@@ -10,7 +10,10 @@ import pytest
 from support.real_robots import CHOICES, DATA, UR10E_GAINS, UR10E_ROWS, held_out, pytestmark, robot  # noqa: F401
 
 from dynident.identification import identify
-from dynident.identification.study.correlated_and_essential_parameters import essential_parameters, parameter_dependence
+from dynident.identification.identified_models.correlated_and_essential_parameters import (
+    essential_parameters,
+    parameter_dependence,
+)
 from dynident.recordings import RecordedJoints, RecordingMetadata, import_recording
 
 

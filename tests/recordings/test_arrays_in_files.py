@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynident.recordings import RecordingError, file_limits
+from dynident.recordings import RecordingError, file_size_limits
 from dynident.recordings.formats import open_source
-from dynident.recordings.formats.opening import format_of
+from dynident.recordings.formats.open_any_format import format_of
 
 scipy_io = pytest.importorskip("scipy.io")
 
@@ -135,6 +135,6 @@ def test_what_unpacks_to_a_full_disk_is_refused(tmp_path, monkeypatch, suffix):
     else:
         np.savez_compressed(path, **arrays)
     open_source(path, None)
-    monkeypatch.setattr(file_limits, "MOST_UNPACKED", 2**20)
+    monkeypatch.setattr(file_size_limits, "MOST_UNPACKED", 2**20)
     with pytest.raises(RecordingError, match="unpacks to more than"):
         open_source(path, None)

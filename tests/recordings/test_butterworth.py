@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from dynident.expressions.section_filter import filter_sections
-from dynident.recordings.parallel_filter import ATTENUATION, low_pass
+from dynident.expressions.recursive_filter import filter_sections
+from dynident.recordings.low_pass_decimation import ATTENUATION, low_pass
 from dynident.recordings.position_filter import compute_steady_state, design_butterworth
 
 

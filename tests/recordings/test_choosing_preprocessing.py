@@ -15,7 +15,7 @@ from dynident.recordings import (
     recording_from_arrays,
 )
 from dynident.recordings.preprocessing import find_motion_band
-from dynident.recordings.spectra import estimate_spectra
+from dynident.recordings.signal_spectra import estimate_spectra
 
 
 def recorded(speed: float = 1.0, noise: float = 0.0, n_rows: int = 9000, rate: float = 200.0, windows=()):

@@ -12,7 +12,7 @@ from support.recording_data import write_csv, write_parquet
 from support.spoilt_recordings import KINDS, N, arm_signals, corrupt, file_columns
 
 from dynident.identification import identify
-from dynident.identification.robot_recordings import import_for_robot
+from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import (
     JointLimits,
     RecordedJoints,
@@ -20,11 +20,11 @@ from dynident.recordings import (
     RecordingMetadata,
     import_recording,
 )
-from dynident.recordings.columns import Column, Layout
+from dynident.recordings.columns_to_signals import Column, Layout
 from dynident.recordings.conditioning import Conditioning
 from dynident.recordings.file_source import RawRows
-from dynident.recordings.importing import condition_arrays, scan_time
-from dynident.recordings.stored_rows import load_stored_samples
+from dynident.recordings.recording_import import condition_arrays, scan_time
+from dynident.recordings.row_storage import load_stored_samples
 from dynident.simulation import Sensors, TrueEffect, VirtualRobot
 from dynident.testing.trial_arm import build_trial_arm, build_trial_motion
 

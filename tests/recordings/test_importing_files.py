@@ -29,7 +29,7 @@ from dynident.recordings import (
     recording_from_arrays,
 )
 from dynident.recordings.formats import open_source
-from dynident.recordings.segmenting import Resampler
+from dynident.recordings.uniform_segments import Resampler
 
 
 def stored(recording) -> dict[str, np.ndarray]:

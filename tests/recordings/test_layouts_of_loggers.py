@@ -12,8 +12,8 @@ from support.logger_layouts import BETWEEN_SAMPLES, LAYOUTS, WITHOUT_TIME, Recor
 from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque
 
 from dynident.api.recording_files import read_recordings
+from dynident.identification.column_inference.file_inspection import read_sample
 from dynident.identification.column_inference.infer_columns import propose
-from dynident.identification.column_inference.inspection import read_sample
 from dynident.identification.column_inference.unit_inference import get_factor
 from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.robot import Robot, robot_from_urdf

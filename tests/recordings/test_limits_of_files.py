@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.file_mutations import JOINT_STATE, mcap_file, rosbag2_file, written
 
-from dynident.recordings import RecordingError, file_limits
+from dynident.recordings import RecordingError, file_size_limits
 from dynident.recordings.formats import open_source
 
 
@@ -24,7 +24,7 @@ def test_a_file_of_many_columns_is_read_in_blocks_of_few_rows(tmp_path):
     values = np.arange(5000 * 3000, dtype=np.float32).reshape(5000, 3000)
     np.save(path, values)
     blocks = list(open_source(path, None).blocks())
-    assert max(map(len, blocks)) == file_limits.choose_block_rows(3000) < 2000
+    assert max(map(len, blocks)) == file_size_limits.choose_block_rows(3000) < 2000
     assert np.array_equal(np.concatenate(blocks), values)
 
 

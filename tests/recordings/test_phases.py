@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.recordings import Preprocessing, Recording, recording_from_arrays
-from dynident.recordings.phases import STANDS, Phase, compute_smear_width, find_phases
+from dynident.recordings.joint_phases import STANDS, Phase, compute_smear_width, find_phases
 
 QUANTUM = 2 * np.pi / 2**18
 

@@ -16,7 +16,7 @@ from dynident.recordings import (
     open_recording,
     recording_from_arrays,
 )
-from dynident.recordings.stored_rows import replace_by_command
+from dynident.recordings.row_storage import replace_by_command
 
 RAW = Preprocessing(None, None)
 

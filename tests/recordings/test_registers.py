@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.drawn_recordings import Log, guess, log, read, signals
 
-from dynident.recordings.conditioning.registers import find_register
+from dynident.recordings.conditioning.signed_registers import find_register
 
 COUNTS = {7: 100.0, 10: 900.0, 11: 1500.0, 15: 20000.0, 31: 1.5e9}
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.oracles import arm, fourier_motion, pinocchio_torque
 
-from dynident.identification.robot_recordings import import_cured, import_for_robot
+from dynident.identification.robot_recording_import import import_cured, import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
 
 ROBOT = arm("ur10")

@@ -12,7 +12,7 @@ from support.oracles import ARMS, arm, crooked_urdf, pinocchio_rows, random_stat
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.regressors.base_parameters import find_base_parameters, select_base
-from dynident.regressors.model import build_model, find_inertial_base_parameters
+from dynident.regressors.model_structure import build_model, find_inertial_base_parameters
 from dynident.robot import robot_from_urdf
 
 # Published ranks (Panda: Gaz et al. 2019; UR10: Gaz, Magrini and De Luca 2018) and numpy's for the others.

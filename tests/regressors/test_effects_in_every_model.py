@@ -10,9 +10,14 @@ from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters
 from dynident.estimation import compute_errors
 from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
-from dynident.regressors.equation_rows import filter_with_pole, integrate_over_intervals, reduce_form, stream_equations
+from dynident.regressors.filtered_energy_power_rows import (
+    filter_with_pole,
+    integrate_over_intervals,
+    reduce_form,
+    stream_equations,
+)
 from dynident.regressors.filtered_rows import SampleFunction
-from dynident.regressors.model import Model, build_model
+from dynident.regressors.model_structure import Model, build_model
 
 ROBOT = arm("ur10")
 RATE = 500.0

@@ -20,7 +20,7 @@ from dynident.parallel import map_in_threads, prefetch
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.regressors.filtered_rows import SampleFunction, reduce_recordings
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.regressors.qr_accumulation import EquationRows, accumulate_equations
 from dynident.regressors.row_cache import reduce_and_cache
 

@@ -15,8 +15,8 @@ from support.oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torqu
 import dynident.regressors.filtered_rows as stream
 from dynident import parallel
 from dynident.effects import STOP, EffectChoice, ReferenceParameters
+from dynident.effects.effect_signals import MemorySignal
 from dynident.effects.hysteresis_states import step_state
-from dynident.effects.signals import MemorySignal
 from dynident.estimation import compute_errors, ordinary, weighted
 from dynident.recordings import (
     Preprocessing,
@@ -29,7 +29,7 @@ from dynident.recordings import (
 )
 from dynident.recordings.recording import StoredRows
 from dynident.regressors.filtered_rows import reduce_recordings
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.regressors.qr_accumulation import choose_block_length, compute_used_duration
 from dynident.regressors.row_phases import RowPhases
 

@@ -20,7 +20,7 @@ from dynident.parallel import RemoteWorkersBusy, RemoteWorkFailed, map_in_thread
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors import row_cache
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.regressors.row_cache import reduce_and_cache
 
 ROBOT = arm("scara")

@@ -9,11 +9,11 @@ from support.oracles import arm, pinocchio_torque
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.estimation import Errors, compute_errors, weighted
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.study.storage import from_bytes, to_bytes
+from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
-from dynident.recordings.phases import find_phases
-from dynident.regressors.model import build_model
-from dynident.regressors.phase_errors import compute_moving_errors
+from dynident.recordings.joint_phases import find_phases
+from dynident.regressors.errors_by_phase import compute_moving_errors
+from dynident.regressors.model_structure import build_model
 from dynident.regressors.row_cache import reduce_and_cache
 
 ROBOT = arm("scara")

@@ -8,11 +8,11 @@ from support.closed_loop_robots import MACHINES, accelerations_of_pinocchio, mac
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.recordings import Preprocessing, recording_from_arrays
-from dynident.recordings.phases import Phase
+from dynident.recordings.joint_phases import Phase
 from dynident.regressors.base_parameters import find_base_parameters
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
 from dynident.regressors.filtered_rows import reduce_recordings
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.regressors.observation_matrix import Observation
 from dynident.regressors.row_phases import RowPhases
 from dynident.robot import Robot

@@ -15,11 +15,11 @@ from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction, compute_errors, ordinary, solve, statistics, weighted
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.equations.model_equations import marginalise_parameters
-from dynident.identification.study.solve_again import remove
+from dynident.identification.equations.filtered_energy_power_wrench import marginalise_parameters
+from dynident.identification.identified_models.remove_and_solve_again import remove
 from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.regressors.equation_forms import build_wrench_form, build_wrench_model
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.robot import robot_from_urdf, to_pinocchio
 
 LINKS = (EffectChoice("rigid_body"),)

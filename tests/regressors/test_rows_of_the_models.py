@@ -25,7 +25,7 @@ from dynident.estimation import Reduction, ordinary
 from dynident.recordings import Preprocessing, Recording, Segment, filtered_blocks, low_pass, recording_from_arrays
 from dynident.recordings.recording import StoredRows
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
-from dynident.regressors.equation_rows import (
+from dynident.regressors.filtered_energy_power_rows import (
     filter_with_pole,
     integrate_over_intervals,
     reduce_form,
@@ -34,7 +34,7 @@ from dynident.regressors.equation_rows import (
     take_differences,
 )
 from dynident.regressors.filtered_rows import Samples, reduce_recordings
-from dynident.regressors.model import Model, build_model
+from dynident.regressors.model_structure import Model, build_model
 from dynident.robot import robot_from_urdf
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))

@@ -21,7 +21,7 @@ from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import Identification, IdentificationChoices, LadderStep, extend, identify, remove
 from dynident.recordings import Check, Preprocessing, phase_shares
-from dynident.recordings.phases import Phase
+from dynident.recordings.joint_phases import Phase
 from dynident.reports import ReportedRecording, html_report
 from dynident.reports.number_format import format_estimate, format_number, format_percent
 from dynident.robot import Joint, Robot

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from dynident.effects import CATALOGUE, ShapeSpec
-from dynident.identification.shape_constants import ShapeConstant
-from dynident.reports.report_tables import ReportedTable, make_interval_cell, make_number_cell, make_text_cells
-from dynident.reports.result_rows import build_shape_table
+from dynident.identification.shape_constant_intervals import ShapeConstant
+from dynident.reports.result_tables import build_shape_table
+from dynident.reports.table_cells import ReportedTable, make_interval_cell, make_number_cell, make_text_cells
 
 KINDS = [(effect.id, spec) for effect in CATALOGUE.values() for spec in effect.shapes if spec.words]
 

@@ -13,7 +13,7 @@ from pypdf import PdfReader
 
 from dynident.reports import render_pdf
 from dynident.reports.figures.svg import draw_formula
-from dynident.reports.pdf import parse_page, typeset_page
+from dynident.reports.pdf_report import parse_page, typeset_page
 
 DRAWING = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 90 30" role="img" aria-label="a line">'

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dynident.diagnosis import Comparison
-from dynident.reports.figures.signals import build_time_axis, find_extremes, thin_series, thin_series_together
+from dynident.reports.figures.signals_over_time import build_time_axis, find_extremes, thin_series, thin_series_together
 
 
 def comparison(t, segment) -> Comparison:
@@ -52,7 +52,7 @@ def test_every_part_of_a_long_series_keeps_its_own_spike() -> None:
 def test_lines_are_broken_at_gaps_and_between_runs() -> None:
     t = np.concatenate([np.arange(0, 1, 0.01), np.arange(3, 4, 0.01), np.arange(4, 5, 0.01)])
     axis = build_time_axis(comparison(t, np.repeat([0, 0, 1], 100)))
-    assert [(part.start, part.stop) for part in axis.stretches] == [(0, 100), (100, 200), (200, 300)]
+    assert [(part.start, part.stop) for part in axis.intervals] == [(0, 100), (100, 200), (200, 300)]
     assert not axis.shifted
     _, values = thin_series(axis, np.ones(300), 60)
     assert np.isnan(values).sum() == 2
@@ -73,9 +73,9 @@ def test_stretches_are_cut_to_the_rows_that_are_wanted():
     axis = build_time_axis(comparison(np.arange(100) / 100, np.repeat([0, 1], 50)))
     wanted = np.zeros(100, dtype=bool)
     wanted[10:20] = wanted[45:60] = True
-    assert axis.restrict(wanted).stretches == (slice(10, 20), slice(45, 50), slice(50, 60))
-    assert axis.restrict(~wanted).stretches == (slice(0, 10), slice(20, 45), slice(60, 100))
-    assert axis.restrict(np.zeros(100, dtype=bool)).stretches == ()
+    assert axis.restrict(wanted).intervals == (slice(10, 20), slice(45, 50), slice(50, 60))
+    assert axis.restrict(~wanted).intervals == (slice(0, 10), slice(20, 45), slice(60, 100))
+    assert axis.restrict(np.zeros(100, dtype=bool)).intervals == ()
 
 
 def test_two_lines_share_their_times_and_keep_the_extremes_of_both():

@@ -13,7 +13,7 @@ from dynident.effects import EffectChoice, Signals, build_columns
 from dynident.errors import DynidentError
 from dynident.regressors.base_parameters import find_base_parameters
 from dynident.robot import Description, Robot, robot_from_description
-from dynident.robot.collision import collision_geometry
+from dynident.robot.collision_reader import collision_geometry
 
 ABSURD = ("1e300", "1e160", "1e-300", "inf", "-inf", "nan", "-1", "0", str(2**70), "1e999")
 _NUMBER = re.compile(r'(?<=[" \[:,])-?\d+\.?\d*(?=[" \],}])')

@@ -12,8 +12,8 @@ import dynident as dy
 from dynident.errors import DynidentError
 from dynident.export import export_model
 from dynident.robot import Description, Robot, robot_from_description
-from dynident.robot.document import robot_from_document, robot_to_document
-from dynident.robot.pinocchio_model import compute_described_torque
+from dynident.robot.description_and_json import robot_from_document, robot_to_document
+from dynident.robot.pinocchio_conversion import compute_described_torque
 
 INERTIAL = """<inertial><origin xyz="0 0.01 -0.1"/><mass value="2"/>
 <inertia ixx=".02" iyy=".03" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>"""

@@ -9,9 +9,16 @@ from hypothesis import strategies as st
 
 from dynident.errors import DynidentError
 from dynident.robot import collision_geometry, robot_from_library, robot_from_modified_dh, robot_from_urdf
-from dynident.robot.kinematics import joint_frames
-from dynident.robot.meshes import slice_mesh
-from dynident.robot.shapes import Block, Capsule, Cylinder, compute_segment_distance, enclose_points, enclose_shape
+from dynident.robot.collision_shapes import (
+    Block,
+    Capsule,
+    Cylinder,
+    compute_segment_distance,
+    enclose_points,
+    enclose_shape,
+)
+from dynident.robot.forward_kinematics import joint_frames
+from dynident.robot.link_meshes import slice_mesh
 
 ARM = """
 <robot name="arm">

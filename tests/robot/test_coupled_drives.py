@@ -15,8 +15,8 @@ from support.oracles import arm, fourier_motion
 from dynident.errors import DynidentError
 from dynident.recordings import RecordedJoints, RecordingMetadata, import_recording
 from dynident.robot import Drive, coupling_matrix, library_table, robot_from_modified_dh
-from dynident.robot.document import robot_from_document, robot_to_document
-from dynident.robot.model import compute_currents
+from dynident.robot.description_and_json import robot_from_document, robot_to_document
+from dynident.robot.robot_model import compute_currents
 
 NAMES = arm("ur10").joint_names
 GAINS = (32.0, 32.0, 45.0, -48.0, 45.0, 32.0)

@@ -9,7 +9,7 @@ import pytest
 from dynident.errors import DynidentError
 from dynident.robot import Robot
 from dynident.robot.dh_text import robot_from_dh_text
-from dynident.robot.pinocchio_model import to_pinocchio
+from dynident.robot.pinocchio_conversion import to_pinocchio
 
 UR10 = (
     (0.0, np.pi / 2, 0.1273, 0.0),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.file_mutations import CORNERS, dae_file, obj_file, ply_file, stl_file, stl_text
 
+from dynident.robot.link_meshes import read_surface
 from dynident.robot.mesh_readers import read_triangles
-from dynident.robot.meshes import read_surface
 
 
 def volume(points: np.ndarray, triangles: np.ndarray) -> float:

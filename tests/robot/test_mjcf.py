@@ -11,7 +11,7 @@ from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_c
 from dynident.errors import DynidentError
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot import Robot, robot_from_mjcf
-from dynident.robot.document import robot_from_document, robot_to_document
+from dynident.robot.description_and_json import robot_from_document, robot_to_document
 
 ARM = """<?xml version="1.0"?>
 <!-- an arm -->

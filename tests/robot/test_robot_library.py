@@ -6,7 +6,7 @@ import pytest
 
 from dynident.errors import DynidentError
 from dynident.robot import joint_frames, library_names, library_source, robot_from_library, to_pinocchio
-from dynident.robot.pinocchio_model import to_dynamic_parameters
+from dynident.robot.pinocchio_conversion import to_dynamic_parameters
 
 
 def test_the_library_holds_arms_a_prismatic_joint_and_a_tree():

@@ -10,11 +10,11 @@ import pytest
 
 from dynident.errors import DynidentError
 from dynident.motion import Surroundings
-from dynident.motion.collision.contacts import build_solid
+from dynident.motion.collision.exact_distances import build_solid
 from dynident.motion.collision.free_space import build_free_space
 from dynident.robot import collision_geometry, robot_from_urdf
-from dynident.robot.collision import UNCHECKED
-from dynident.robot.shapes import Hull
+from dynident.robot.collision_reader import UNCHECKED
+from dynident.robot.collision_shapes import Hull
 
 STOCK = next(Path(sys.prefix).glob("lib*/python3*/site-packages/cmeel.prefix/share/example-robot-data/robots"), None)
 ARMS = {

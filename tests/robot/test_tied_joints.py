@@ -14,8 +14,8 @@ from support.urdf_texts import machine as urdf
 
 from dynident.errors import DynidentError
 from dynident.robot import robot_from_urdf, urdf_from_robot
-from dynident.robot.document import robot_from_document, robot_to_document
-from dynident.robot.kinematics import joint_frames
+from dynident.robot.description_and_json import robot_from_document, robot_to_document
+from dynident.robot.forward_kinematics import joint_frames
 from dynident.robot.modified_dh import robot_from_modified_dh
 
 AXIS_Z = '<axis xyz="0 0 1"/>'

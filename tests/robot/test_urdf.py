@@ -20,7 +20,7 @@ from dynident.robot import (
     to_pinocchio,
     urdf_from_robot,
 )
-from dynident.robot.pinocchio_model import compute_described_torque, from_dynamic_parameters
+from dynident.robot.pinocchio_conversion import compute_described_torque, from_dynamic_parameters
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 MODEL = pin.buildModelFromXML(EVERY_KIND)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dynident_service.jobs.task import Outcome, Task
+from dynident_service.jobs.task_input_output import Outcome, Task
 
 
 def read_file(path: str) -> str:

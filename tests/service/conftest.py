@@ -17,11 +17,11 @@ from service_helpers import SCIENCE, TWO_JOINTS, app_of, free_port, wait_for
 from sqlalchemy import text
 
 from dynident_client import Client
-from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.records import NewJob
+from dynident_service.storage.repository_values import NewJob
+from dynident_service.storage_and_engine import Services
 
 HERE = Path(__file__).parent
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from dynident_service.jobs import child, engine, fork_server_main
-from dynident_service.jobs.pool import ForkServer
+from dynident_service.jobs import child_process, fork_server_main, job_engine
+from dynident_service.jobs.child_pool import ForkServer
 
 HEARTBEAT = 0.4
 """Seconds from one to the next, so that one who has none is found out soon."""
@@ -43,14 +43,14 @@ class StandingBack(ForkServer):
 def bring_up_without_science() -> None:
     """Let a service, or a worker of a cluster, in this process have its children from there, and load none itself."""
     ForkServer.PROGRAM = WithoutScience.PROGRAM
-    engine.load_science = lambda: None  # type: ignore[attr-defined]  # a name that it imports
+    job_engine.load_science = lambda: None  # type: ignore[attr-defined]  # a name that it imports
 
 
 def main() -> None:
     what = sys.argv.pop(1)
-    child.HEARTBEAT = HEARTBEAT
+    child_process.HEARTBEAT = HEARTBEAT
     if what != "standing_back":
-        child.STANDS_BACK = 0
+        child_process.STANDS_BACK = 0
     if what == "sharing":
         from shared_parts import share_what_is_small
 

@@ -18,7 +18,7 @@ from dynident_service.app import create_app
 from dynident_service.serve import build_server_config
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
-from dynident_service.storage.tables import JOBS
+from dynident_service.storage.database_tables import JOBS
 
 TWO_JOINTS = {
     "joints": [

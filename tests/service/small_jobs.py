@@ -16,7 +16,7 @@ from obstore.exceptions import PermissionDeniedError
 from sqlalchemy.exc import OperationalError
 
 from dynident.errors import DynidentError
-from dynident_service.jobs.task import Outcome, Task
+from dynident_service.jobs.task_input_output import Outcome, Task
 from dynident_service.storage.job_queue import JobQueue
 
 

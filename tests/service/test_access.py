@@ -10,7 +10,7 @@ from service_helpers import app_of
 from dynident_service.api_keys import create_key
 from dynident_service.settings import Settings, hash_key
 from dynident_service.storage.database import Database, migrate
-from dynident_service.storage.tables import KeyRow
+from dynident_service.storage.database_tables import KeyRow
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment, Separation
-from dynident.diagnosis.result import Adequacy, Change, ChangedValue, RankedEffect
+from dynident.diagnosis.diagnosis_result import Adequacy, Change, ChangedValue, RankedEffect
 from dynident.effects import EffectChoice
 from dynident.estimation import Errors
 from dynident.schema.fields import resolve_hint
-from dynident.validation.outcome import ValidationOutcome
-from dynident.validation.torque_errors import TorqueValidation
-from dynident_service.adapters.conversion import from_view, to_view
+from dynident.validation.direct_and_cross_validation import TorqueValidation
+from dynident.validation.validation_outcome import ValidationOutcome
+from dynident_service.adapters.field_by_field import from_view, to_view
 from dynident_service.wire_types import diagnoses, validations
 
 CHOICE = EffectChoice("stribeck", ("a",), (("vs", 0.1),), ("run 1",))

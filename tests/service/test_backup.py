@@ -19,14 +19,14 @@ from typer.testing import CliRunner
 
 from dynident.errors import DynidentError
 from dynident.robot import library_table
-from dynident_service.cli.app import app
+from dynident_service.cli.program_and_exit_codes import app
 from dynident_service.routes import identifications, measurements
-from dynident_service.services import Services
-from dynident_service.storage.backup import back_up, list_tables, restore
+from dynident_service.storage.backup_and_restore import back_up, list_tables, restore
 from dynident_service.storage.database import migrate
 from dynident_service.storage.integrity_check import check_storage
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.records import NewJob
+from dynident_service.storage.repository_values import NewJob
+from dynident_service.storage_and_engine import Services
 
 JOB = NewJob("report", "small_jobs:answer")
 Open = Callable[[str], Store]
@@ -211,7 +211,7 @@ def test_a_robot_goes_to_another_service_with_all_that_belongs_to_it(
 def test_a_bundle_that_was_tampered_with_is_refused(
     services: Services, model: dict[str, Any], at: Open, tmp_path: Path
 ) -> None:
-    from dynident_service.storage.bundle import export_robot
+    from dynident_service.storage.robot_bundle import export_robot
 
     bundle, changed = tmp_path / "bundle.zip", tmp_path / "changed.zip"
     export_robot(services.database, services.objects, model["robot_id"], bundle)

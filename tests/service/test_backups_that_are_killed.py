@@ -15,7 +15,7 @@ from support.stores import Store, open_store
 from test_backup import Open, at, hashes
 
 from dynident.errors import DynidentError
-from dynident_service.storage.backup import back_up, open_archive_for_writing, restore
+from dynident_service.storage.backup_and_restore import back_up, open_archive_for_writing, restore
 from dynident_service.storage.database import migrate
 from dynident_service.storage.integrity_check import check_storage
 

@@ -17,9 +17,9 @@ from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import Dependency, NewJob, NewResource
-from dynident_service.storage.resources import Resources
+from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.repository_values import Dependency, NewJob, NewResource
+from dynident_service.storage.resource_repository import Resources
 
 PATH = "/v1/identifications/batch"
 ROBOT = {"name": "two joints", "description": {"format": "modified_dh", "content": TWO_JOINTS}}

@@ -12,9 +12,9 @@ from sqlalchemy.exc import OperationalError
 
 from dynident_service.storage import job_queue
 from dynident_service.storage.database import Database
+from dynident_service.storage.database_tables import CheckpointRow
 from dynident_service.storage.job_queue import MAX_CHECKPOINT_BYTES, CheckpointStore, JobCheckpoints, JobQueue
-from dynident_service.storage.records import NewJob
-from dynident_service.storage.tables import CheckpointRow
+from dynident_service.storage.repository_values import NewJob
 
 JOB = NewJob("report", "small_jobs:answer")
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from dynident.identification.choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS
+from dynident.identification.identification_choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS
 from dynident.robot import library_table
 from dynident_client import Client, JobFailed, ProblemError
 

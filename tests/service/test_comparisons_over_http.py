@@ -12,10 +12,10 @@ import pytest
 from fastapi.testclient import TestClient
 
 from dynident.diagnosis import Comparison
-from dynident.diagnosis.comparing.storage import write_comparison
-from dynident.recordings.phases import Phase
-from dynident_service.services import Services
-from dynident_service.storage.records import NewResource, OwnedObject
+from dynident.diagnosis.comparison.comparison_files import write_comparison
+from dynident.recordings.joint_phases import Phase
+from dynident_service.storage.repository_values import NewResource, OwnedObject
+from dynident_service.storage_and_engine import Services
 
 M = 3000
 REST = slice(1000, 2000)
@@ -140,7 +140,7 @@ def test_at_rest_the_prediction_is_a_band_and_the_residual_the_distance_to_it(cl
 def test_a_stretch_is_the_same_however_few_of_the_rows_are_read_for_it(
     client: TestClient, services: Services, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dynident.diagnosis.comparing.storage.ROW_GROUP", 400)
+    monkeypatch.setattr("dynident.diagnosis.comparison.comparison_files.ROW_GROUP", 400)
     with stored(services, tmp_path, temperature=False) as path:
         whole = client.get(f"{path}/series", params={"joint": "elbow", "points": 5000}).json()
         for start, end in ((7.9, 8.1), (0.0, 60.0), (59.9, 80.0), (70.0, 80.0)):

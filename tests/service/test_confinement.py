@@ -21,11 +21,11 @@ from dynident_service import interactive_compute as awaited_module
 from dynident_service.interactive_compute import InteractiveCompute
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.problems import ProblemError
-from dynident_service.services import confine_readers
 from dynident_service.settings import Settings
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import FINAL, NewJob
+from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.repository_values import FINAL, NewJob
+from dynident_service.storage_and_engine import confine_readers
 
 MEMORY = 600_000_000
 

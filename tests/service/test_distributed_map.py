@@ -10,17 +10,17 @@ import pytest
 from service_helpers import SCIENCE, TWO_JOINTS
 from support.measurement_uploads import as_csv, sound
 
-from dynident.identification.robot_recordings import import_for_robot
+from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import Recording, RecordingMetadata, open_recording
-from dynident.recordings.stored_rows import ParquetSource
+from dynident.recordings.row_storage import ParquetSource
 from dynident.robot import robot_from_modified_dh
 from dynident_service.jobs import distributed_map
+from dynident_service.jobs.child_pool import ChildPool
 from dynident_service.jobs.distributed_map import OtherWorkers
-from dynident_service.jobs.pool import ChildPool
-from dynident_service.jobs.task import ClusterAddresses, JobEnvironment, pack_value, unpack_value
+from dynident_service.jobs.task_input_output import ClusterAddresses, JobEnvironment, pack_value, unpack_value
 from dynident_service.problems import ProblemError
 from dynident_service.storage.job_transitions import Claim
-from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.object_store import ObjectStore
 
 CLAIM = Claim("job", 1, "small_jobs:answer", {}, None)
 NOBODY = ClusterAddresses("tcp://127.0.0.1:9", "tcp://127.0.0.1:10")

@@ -20,8 +20,8 @@ from service_helpers import TWO_JOINTS, app_of, wait_for
 from shared_parts import NOTES, WORKER, Note, notes_in
 from support.measurement_uploads import as_csv, sound, upload
 
-from dynident_service.services import Services
 from dynident_service.settings import Settings
+from dynident_service.storage_and_engine import Services
 
 pytestmark = pytest.mark.slow
 

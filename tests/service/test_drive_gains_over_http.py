@@ -20,10 +20,10 @@ from dynident.errors import DynidentError
 from dynident.progress import ignore_progress
 from dynident.robot import robot_from_urdf
 from dynident_client import Client, Computed, JobFailed, ProblemError, Record
-from dynident_service.cli.app import app
-from dynident_service.jobs.task import ObjectCache, Task
-from dynident_service.services import Services
-from dynident_service.work.drive_gains import find_gains
+from dynident_service.cli.program_and_exit_codes import app
+from dynident_service.job_functions.drive_gains import find_gains
+from dynident_service.jobs.task_input_output import ObjectCache, Task
+from dynident_service.storage_and_engine import Services
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ur10e"
 URDF = """<robot name="two_links">

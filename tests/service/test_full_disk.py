@@ -21,9 +21,9 @@ from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
 from dynident_service.storage.integrity_check import check_storage
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import FINAL, NewJob, NewResource
-from dynident_service.storage.resources import Resources
+from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.repository_values import FINAL, NewJob, NewResource
+from dynident_service.storage.resource_repository import Resources
 
 pytestmark = pytest.mark.slow
 MEGABYTE = 1_000_000

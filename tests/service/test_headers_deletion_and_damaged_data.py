@@ -20,14 +20,14 @@ from sqlalchemy import update
 from sqlalchemy.exc import OperationalError
 from support.measurement_uploads import as_csv, files_in, sound, upload
 
-from dynident_service.routes.uploads import _SentFile
-from dynident_service.services import Services
+from dynident_service.routes.upload_forms import _SentFile
 from dynident_service.settings import Settings
-from dynident_service.storage.deletion import delete_expired
-from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import Dependency, NewJob, NewResource
-from dynident_service.storage.resources import Resources
-from dynident_service.storage.tables import JobRow, RetryRow
+from dynident_service.storage.database_tables import JobRow, RetryRow
+from dynident_service.storage.deletion_and_expiry import delete_expired
+from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.repository_values import Dependency, NewJob, NewResource
+from dynident_service.storage.resource_repository import Resources
+from dynident_service.storage_and_engine import Services
 
 
 @pytest.fixture

@@ -18,13 +18,13 @@ from sqlalchemy import func, select
 from support.measurement_uploads import as_csv, sound, upload
 
 from dynident.errors import DynidentError
-from dynident_service.cli.stored_resource_checks import check_stored_resource
-from dynident_service.services import Services
-from dynident_service.storage import bundle as bundle_module
-from dynident_service.storage.bundle import export_robot, import_robot
+from dynident_service.cli.readability_checks import check_stored_resource
+from dynident_service.storage import robot_bundle as bundle_module
 from dynident_service.storage.database import Database, migrate
-from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.tables import ResourceRow
+from dynident_service.storage.database_tables import ResourceRow
+from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.robot_bundle import export_robot, import_robot
+from dynident_service.storage_and_engine import Services
 
 Content = dict[str, bytes]
 Row = dict[str, Any]
@@ -204,7 +204,7 @@ def test_lines_that_are_no_rows_are_refused(elsewhere: Elsewhere, content: Conte
 def test_a_line_without_an_end_is_refused_before_it_is_in_memory(
     elsewhere: Elsewhere, content: Content, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dynident_service.storage.archive.MAX_ROW_BYTES", 100_000)
+    monkeypatch.setattr("dynident_service.storage.archive_format.MAX_ROW_BYTES", 100_000)
     name = "tables/job_events.jsonl"
     endless = content[name] + b'{"data": "' + b"a" * 200_000
     elsewhere.refuses({**content, name: endless}, r"row \d of job_events is not valid \(ValueError\)")

@@ -12,7 +12,7 @@ import pytest
 from fastapi.testclient import TestClient
 from support.measurement_uploads import sound
 
-from dynident_service.storage.deletion import delete_unused_imports
+from dynident_service.storage.deletion_and_expiry import delete_unused_imports
 
 
 def foreign(decimal: str = ",") -> bytes:

@@ -14,13 +14,13 @@ from fork_servers import WithoutScience
 from support.stores import CONTENT, Store, open_store
 from typer.testing import CliRunner
 
-from dynident_service.cli import stored_resource_checks
-from dynident_service.cli.app import app
-from dynident_service.jobs.pool import ForkServer
+from dynident_service.cli import readability_checks
+from dynident_service.cli.program_and_exit_codes import app
+from dynident_service.jobs.child_pool import ForkServer
 from dynident_service.storage.database import migrate
-from dynident_service.storage.deletion import sweep_objects
+from dynident_service.storage.deletion_and_expiry import sweep_objects
 from dynident_service.storage.integrity_check import Defect, check_storage, repair
-from dynident_service.storage.records import Kind, NewResource, OwnedObject
+from dynident_service.storage.repository_values import Kind, NewResource, OwnedObject
 
 OLDER = Path(__file__).parent.parent / "older_versions"
 
@@ -141,12 +141,12 @@ def test_every_resource_that_cannot_be_read_is_told_with_the_reason_and_what_to_
 def test_a_file_that_kills_or_blocks_its_reader_is_told_and_the_next_is_read(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stored_resource_checks, "FUNCTION", "small_jobs:read_as_it_says")
+    monkeypatch.setattr(readability_checks, "FUNCTION", "small_jobs:read_as_it_says")
     monkeypatch.setattr(ForkServer, "PROGRAM", WithoutScience.PROGRAM)
-    with stored_resource_checks.StoredFilesReader(store.objects) as reader:
+    with readability_checks.StoredFilesReader(store.objects) as reader:
         assert reader.find_problem(store.resources.create(NewResource("robot", {"it": "is read"}))) is None
         for what in ("dies", "hangs"):
             store.resources.create(NewResource("robot", {"it": what}))
-        monkeypatch.setattr(stored_resource_checks, "LONGEST", 5.0)  # from here on each process begins at once
+        monkeypatch.setattr(readability_checks, "LONGEST", 5.0)  # from here on each process begins at once
         details = {one.detail for one in check_storage(store.database, store.objects, problem_of=reader.find_problem)}
     assert details == {"the process that read it died", "it was not read within 5 s"}

@@ -11,7 +11,7 @@ from dynident_service.problems import ProblemError, make_problem
 from dynident_service.storage import job_queue as ledger_module
 from dynident_service.storage.database import BUSY_TIMEOUT_MS, Database, migrate
 from dynident_service.storage.job_queue import JobQueue, LostClaim, QueueHealth
-from dynident_service.storage.records import NewJob
+from dynident_service.storage.repository_values import NewJob
 
 JOB = NewJob("report", "nowhere:nothing", {"a": 1})
 

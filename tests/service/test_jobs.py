@@ -14,10 +14,10 @@ from service_helpers import wait_for
 from support.processes import is_running
 
 from dynident_service.app import create_app
-from dynident_service.jobs.child import STANDS_BACK
-from dynident_service.services import Services
+from dynident_service.jobs.child_process import STANDS_BACK
 from dynident_service.settings import Settings
-from dynident_service.storage.records import NewJob
+from dynident_service.storage.repository_values import NewJob
+from dynident_service.storage_and_engine import Services
 
 Start = Callable[..., str]
 Wait = Callable[..., Any]

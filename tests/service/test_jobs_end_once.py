@@ -15,13 +15,13 @@ from fork_servers import HEARTBEAT
 from service_helpers import app_of, wait_for
 from sqlalchemy.exc import OperationalError
 
-from dynident_service.jobs import engine as engine_module
-from dynident_service.jobs import supervisor
-from dynident_service.jobs.engine import LocalExecutor
-from dynident_service.services import Services
+from dynident_service.jobs import job_engine as engine_module
+from dynident_service.jobs import job_supervisor
+from dynident_service.jobs.job_engine import LocalExecutor
 from dynident_service.settings import Settings
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.records import NewJob
+from dynident_service.storage.repository_values import NewJob
+from dynident_service.storage_and_engine import Services
 
 Start = Callable[..., str]
 Wait = Callable[..., Any]
@@ -32,16 +32,16 @@ STILL_FOR = 3 * HEARTBEAT
 
 @pytest.fixture
 def soon_still(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(supervisor, "STILL_FOR", STILL_FOR)
-    monkeypatch.setattr(supervisor, "VITALS", 0.2)
+    monkeypatch.setattr(job_supervisor, "STILL_FOR", STILL_FOR)
+    monkeypatch.setattr(job_supervisor, "VITALS", 0.2)
 
 
 @pytest.mark.parametrize("name", ["get_standing", "renew"])
 def test_a_database_away_for_a_moment_does_not_end_a_job_that_is_watched(
     start: Start, wait: Wait, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    monkeypatch.setattr(supervisor, "RENEW", 0.1 if name == "renew" else 60.0)
-    monkeypatch.setattr(supervisor, "AWAY_PAUSE", 0.05)
+    monkeypatch.setattr(job_supervisor, "RENEW", 0.1 if name == "renew" else 60.0)
+    monkeypatch.setattr(job_supervisor, "AWAY_PAUSE", 0.05)
     method = getattr(JobQueue, name)
     calls = 0
 

@@ -10,7 +10,7 @@ import pytest
 from support.joints_at_rest import COULOMB, MOVES, PERIOD, resting_motion, write_resting_run
 from support.oracles import arm
 
-from dynident.recordings.phases import SLOW, SLOW_SHARE
+from dynident.recordings.joint_phases import SLOW, SLOW_SHARE
 from dynident.robot import library_table
 from dynident_client import Client
 

@@ -17,7 +17,7 @@ from support.processes import is_running
 
 from dynident_service.storage.database import Database
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.records import NewJob
+from dynident_service.storage.repository_values import NewJob
 
 pytestmark = pytest.mark.slow
 

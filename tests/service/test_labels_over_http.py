@@ -9,9 +9,9 @@ from fastapi.testclient import TestClient
 from support.measurement_uploads import as_csv, sound, upload
 
 from dynident_service.storage.database import Database, migrate
-from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import NewResource
-from dynident_service.storage.resources import Resources
+from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.repository_values import NewResource
+from dynident_service.storage.resource_repository import Resources
 
 
 def paths(client: TestClient, robot: dict[str, Any]) -> list[str]:
@@ -113,8 +113,8 @@ def test_parts_of_a_robot_are_stated_with_it_and_later(client: TestClient, robot
 
 
 def test_a_recommended_effect_is_posted_with_its_question(client: TestClient) -> None:
-    from dynident_service.wire_types.common import EffectChoice
     from dynident_service.wire_types.diagnoses import RecommendedEffect
+    from dynident_service.wire_types.shared_types import EffectChoice
 
     recommended = RecommendedEffect(effect="joint_spring", joints=["elbow"], question="Does the robot have one?")
     posted = EffectChoice.model_validate(recommended.model_dump())

@@ -18,12 +18,12 @@ from service_helpers import TWO_JOINTS, app_of, let_leases_run_out, wait_for
 from sqlalchemy import event, text
 
 from dynident_service.problems import make_problem
-from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage import job_queue as ledger_module
 from dynident_service.storage.database import Database, build_alembic_config, migrate
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.records import FINAL, NewJob
+from dynident_service.storage.repository_values import FINAL, NewJob
+from dynident_service.storage_and_engine import Services
 
 pytestmark = pytest.mark.slow
 

@@ -13,7 +13,7 @@ import pytest
 from support.arm_with_meshes import ARM, rod
 
 from dynident_client import Client, ProblemError
-from dynident_client.records import Robot
+from dynident_client.resource_objects import Robot
 
 STOCK = next(Path(sys.prefix).glob("lib*/python3*/site-packages/cmeel.prefix/share/example-robot-data/robots"), None)
 QUICK = {

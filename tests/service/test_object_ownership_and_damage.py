@@ -13,7 +13,7 @@ from support.stores import CONTENT, Store, open_store
 
 from dynident_service.problems import ProblemError
 from dynident_service.storage.database import migrate
-from dynident_service.storage.deletion import ObjectGone, sweep_objects
+from dynident_service.storage.deletion_and_expiry import ObjectGone, sweep_objects
 
 AT_ONCE = timedelta(0)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from support.one_joint_robots import ONE_JOINT, one_joint_urdf
 
-from dynident.validation.request import TRIALS
+from dynident.validation.validation_request import TRIALS
 from dynident_client import Client
 
 pytestmark = pytest.mark.slow

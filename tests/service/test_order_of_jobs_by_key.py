@@ -12,7 +12,7 @@ from dynident_service.storage import job_transitions
 from dynident_service.storage.database import Database, get_database_time, migrate
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.job_transitions import Claim
-from dynident_service.storage.records import NewJob
+from dynident_service.storage.repository_values import NewJob
 
 JOB = NewJob("report", "nowhere:nothing")
 

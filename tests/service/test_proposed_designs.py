@@ -8,7 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from dynident.advice import NextExperiment, Separation
-from dynident.advice.experiments import EXPERIMENTS, Question
+from dynident.advice.discriminating_experiments import EXPERIMENTS, Question
 from dynident.effects import EffectChoice
 from dynident.motion.limits.bounds import build_bounds
 from dynident.robot import library_table

@@ -8,7 +8,7 @@ from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS
 from sqlalchemy import event
 
-from dynident_service.services import Services
+from dynident_service.storage_and_engine import Services
 
 TABLES = ("FROM resources", "FROM dependencies", "FROM objects")
 

@@ -23,12 +23,10 @@ from support.stores import Store
 from dynident.robot import library_table
 from dynident_service import new_key
 from dynident_service.api_keys import KeyRing, Scope, create_key, list_keys
-from dynident_service.services import Services
 from dynident_service.settings import Settings
-from dynident_service.storage.backup import back_up, restore
-from dynident_service.storage.bundle import export_robot, import_robot
+from dynident_service.storage.backup_and_restore import back_up, restore
 from dynident_service.storage.database import WRITES, Database, build_alembic_config, migrate
-from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.quotas import (
     Account,
     QuotaExceeded,
@@ -38,8 +36,10 @@ from dynident_service.storage.quotas import (
     compute_usage,
     set_account,
 )
-from dynident_service.storage.records import NewJob, NewResource
-from dynident_service.storage.resources import Resources
+from dynident_service.storage.repository_values import NewJob, NewResource
+from dynident_service.storage.resource_repository import Resources
+from dynident_service.storage.robot_bundle import export_robot, import_robot
+from dynident_service.storage_and_engine import Services
 
 FORM = "multipart/form-data; boundary=b"
 RECORDING = as_csv(sound(400))

@@ -10,7 +10,7 @@ from fastapi.testclient import TestClient
 from support.measurement_uploads import as_csv, sound, upload
 
 from dynident_service.routes import measurements
-from dynident_service.services import Services
+from dynident_service.storage_and_engine import Services
 
 
 @pytest.fixture(scope="module")

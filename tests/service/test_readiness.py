@@ -18,8 +18,8 @@ from fastapi.testclient import TestClient
 from service_helpers import app_of, free_port, wait_for
 
 from dynident_service import readiness
-from dynident_service.services import Services
 from dynident_service.settings import Settings
+from dynident_service.storage_and_engine import Services
 
 SERVICE = Path(__file__).with_name("service_whose_database_hangs.py")
 STUCK = 20

@@ -17,15 +17,15 @@ import pytest
 import dynident.diagnosis
 import dynident.excitation
 import dynident_service
-from dynident_service import preload
+from dynident_service import science_preload
 
 PACKAGE = Path(dynident_service.__file__).parent
-ALONE = preload.hold_import_lock.__name__
+ALONE = science_preload.hold_import_lock.__name__
 
 
 @pytest.mark.parametrize("time_after_time", range(12))
 def test_requests_import_one_at_a_time_and_before_what_is_loaded_ahead(time_after_time: int) -> None:
-    turns, order = preload.ImportLock(), list[str]()
+    turns, order = science_preload.ImportLock(), list[str]()
 
     def has_its_turn(name: str) -> None:
         with turns.hold(patiently=name == "ahead"):
@@ -49,7 +49,7 @@ def test_whatever_a_request_imports_it_imports_alone() -> None:
 
 
 def test_collections_of_garbage_leave_what_is_loaded_alone() -> None:
-    preload.load_science()
+    science_preload.load_science()
     assert gc.get_freeze_count() > 0
     loaded = {id(one) for one in gc.get_objects()}
     assert not {id(vars(module)) for module in (dynident.diagnosis, dynident.excitation)} & loaded

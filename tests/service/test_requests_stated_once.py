@@ -18,22 +18,22 @@ from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
 from dynident.export import ExportChoices
 from dynident.identification import IdentificationChoices
-from dynident.identification.choices import EssentialChoices
-from dynident.identification.loads.known_load import KnownLoad
-from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
+from dynident.identification.identification_choices import EssentialChoices
+from dynident.identification.loads.drive_gain_request import KnownLoad
+from dynident.identification.methods.base_classes import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
 from dynident.recordings import RecordingMetadata, Revision
-from dynident.recordings.metadata import Filters
+from dynident.recordings.recording_metadata import Filters
 from dynident.reports import ReportChoices
 from dynident.robot import Drive, Limits
-from dynident.robot.library import library_names, robot_from_library
+from dynident.robot.bundled_arms import library_names, robot_from_library
 from dynident.schema.fields import declare_field, get_description
 from dynident.schema.registry import kind_to_document
 from dynident.simulation import ActingEffect, Simulated, Warming, list_drive_effects, resolve_true_effects
 from dynident.simulation.virtual_robot_request import list_usual_effects
-from dynident.validation.request import TRIALS, build_trial
-from dynident_service.adapters.conversion import to_body, to_body_value, to_request
+from dynident.validation.validation_request import TRIALS, build_trial
+from dynident_service.adapters.field_by_field import to_body, to_body_value, to_request
 from dynident_service.adapters.measurements import show_revision, to_recording_metadata, to_revision
-from dynident_service.cli.app import app
+from dynident_service.cli.program_and_exit_codes import app
 from dynident_service.openapi import render_contract
 from dynident_service.wire_types import designs, identifications
 from dynident_service.wire_types.measurements import MeasurementMetadata
@@ -47,7 +47,7 @@ PROGRAM = """
 import json, sys
 import dynident.identification.methods.estimators as home
 home.__path__.append({folder!r})
-from dynident_service.adapters.conversion import to_request
+from dynident_service.adapters.field_by_field import to_request
 from dynident_service.openapi import build_request_types
 from dynident_service.wire_types.identifications import IdentificationRequest
 from dynident.identification import IdentificationChoices
@@ -63,7 +63,7 @@ print(json.dumps({{
     "client": build_request_types(document),
     "taken": [choices.solver.name, choices.solver.power],
 }}))
-from dynident_service.cli.app import app
+from dynident_service.cli.program_and_exit_codes import app
 app(["identify", "--help"], prog_name="dynident")
 """
 

@@ -25,12 +25,12 @@ from dynident_service import interactive_compute as awaited_module
 from dynident_service import job_events as following_module
 from dynident_service.interactive_compute import InteractiveCompute
 from dynident_service.job_events import LATEST, JobEventNotifier
-from dynident_service.jobs.child import STANDS_BACK
+from dynident_service.jobs.child_process import STANDS_BACK
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.records import NewJob
+from dynident_service.storage.repository_values import NewJob
 
 
 @pytest.fixture(scope="module")

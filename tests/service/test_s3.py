@@ -21,11 +21,11 @@ from dynident_service.app import create_app
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database, migrate
-from dynident_service.storage.deletion import ObjectGone, sweep_objects
+from dynident_service.storage.deletion_and_expiry import ObjectGone, sweep_objects
 from dynident_service.storage.integrity_check import check_storage
-from dynident_service.storage.objects import CHUNK, ObjectStore
-from dynident_service.storage.records import NewResource, OwnedObject
-from dynident_service.storage.resources import Resources
+from dynident_service.storage.object_store import CHUNK, ObjectStore
+from dynident_service.storage.repository_values import NewResource, OwnedObject
+from dynident_service.storage.resource_repository import Resources
 
 CONTENT = b"t,q1,tau1\n" * 100
 AT_ONCE = timedelta(0)
@@ -33,7 +33,7 @@ LARGE = 160_000_000
 STORES_AND_READS = """
 import resource, sys, tempfile
 from pathlib import Path
-from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.object_store import ObjectStore
 store = ObjectStore(sys.argv[1], Path(sys.argv[2]))
 store.ping()
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -13,10 +13,10 @@ from sqlalchemy import text
 
 from dynident_service.problems import ProblemError
 from dynident_service.storage.database import WRITES, Database, build_alembic_config, migrate
+from dynident_service.storage.database_tables import KeyRow
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import create_identifier
-from dynident_service.storage.tables import KeyRow
+from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.repository_values import create_identifier
 
 
 @pytest.fixture

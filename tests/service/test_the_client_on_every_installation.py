@@ -24,8 +24,8 @@ from support.oracles import pinocchio_torque
 
 from dynident.robot import robot_from_urdf
 from dynident_client import Client, Computed, JobCancelled, JobFailed, ProblemError, Record
-from dynident_client.collection import Collection
-from dynident_client.records import Measurement, Robot
+from dynident_client.collection_bases import Collection
+from dynident_client.resource_objects import Measurement, Robot
 
 GAINS = (20.0, 8.0)
 MASS = 3.0

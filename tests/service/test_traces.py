@@ -21,10 +21,10 @@ from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanE
 
 from dynident_service import tracing
 from dynident_service.app import create_app
-from dynident_service.jobs.messages import Call, answer_call
-from dynident_service.services import Services
+from dynident_service.jobs.child_messages import Call, answer_call
 from dynident_service.settings import Settings
-from dynident_service.storage.records import NewJob
+from dynident_service.storage.repository_values import NewJob
+from dynident_service.storage_and_engine import Services
 
 TRACE, PARENT = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 HEADERS = {"traceparent": f"00-{TRACE}-{PARENT}-01", "x-request-id": "run-12", "authorization": "Bearer secret"}

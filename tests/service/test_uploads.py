@@ -14,8 +14,8 @@ from fastapi.testclient import TestClient
 from support.measurement_uploads import Columns, as_csv, files_in, sound, upload
 
 from dynident_service.housekeeping import sweep_folder
-from dynident_service.services import Services
-from dynident_service.storage.deletion import sweep_objects
+from dynident_service.storage.deletion_and_expiry import sweep_objects
+from dynident_service.storage_and_engine import Services
 
 
 @pytest.fixture

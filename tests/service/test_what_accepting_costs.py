@@ -16,9 +16,9 @@ from service_helpers import TWO_JOINTS, app_of, wait_for
 from sqlalchemy import event
 from support.measurement_uploads import as_csv, sound, upload
 
-from dynident_service.services import Services
 from dynident_service.settings import Settings
-from dynident_service.storage.records import NewJob
+from dynident_service.storage.repository_values import NewJob
+from dynident_service.storage_and_engine import Services
 
 READ, WRITE = 4, 6
 """Each begins a transaction. Then resources with their jobs, what they rest on, their objects; and what is needed, the
@@ -92,9 +92,9 @@ def test_a_service_on_one_machine_does_its_jobs_without_a_scheduler_of_its_own(t
     program = """
 import sys
 from pathlib import Path
-from dynident_service.services import open_services
+from dynident_service.storage_and_engine import open_services
 from dynident_service.settings import Settings
-from dynident_service.storage.records import NewJob
+from dynident_service.storage.repository_values import NewJob
 from service_helpers import SCIENCE, wait_for
 with open_services(Settings(data_dir=Path(sys.argv[1]), workers=1), SCIENCE) as services:
     job = services.job_queue.enqueue(NewJob("report", "small_jobs:answer"))

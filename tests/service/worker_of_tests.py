@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from fork_servers import OfTests
 
-from dynident_service.jobs.pool import ForkServer
+from dynident_service.jobs.child_pool import ForkServer
 
 ForkServer.PROGRAM = OfTests.PROGRAM

@@ -3,9 +3,9 @@
 import sys
 from pathlib import Path
 
-from dynident_service.storage.backup import back_up
+from dynident_service.storage.backup_and_restore import back_up
 from dynident_service.storage.database import Database
-from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.object_store import ObjectStore
 
 if __name__ == "__main__":
     folder, target = Path(sys.argv[1]), Path(sys.argv[2])

@@ -11,7 +11,7 @@ from support.virtual_arms import effort, fourier, plain_friction
 
 from dynident.robot import Robot, robot_from_library
 from dynident.simulation import Controller, Reference, Sensors, TrueEffect, VirtualRobot
-from dynident.simulation.dynamics import build_dynamics, build_first_state, build_step
+from dynident.simulation.virtual_robot_dynamics import build_dynamics, build_first_state, build_step
 
 STEP = 0.25e-3
 EXACT = Sensors(sampling_rate=1 / STEP, encoder_counts=None, torque_noise=0.0)

@@ -9,7 +9,7 @@ from support.virtual_arms import fourier, plain_friction
 
 from dynident.robot import robot_from_library, to_pinocchio
 from dynident.simulation import Sensors, TrueEffect, VirtualRobot
-from dynident.simulation.dynamics import build_dynamics, build_first_state, build_step
+from dynident.simulation.virtual_robot_dynamics import build_dynamics, build_first_state, build_step
 
 ARMS = ("franka_panda", "ur10", "scara", "dual_arm")
 EXACT = Sensors(encoder_counts=None, torque_noise=0.0)

@@ -11,7 +11,7 @@ from support.oracles import Motion, crooked_urdf, fourier_motion, record
 
 from dynident.recordings import Recording
 from dynident.robot import Robot, robot_from_urdf
-from dynident.robot.pinocchio_model import compute_described_torque
+from dynident.robot.pinocchio_conversion import compute_described_torque
 
 FloatArray = NDArray[np.float64]
 LOAD = 3.0

@@ -14,8 +14,8 @@ from support.oracles import arm, fourier_motion, pinocchio_torque
 
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.infer_columns import propose
-from dynident.identification.column_inference.proposal import Proposal
-from dynident.identification.robot_recordings import CuredRecording, import_cured
+from dynident.identification.column_inference.metadata_proposal import Proposal
+from dynident.identification.robot_recording_import import CuredRecording, import_cured
 from dynident.recordings import RecordingMetadata
 from dynident.robot import Robot, robot_from_urdf
 

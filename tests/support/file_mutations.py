@@ -442,7 +442,7 @@ def _read_description(path: Path, kind: str) -> None:
 
 def _read_mesh(path: Path) -> None:
     from dynident.errors import DynidentError
-    from dynident.robot.meshes import build_hulls, read_surface, thin_surface
+    from dynident.robot.link_meshes import build_hulls, read_surface, thin_surface
 
     try:
         surface = read_surface(path, np.ones(3), np.eye(4))

@@ -15,7 +15,7 @@ from dynident.effects.hysteresis_states import MemoryStates
 from dynident.estimation import EquationFactors, Reduction, Solution, Statistics
 from dynident.identification import Estimate, Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
-from dynident.regressors.model import build_model
+from dynident.regressors.model_structure import build_model
 from dynident.regressors.observation_matrix import FurtherSignals
 from dynident.robot import Robot
 from dynident.robot.pseudo_inertia import inertial_parameters

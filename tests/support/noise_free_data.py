@@ -9,9 +9,9 @@ from support.oracles import Motion, pinocchio_torque, random_states
 
 from dynident.effects import ReferenceParameters
 from dynident.estimation import FactorAccumulator, concatenate_reductions
-from dynident.identification.equations.reduce_data import Data
+from dynident.identification.equations.reduced_recordings import Data
 from dynident.recordings import Preprocessing
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 from dynident.robot import Robot
 
 FloatArray = np.ndarray

@@ -8,7 +8,7 @@ import numpy as np
 from support.oracles import fourier_motion, pinocchio_torque, record
 
 import dynident as dy
-from dynident.api.recordings import CheckedRecording
+from dynident.api.recording_collection import CheckedRecording
 from dynident.recordings import Recording
 from dynident.robot import Robot, robot_from_urdf
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from service_helpers import TWO_JOINTS
 
 from dynident_service.storage.database import Database
-from dynident_service.storage.deletion import ObjectGone
-from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import NewResource, OwnedObject, Resource
-from dynident_service.storage.resources import Resources
+from dynident_service.storage.deletion_and_expiry import ObjectGone
+from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.repository_values import NewResource, OwnedObject, Resource
+from dynident_service.storage.resource_repository import Resources
 
 CONTENT = b"t,q1,tau1\n" * 100
 ROBOT = {"name": "arm", "description": {"format": "modified_dh", "content": TWO_JOINTS}}

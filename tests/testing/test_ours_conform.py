@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dynident.effects import CATALOGUE
-from dynident.identification.methods.bases import ESTIMATORS
+from dynident.identification.methods.base_classes import ESTIMATORS
 from dynident.testing import check_effect, check_estimator
 
 # It dissolves in the base parameters of three joints whose axes are upright or lie.

@@ -10,7 +10,7 @@ from support.measured_arm import ROBOT
 
 from dynident.errors import DynidentError
 from dynident.identification import identify
-from dynident.identification.choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS, AVAILABLE_STRATEGIES
+from dynident.identification.identification_choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS, AVAILABLE_STRATEGIES
 from dynident.regressors.row_phases import RowPhases
 from dynident.validation import Method, available_methods, get_method, validate_methods
 from dynident.validation.method_comparison import judge_methods

@@ -11,7 +11,7 @@ from dynident.effects import EffectChoice
 from dynident.identification import IdentificationChoices, identify
 from dynident.robot import to_pinocchio
 from dynident.simulation import Reference, VirtualRobot
-from dynident.validation.simulation import compute_open_loop_drift, validate_simulation
+from dynident.validation.simulated_response import compute_open_loop_drift, validate_simulation
 
 ROBOT = arm("ur10")
 LINKS = IdentificationChoices((EffectChoice("rigid_body"),), estimator="feasible")

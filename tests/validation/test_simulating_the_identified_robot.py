@@ -12,7 +12,7 @@ from support.oracles import pinocchio_torque
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.estimators.simulator import build_simulator, read_longest_piece
+from dynident.identification.estimators.identified_robot_simulator import build_simulator, read_longest_piece
 from dynident.validation import filters_by_simulation, sensor_noise, validate_simulation
 
 

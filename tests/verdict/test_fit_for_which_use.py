@@ -15,8 +15,8 @@ from dynident.recordings.sample_hashes import SampleHashes
 from dynident.validation import ValidationOutcome
 from dynident.verdict import Outcome, find_overlaps, is_stopped, verdict
 from dynident.verdict.detectable_loads import DetectableForce
-from dynident.verdict.evidence import HeldOutEvidence
-from dynident.verdict.use_findings import combine_findings, judge_collision_detection
+from dynident.verdict.fitness_by_use import combine_findings, judge_collision_detection
+from dynident.verdict.held_out_evidence import HeldOutEvidence
 
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])

@@ -6,9 +6,9 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis import Comparison, Judgement
-from dynident.diagnosis.comparing.storage import JointSignals
-from dynident.recordings.phases import Phase, PhaseArray
-from dynident_service.adapters.conversion import show_figures, to_view
+from dynident.diagnosis.comparison.comparison_files import JointSignals
+from dynident.recordings.joint_phases import Phase, PhaseArray
+from dynident_service.adapters.field_by_field import show_figures, to_view
 from dynident_service.wire_types import comparisons as wire
 from dynident_service.wire_types.measurements import PhasesView
 
@@ -80,9 +80,9 @@ def _select_rows(points: int, standing: BoolArray, *signals: FloatArray) -> Inde
     # Imported here: the package comes with the extra "service" only, and the command line thins nothing.
     from tsdownsample import MinMaxLTTBDownsampler
 
-    picked = [MinMaxLTTBDownsampler().downsample(np.ascontiguousarray(signal), n_out=share) for signal in signals]
+    selected = [MinMaxLTTBDownsampler().downsample(np.ascontiguousarray(signal), n_out=share) for signal in signals]
     # Signals share their times, so every row that one of them needs is kept for all.
-    return np.unique(np.concatenate([edges, *picked])).astype(np.intp)
+    return np.unique(np.concatenate([edges, *selected])).astype(np.intp)
 
 
 def _phase_share(phases: PhaseArray, *wanted: Phase) -> list[float]:

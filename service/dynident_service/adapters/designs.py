@@ -15,18 +15,18 @@ from scipy.interpolate import CubicSpline
 from dynident.effects.effect_columns import check_shape_constants, find_joints
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, CriterionValues, Design, DesignRequest, TrajectoryRequest, design_table
-from dynident.excitation.criteria.criterion_values import Baseline
-from dynident.excitation.design import check_request
+from dynident.excitation.criteria.optimality_criteria import Baseline
 from dynident.excitation.design_files import format_joint_trajectory
-from dynident.excitation.result import find_nearest_along
+from dynident.excitation.design_result import find_nearest_along
+from dynident.excitation.experiment_design import check_request
 from dynident.identification.shape_search import check_choices
-from dynident.motion.collision.contacts import Nearest
-from dynident.motion.collision.obstacles import Wall, build_block
-from dynident.recordings.arrow import table_column_to_floats, to_csv
+from dynident.motion.collision.exact_distances import Nearest
+from dynident.motion.collision.obstacle_geometry import Wall, build_block
+from dynident.recordings.arrow_tables import table_column_to_floats, to_csv
 from dynident.robot import Robot
-from dynident.robot.shapes import Block
+from dynident.robot.collision_shapes import Block
 from dynident.simulation import Reference, SimulatedRecording
-from dynident_service.adapters.conversion import from_view, to_body, to_request, to_view
+from dynident_service.adapters.field_by_field import from_view, to_body, to_request, to_view
 from dynident_service.wire_types import designs as wire
 
 RATE_OF_SAMPLES = 1000.0

@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment
 from dynident.diagnosis import Diagnosis, Evidence
+from dynident.diagnosis.diagnosis_result import Change, ChangedValue
 from dynident.diagnosis.monitoring import Series, SeriesChange
-from dynident.diagnosis.result import Change, ChangedValue
 from dynident.robot import Robot
-from dynident_service.adapters.conversion import from_view, show_choice, to_view
+from dynident_service.adapters.field_by_field import from_view, show_choice, to_view
 from dynident_service.problems import ProblemError, make_unusable
 from dynident_service.wire_types import diagnoses as wire
-from dynident_service.wire_types.common import to_plain_json
 from dynident_service.wire_types.designs import DesignRequest
+from dynident_service.wire_types.shared_types import to_plain_json
 
 
 def describe_diagnosis(

@@ -7,9 +7,9 @@ from math import inf
 
 from dynident.identification import DriveGains, PayloadEstimate
 from dynident.reports.number_format import format_estimate
-from dynident.reports.report_tables import Cell, ReportedTable, make_interval_cell, make_number_cell, make_text_cells
+from dynident.reports.table_cells import Cell, ReportedTable, make_interval_cell, make_number_cell, make_text_cells
 from dynident.robot import Robot
-from dynident_service.adapters.conversion import to_view
+from dynident_service.adapters.field_by_field import to_view
 from dynident_service.wire_types import drive_gains as wire
 
 

@@ -13,32 +13,35 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.export import ExportedFile, ExportFormat, export_model, model_to_document
 from dynident.identification import Identification, IdentificationChoices, IdentifiedParameter
-from dynident.identification.equations.reduce_data import split_friction_tests
-from dynident.identification.shape_constants import ShapeConstant
+from dynident.identification.equations.reduced_recordings import split_friction_tests
+from dynident.identification.identified_models.correlated_and_essential_parameters import (
+    EssentialPath,
+    parameter_dependence,
+)
+from dynident.identification.identified_models.held_out_gain import find_best_of_errors, list_confirming_rows
+from dynident.identification.shape_constant_intervals import ShapeConstant
 from dynident.identification.shape_search import check_choices
-from dynident.identification.study.correlated_and_essential_parameters import EssentialPath, parameter_dependence
-from dynident.identification.study.held_out_gain import find_best_of_errors, list_confirming_rows
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
-from dynident.recordings.revisions import adapt_revision
+from dynident.recordings.metadata_revisions import adapt_revision
 from dynident.reports.labels import CONDITION_MEANING
-from dynident.reports.report_tables import ReportedTable
-from dynident.reports.result_rows import build_essential_tables, build_parameter_table, build_shape_table
+from dynident.reports.result_tables import build_essential_tables, build_parameter_table, build_shape_table
+from dynident.reports.table_cells import ReportedTable
 from dynident.robot import Robot
 from dynident.verdict import ModelVerdict, Stop
-from dynident_service.adapters.conversion import from_view, show_errors, show_tables, to_request, to_view
+from dynident_service.adapters.field_by_field import from_view, show_errors, show_tables, to_request, to_view
 from dynident_service.adapters.measurements import show_revision, to_recording_metadata
 from dynident_service.wire_types import identifications as wire
 from dynident_service.wire_types import verdicts as verdict_wire
-from dynident_service.wire_types.common import EffectChoice
 from dynident_service.wire_types.identifications import (
     ErrorFigures,
     ErrorsView,
     IdentificationView,
+    LadderStep,
+    LadderStepDifference,
     Lineage,
-    Rung,
-    RungDifference,
 )
 from dynident_service.wire_types.measurements import MeasurementMetadata
+from dynident_service.wire_types.shared_types import EffectChoice
 
 if TYPE_CHECKING:
     from fastapi import Response
@@ -46,27 +49,27 @@ if TYPE_CHECKING:
 T = TypeVar("T", int, float)
 
 
-def build_steps_of_views(views: Sequence[IdentificationView]) -> list[Rung]:
+def build_steps_of_views(views: Sequence[IdentificationView]) -> list[LadderStep]:
     """Build the steps of a ladder of stored models, the first one first, with the intermediate ones of extensions."""
-    rungs: list[Rung] = []
+    steps: list[LadderStep] = []
     for view in views:
         # An extension by several effects has made models on its way, which are steps as well.
-        rungs += _build_intermediate_steps(view, rungs[-1] if rungs else None)
-        rungs.append(_build_own_step(view, rungs[-1] if rungs else None))
-    return mark_best_step(rungs)
+        steps += _build_intermediate_steps(view, steps[-1] if steps else None)
+        steps.append(_build_own_step(view, steps[-1] if steps else None))
+    return mark_best_step(steps)
 
 
-def mark_best_step(rungs: Sequence[Rung]) -> list[Rung]:
+def mark_best_step(steps: Sequence[LadderStep]) -> list[LadderStep]:
     """Return a ladder with its best step marked, and the later steps that increase the validation error."""
-    totals = [_select_judged_total(rung.validation) for rung in rungs]
+    totals = [_select_judged_total(step.validation) for step in steps]
     known_totals = [total for total in totals if total is not None]
-    preferred = [bool(rung.confirmed_by or rung.removed) for rung in rungs]
+    preferred = [bool(step.confirmed_by or step.removed) for step in steps]
     # Only where every step has a validation error: a step without one could be the best.
-    marks = find_best_of_errors(known_totals, preferred) if len(known_totals) == len(rungs) else None
+    marks = find_best_of_errors(known_totals, preferred) if len(known_totals) == len(steps) else None
     if marks is None:
-        return list(rungs)
+        return list(steps)
     return [
-        rung.model_copy(update={"best": k == marks.best, "rises": k in marks.rises}) for k, rung in enumerate(rungs)
+        step.model_copy(update={"best": k == marks.best, "rises": k in marks.rises}) for k, step in enumerate(steps)
     ]
 
 
@@ -78,12 +81,12 @@ def _select_judged_total(errors: ErrorsView | None) -> float | None:
     return errors.relative_total if moving is None else moving
 
 
-def _build_intermediate_steps(view: IdentificationView, below: Rung | None) -> list[Rung]:
+def _build_intermediate_steps(view: IdentificationView, below: LadderStep | None) -> list[LadderStep]:
     """Build the steps between a model and its parent; an extension by several effects has one for each."""
-    rungs: list[Rung] = []
+    rungs: list[LadderStep] = []
     for number, step in enumerate(view.result.rungs if view.result is not None else [], start=1):
         under = rungs[-1] if rungs else below
-        rung = Rung(
+        rung = LadderStep(
             id=f"{view.id}/{number}",
             part_of=view.id,
             name=view.name,
@@ -101,10 +104,10 @@ def _build_intermediate_steps(view: IdentificationView, below: Rung | None) -> l
     return rungs
 
 
-def _build_own_step(view: IdentificationView, below: Rung | None) -> Rung:
+def _build_own_step(view: IdentificationView, below: LadderStep | None) -> LadderStep:
     result = view.result
     effects = view.request.effects if result is None else result.effects
-    return Rung(
+    return LadderStep(
         id=view.id,
         name=view.name,
         parent_id=view.parent_id if below is None else below.id,
@@ -119,7 +122,7 @@ def _build_own_step(view: IdentificationView, below: Rung | None) -> Rung:
     )
 
 
-def _last_added(view: IdentificationView, effects: list[EffectChoice], below: Rung | None) -> list[EffectChoice]:
+def _last_added(view: IdentificationView, effects: list[EffectChoice], below: LadderStep | None) -> list[EffectChoice]:
     """Return what the last step added, with the shape constants that were found."""
     # The steps below have the first of the requested effects; the rest of the list is new at this step.
     if not view.added or view.result is None or below is None:
@@ -127,7 +130,7 @@ def _last_added(view: IdentificationView, effects: list[EffectChoice], below: Ru
     return effects[len(below.effects) :]
 
 
-def compare_ladders(own: Sequence[Rung], other: Sequence[Rung], same_data: bool) -> Lineage:
+def compare_ladders(own: Sequence[LadderStep], other: Sequence[LadderStep], same_data: bool) -> Lineage:
     """Compare two ladders.
 
     Parameters
@@ -153,11 +156,11 @@ def compare_ladders(own: Sequence[Rung], other: Sequence[Rung], same_data: bool)
     )
 
 
-def _show_difference(number: int, own: Rung | None, other: Rung | None) -> RungDifference:
+def _show_difference(number: int, own: LadderStep | None, other: LadderStep | None) -> LadderStepDifference:
     fit = (own.residual if own else None, other.residual if other else None)
     held_out = (own.validation if own else None, other.validation if other else None)
     counts = (own.n_parameters if own else None, other.n_parameters if other else None)
-    return RungDifference(
+    return LadderStepDifference(
         rung=number,
         id=own.id if own else None,
         against_id=other.id if other else None,
@@ -193,7 +196,7 @@ def _subtract(a: T | None, b: T | None) -> T | None:
 
 def build_steps(
     identification: Identification, name: str, other_ladder: tuple[Identification, str] | None = None
-) -> list[Rung]:
+) -> list[LadderStep]:
     """Build the steps of a ladder from a model in a file.
 
     Parameters
@@ -222,7 +225,7 @@ def build_steps(
             ids[k] = _step_ids(other_ladder[1], len(others))[k]
     rungs = [
         to_view(
-            Rung,
+            LadderStep,
             model,
             id=identifier,
             name=identifier,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dynident.identification.robot_recordings import import_for_robot
+from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import (
     Check,
     Recording,
@@ -15,26 +15,25 @@ from dynident.recordings import (
     phase_shares,
 )
 from dynident.robot import Robot
-from dynident_service.adapters.conversion import to_view
+from dynident_service.adapters.field_by_field import to_view
 from dynident_service.problems import Problem, ProblemField, to_problem
-from dynident_service.storage.records import Resource
+from dynident_service.storage.repository_values import Resource
 from dynident_service.wire_types import measurements as wire
 
 if TYPE_CHECKING:
     # The command line uses this module, too, where no object store is installed.
-    from dynident_service.storage.objects import ObjectStore
+    from dynident_service.storage.object_store import ObjectStore
 import json
 from collections.abc import Iterator
 from dataclasses import replace
 
 from dynident.array_types import FloatArray
 from dynident.identification.column_inference import Inspection, inspect_file
-from dynident.identification.robot_recordings import build_recorded_joints
+from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.recordings import RecordingMetadata, Revision
-from dynident.recordings.phases import find_phases
+from dynident.recordings.joint_phases import find_phases
 from dynident.recordings.raw_signals import RecordedSignals, RobotFile
-from dynident_service.adapters.conversion import from_view, to_body, to_json_numbers, to_request
-from dynident_service.wire_types.common import to_plain_json
+from dynident_service.adapters.field_by_field import from_view, to_body, to_json_numbers, to_request
 from dynident_service.wire_types.measurements import (
     MeasurementMetadata,
     RawSignals,
@@ -42,6 +41,7 @@ from dynident_service.wire_types.measurements import (
     Standstills,
     StandstillsOfJoint,
 )
+from dynident_service.wire_types.shared_types import to_plain_json
 
 
 def inspect_upload(source: Path, robot: Robot, metadata: wire.ImportMetadata, sha256: str) -> wire.ImportResult:

@@ -14,12 +14,19 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot import Description, Drive, Joint, Limits, Robot, robot_from_description
-from dynident.robot.collision import BASE, collision_geometry, list_collision_meshes
+from dynident.robot.collision_reader import BASE, collision_geometry, list_collision_meshes
+from dynident.robot.collision_shapes import Capsule, enclose_shape
 from dynident.robot.cut_joint import Loop
-from dynident.robot.kinematics import joint_frames
-from dynident.robot.meshes import Surface, find_mesh_file, link_mesh_files, match_mesh_files, read_surface, thin_surface
-from dynident.robot.shapes import Capsule, enclose_shape
-from dynident_service.adapters.conversion import to_body, to_requests
+from dynident.robot.forward_kinematics import joint_frames
+from dynident.robot.link_meshes import (
+    Surface,
+    find_mesh_file,
+    link_mesh_files,
+    match_mesh_files,
+    read_surface,
+    thin_surface,
+)
+from dynident_service.adapters.field_by_field import to_body, to_requests
 from dynident_service.wire_types import robots as wire
 from dynident_service.wire_types.robots import GeometryView
 

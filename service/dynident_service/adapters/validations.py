@@ -19,17 +19,17 @@ from dynident.validation import (
     TorqueValidation,
     combine_verdicts,
 )
-from dynident.validation.request import Payload, Stated, Trial, build_trial
-from dynident_service.adapters.conversion import show_errors, to_request, to_view
+from dynident.validation.validation_request import Payload, Stated, Trial, build_trial
+from dynident_service.adapters.field_by_field import show_errors, to_request, to_view
 from dynident_service.wire_types import validations as wire
 
 if TYPE_CHECKING:
-    from dynident.validation.request import TrialResult
+    from dynident.validation.validation_request import TrialResult
 from collections.abc import Iterator
 
 from dynident.reports.number_format import format_number
-from dynident.reports.report_data import ReportedValidation
-from dynident.reports.report_tables import (
+from dynident.reports.reported_data import ReportedValidation
+from dynident.reports.table_cells import (
     Cell,
     ReportedTable,
     make_interval_cell,

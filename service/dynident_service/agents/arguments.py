@@ -11,22 +11,22 @@ from pydantic import Field
 
 import dynident as dy
 from dynident.api.robot_files import needs_xacro
-from dynident.diagnosis.request import DiagnosisChoices
+from dynident.diagnosis.diagnosis_request import DiagnosisChoices
 from dynident.errors import DynidentError
-from dynident.excitation.request import DesignRequest
-from dynident.export.request import ExportChoices
-from dynident.identification.choices import IdentificationChoices
+from dynident.excitation.design_request import DesignRequest
+from dynident.export.export_request import ExportChoices
+from dynident.identification.identification_choices import IdentificationChoices
 from dynident.known_robots import list_library_arms, list_stock_robots
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Filters, RecordingMetadata
-from dynident.recordings.recording_files import JOINT, split_path
+from dynident.recordings.file_names_and_digests import JOINT, split_path
 from dynident.validation import LARGEST_ERROR
-from dynident_service.adapters.conversion import from_wire_choice, to_request
-from dynident_service.wire_types.common import MOST_EFFECTS, EffectChoice, RequestModel
+from dynident_service.adapters.field_by_field import from_wire_choice, to_request
 from dynident_service.wire_types.designs import Criterion, Trajectory
 from dynident_service.wire_types.identifications import Preprocessing
 from dynident_service.wire_types.request_bodies import derive_body
 from dynident_service.wire_types.robots import Limits
+from dynident_service.wire_types.shared_types import MOST_EFFECTS, EffectChoice, RequestModel
 
 if TYPE_CHECKING:
     from dynident.robot import Robot

@@ -12,26 +12,26 @@ import dynident as dy
 from dynident.advice import AdvisedDiagnosis
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.motion_design import resolve_request
-from dynident.diagnosis.request import DiagnosisChoices
+from dynident.diagnosis.diagnosis_request import DiagnosisChoices
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
 from dynident.export import ExportChoices
-from dynident.identification.choices import IdentificationChoices
+from dynident.identification.identification_choices import IdentificationChoices
 from dynident.progress import Progress, scale_progress
 from dynident.robot.json_fields import parse_json
 from dynident.text_encoding import encode_text
-from dynident_service.adapters.conversion import to_request, to_view
 from dynident_service.adapters.designs import describe_design
 from dynident_service.adapters.diagnoses import describe_diagnosis, restore_diagnosis
+from dynident_service.adapters.field_by_field import to_request, to_view
 from dynident_service.adapters.identifications import describe_identification, show_verdict
 from dynident_service.adapters.measurements import describe_inspection
 from dynident_service.agents import arguments
 from dynident_service.agents.arguments import Folder
-from dynident_service.wire_types.common import ViewModel
 from dynident_service.wire_types.designs import DesignResult
 from dynident_service.wire_types.diagnoses import DiagnosisResult, Reason
 from dynident_service.wire_types.identifications import IdentificationResult
 from dynident_service.wire_types.measurements import InspectionView
+from dynident_service.wire_types.shared_types import ViewModel
 from dynident_service.wire_types.validations import VerdictWord
 from dynident_service.wire_types.verdicts import VerdictView
 

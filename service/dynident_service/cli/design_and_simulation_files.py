@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 
 from dynident.array_types import FloatArray
 from dynident.effects import get_effect
-from dynident.effects.text_format import parse_effect, split_effects
+from dynident.effects.effect_text_format import parse_effect, split_effects
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.known_robots import locate_robot
@@ -28,11 +28,11 @@ from dynident.motion import Surroundings
 from dynident.progress import Progress
 from dynident.reports.number_format import format_number, format_percent
 from dynident.robot import Limits, Robot
-from dynident.robot.collision import find_mesh_folders
+from dynident.robot.collision_reader import find_mesh_folders
 from dynident.simulation import ActingEffect, Reference
-from dynident_service.adapters.conversion import to_request
-from dynident_service.cli.files import check_readable, read_json_object
-from dynident_service.cli.inputs import load_diagnosis
+from dynident_service.adapters.field_by_field import to_request
+from dynident_service.cli.argument_loading import load_diagnosis
+from dynident_service.cli.input_checks_and_writes import check_readable, read_json_object
 from dynident_service.cli.terminal import build_table
 from dynident_service.problems import to_problem_fields
 from dynident_service.wire_types.request_bodies import find_body

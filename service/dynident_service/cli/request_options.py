@@ -18,7 +18,7 @@ import typer
 from dynident.errors import DynidentError, Remedy
 from dynident.schema.fields import FieldDescription, get_default, get_description, resolve_hint
 from dynident.schema.registry import Registry
-from dynident_service.cli import parsing
+from dynident_service.cli import option_parsers
 
 T = TypeVar("T")
 _UNUSABLE = "Unusable option"
@@ -134,7 +134,7 @@ def spread_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def write_option(remedy: Remedy) -> str:
     """Return a remedy as options of the command line."""
-    from dynident.recordings.metadata import DELAY
+    from dynident.recordings.recording_metadata import DELAY
 
     option, value = f"--{remedy.field.replace('_', '-')}", remedy.value
     if remedy.field == "drives":
@@ -279,9 +279,16 @@ def _parse_value(typed: Any, about: FieldDescription, hint: Any, option: str) ->
     origin, parts = get_origin(hint), get_args(hint)
     if origin is tuple and isinstance(typed, list):
         items = [part.strip() for text in typed for part in text.split(",") if part.strip()]
-        return tuple(parsing.parse_number(item, option) for item in items) if parts[0] in (int, float) else tuple(items)
+        return (
+            tuple(option_parsers.parse_number(item, option) for item in items)
+            if parts[0] in (int, float)
+            else tuple(items)
+        )
     if isinstance(typed, list):
-        return {name: parsing.parse_number(value, option) for name, value in parsing.parse_pairs(typed, option).items()}
+        return {
+            name: option_parsers.parse_number(value, option)
+            for name, value in option_parsers.parse_pairs(typed, option).items()
+        }
     return typed
 
 

@@ -18,7 +18,7 @@ from dynident.progress import ignore_progress
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from dynident.reports.report_tables import ReportedTable
+    from dynident.reports.table_cells import ReportedTable
 
 _MESSAGE = 40
 _WIDE = 120

@@ -15,11 +15,11 @@ from dynident.errors import DynidentError
 from dynident.identification import to_bytes
 from dynident.progress import scale_progress
 from dynident.reports.number_format import format_number, format_percent
-from dynident.reports.result_rows import CANDIDATE_COLUMNS, format_candidates
+from dynident.reports.result_tables import CANDIDATE_COLUMNS, format_candidates
 from dynident.robot import Robot
 from dynident.text_encoding import encode_text
-from dynident_service.cli.files import write_atomically
-from dynident_service.cli.result_tables import format_choice
+from dynident_service.cli.input_checks_and_writes import write_atomically
+from dynident_service.cli.printed_results import format_choice
 from dynident_service.cli.terminal import build_table, show_progress_bar
 from dynident_service.demo.scenario import Scenario
 from dynident_service.demo.user_steps import (

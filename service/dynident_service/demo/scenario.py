@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.effects import Effect, ReferenceParameters, Signals, build_columns, get_effect
-from dynident.effects.usual_sizes import get_largest_torque, get_velocity_scale
+from dynident.effects.usual_effect_sizes import get_largest_torque, get_velocity_scale
 from dynident.errors import DynidentError
 from dynident.excitation import TrajectoryRequest
 from dynident.regressors.observation_matrix import FurtherSignals, Observation

@@ -12,7 +12,7 @@ import numpy as np
 from dynident.advice import AdvisedDiagnosis, advise
 from dynident.array_types import FloatArray
 from dynident.diagnosis import Comparison, Diagnosis, compare, examine
-from dynident.effects.usual_sizes import get_largest_torque
+from dynident.effects.usual_effect_sizes import get_largest_torque
 from dynident.excitation import Design, DesignRequest, design_experiment
 from dynident.identification import Identification, extend, identify
 from dynident.progress import Progress, scale_progress
@@ -25,11 +25,11 @@ from dynident.simulation import (
     VirtualRobot,
     build_recording_table,
 )
-from dynident_service.cli.files import write_atomically
-from dynident_service.cli.inputs import LoadedRecording, extract_recordings, load_recordings
-from dynident_service.cli.options import Reading
-from dynident_service.cli.output import build_reported_runs
-from dynident_service.cli.table_files import write_table, write_trajectory
+from dynident_service.cli.argument_loading import LoadedRecording, extract_recordings, load_recordings
+from dynident_service.cli.command_output import build_reported_runs
+from dynident_service.cli.csv_and_parquet_output import write_table, write_trajectory
+from dynident_service.cli.input_checks_and_writes import write_atomically
+from dynident_service.cli.shared_options import Reading
 from dynident_service.demo.scenario import Scenario
 
 

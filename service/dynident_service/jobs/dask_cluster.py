@@ -15,16 +15,16 @@ from typing import Any, cast
 from distributed import Client, Worker, WorkerPlugin, fire_and_forget, get_worker, secede
 
 from dynident.version import __version__
+from dynident_service.jobs.child_messages import Answer, Call
+from dynident_service.jobs.child_pool import ChildPool, ForkServer
 from dynident_service.jobs.confinement import Confinement
-from dynident_service.jobs.messages import Answer, Call
-from dynident_service.jobs.pool import ChildPool, ForkServer
-from dynident_service.jobs.supervisor import PATIENCE, supervise_job
-from dynident_service.jobs.task import ClusterAddresses, JobEnvironment, JobPart, PartFailed
-from dynident_service.logs import set_log_context
+from dynident_service.jobs.job_supervisor import PATIENCE, supervise_job
+from dynident_service.jobs.task_input_output import ClusterAddresses, JobEnvironment, JobPart, PartFailed
+from dynident_service.log_lines import set_log_context
 from dynident_service.storage.database import Database
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.job_transitions import Claim
-from dynident_service.storage.retry import AWAY, describe_error, retry_while_away
+from dynident_service.storage.retry_while_away import AWAY, describe_error, retry_while_away
 
 LOOK = 1.0
 """Seconds between looks whether the job still runs."""
@@ -80,7 +80,7 @@ def _make_call(part: JobPart) -> Call:
         "item": part.item,
     }
     return Call(
-        "dynident_service.jobs.task:compute_part",
+        "dynident_service.jobs.task_input_output:compute_part",
         arguments,
         part.claim.request_id,
         part.claim.trace,

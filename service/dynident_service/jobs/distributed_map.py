@@ -20,9 +20,9 @@ from dynident.errors import Cancelled
 from dynident.parallel import RemoteWorkersBusy, RemoteWorkFailed, share_work_with
 from dynident.progress import Progress
 from dynident.version import __version__
-from dynident_service.jobs.task import ClusterAddresses, JobEnvironment, JobPart, PartFailed, pack_value
+from dynident_service.jobs.task_input_output import ClusterAddresses, JobEnvironment, JobPart, PartFailed, pack_value
 from dynident_service.storage.job_transitions import Claim
-from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.object_store import ObjectStore
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -16,12 +16,12 @@ import sys
 import warnings
 
 from dynident_service.environment_secrets import take_secrets
-from dynident_service.jobs import child
-from dynident_service.jobs.pool import FORK, MESSAGE, REAP, RUNNING, ProcessExit, receive_exactly
-from dynident_service.logs import configure_logging
+from dynident_service.jobs import child_process
+from dynident_service.jobs.child_pool import FORK, MESSAGE, REAP, RUNNING, ProcessExit, receive_exactly
+from dynident_service.log_lines import configure_logging
 from dynident_service.settings import LogSettings
 
-PRELOADED = ("dynident_service.work", "dynident_service.work.interactive")
+PRELOADED = ("dynident_service.job_functions", "dynident_service.job_functions.interactive")
 """Modules that are imported before the first fork."""
 
 
@@ -49,7 +49,7 @@ def main() -> None:
             control.close()
             # A session and process group of its own, so that the child can be killed with all processes that it starts.
             os.setsid()
-            child.serve_jobs(*fds)
+            child_process.serve_jobs(*fds)
             os._exit(0)
         for fd in fds:
             os.close(fd)

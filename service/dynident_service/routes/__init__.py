@@ -11,6 +11,7 @@ from dynident_service.routes import (
     diagnoses,
     drive_gains,
     effects,
+    health_and_metrics,
     identifications,
     imports,
     jobs,
@@ -21,7 +22,6 @@ from dynident_service.routes import (
     robots,
     series,
     simulations,
-    system,
     usage,
     validations,
 )
@@ -29,7 +29,7 @@ from dynident_service.routes import (
 # A path is held against one after the other: first those that are asked for most. Batches stand before identifications,
 # one of which `batch` would be taken for.
 ROUTERS = (
-    system.router,
+    health_and_metrics.router,
     batches.router,
     identifications.router,
     jobs.router,

@@ -11,7 +11,6 @@ from fastapi import APIRouter, Response
 from pydantic import TypeAdapter
 
 from dynident.errors import DynidentError
-from dynident_service.preload import hold_import_lock
 from dynident_service.problems import (
     MOST_FIELDS,
     Problem,
@@ -24,8 +23,9 @@ from dynident_service.problems import (
 from dynident_service.routes.identifications import list_named_ids, new_identification
 from dynident_service.routes.paging_and_retries import RetryKeyDep, replay_response, resource_path
 from dynident_service.routes.required_resources import PrefetchedResources
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewResource, Resource
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.repository_values import NewResource, Resource
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.identifications import BatchItem, BatchRequest, BatchView
 
 if TYPE_CHECKING:

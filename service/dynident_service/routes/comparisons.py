@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 from fastapi import APIRouter, Query
 
-from dynident_service.preload import hold_import_lock
-from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.paging_and_retries import require_succeeded
 from dynident_service.routes.required_resources import depend_on, require_measurements, require_model
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import Dependency, NewJob
-from dynident_service.wire_types.common import ViewModel
+from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.repository_values import Dependency, NewJob
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.comparisons import (
     AutocorrelationView,
     ComparisonRequest,
@@ -22,11 +21,12 @@ from dynident_service.wire_types.comparisons import (
     Series,
     Spectrum,
 )
+from dynident_service.wire_types.shared_types import ViewModel
 
 ShownT = TypeVar("ShownT", bound=ViewModel)
 
 if TYPE_CHECKING:
-    from dynident.diagnosis.comparing.storage import StoredComparison
+    from dynident.diagnosis.comparison.comparison_files import StoredComparison
 
 router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 
@@ -34,7 +34,7 @@ router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 @add_create_route(
     router,
     ResourceRoutes("comparison", ComparisonView, parent_kind="identification"),
-    NewJob("comparison", "dynident_service.work.comparisons:compare_model"),
+    NewJob("comparison", "dynident_service.job_functions.comparisons:compare_model"),
 )
 def create_comparison(services: Services, body: ComparisonRequest) -> Sequence[Dependency]:
     """Compare a model with a measurement."""
@@ -114,7 +114,7 @@ def get_autocorrelation(
 
 def _open_comparison(services: Services, identifier: str) -> StoredComparison:
     with hold_import_lock():
-        from dynident.diagnosis.comparing.storage import StoredComparison
+        from dynident.diagnosis.comparison.comparison_files import StoredComparison
 
     resource = require_succeeded(services.resources.get("comparison", identifier))
     return StoredComparison(services.objects.fetch_file(resource.objects["signals"].key))
@@ -122,6 +122,6 @@ def _open_comparison(services: Services, identifier: str) -> StoredComparison:
 
 def _to_view(view: type[ShownT], result: object, **more: object) -> ShownT:
     with hold_import_lock():
-        from dynident_service.adapters.conversion import to_view
+        from dynident_service.adapters.field_by_field import to_view
 
     return to_view(view, result, **more)

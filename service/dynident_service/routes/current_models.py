@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 from fastapi import APIRouter
 
-from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
-from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.required_resources import depend_on, refuse_coupled, require_measurements, require_robot
-from dynident_service.services import Services
-from dynident_service.storage.records import Dependency, NewJob, Resource
+from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.repository_values import Dependency, NewJob, Resource
+from dynident_service.storage_and_engine import Services
 from dynident_service.wire_types.drive_gains import CurrentModelsRequest, CurrentModelsView
 from dynident_service.wire_types.robots import RobotResult
 
@@ -29,14 +29,14 @@ router = APIRouter(prefix="/v1/current_models", tags=["current models"])
         show_description="Show models of currents, with the result once there is one.",
         delete_description="Delete models of currents.",
     ),
-    NewJob("current_models", "dynident_service.work.current_models:find_currents"),
+    NewJob("current_models", "dynident_service.job_functions.current_models:find_currents"),
 )
 def create_current_models(services: Services, body: CurrentModelsRequest) -> Sequence[Dependency]:
     """Identify every joint's parameters in units of its current; no drive gain is needed."""
     with hold_import_lock():
         from dynident.identification.loads.current_models import check_current_effects
         from dynident.identification.shape_search import check_choices
-        from dynident_service.adapters.conversion import from_wire_choices
+        from dynident_service.adapters.field_by_field import from_wire_choices
         from dynident_service.adapters.robots import restore_robot
 
     robot = require_robot(services, body.robot_id)

@@ -9,13 +9,13 @@ from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
-from dynident.excitation.request import TRAJECTORY_FORMATS, TrajectoryFormat
-from dynident_service.preload import hold_import_lock
-from dynident_service.routes.crud import ResourceRoutes, add_create_route
+from dynident.excitation.design_request import TRAJECTORY_FORMATS, TrajectoryFormat
 from dynident_service.routes.paging_and_retries import require_succeeded
 from dynident_service.routes.required_resources import depend_on, require_measurements, require_model_of, require_robot
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import Dependency, NewJob, find_mesh_files
+from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.repository_values import Dependency, NewJob, find_mesh_files
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.designs import (
     DesignClearances,
     DesignRequest,
@@ -27,7 +27,7 @@ from dynident_service.wire_types.request_bodies import describe_choices
 
 router = APIRouter(prefix="/v1/designs", tags=["designs"])
 
-CLEARANCES = "dynident_service.work.interactive:answer_clearances"
+CLEARANCES = "dynident_service.job_functions.interactive:answer_clearances"
 PARQUET = "application/vnd.apache.parquet"
 YAML = "application/yaml"
 
@@ -40,7 +40,7 @@ YAML = "application/yaml"
         parent_kind="robot",
         delete_description="Delete a design; 409 while other resources need it.",
     ),
-    NewJob("design", "dynident_service.work.designs:design"),
+    NewJob("design", "dynident_service.job_functions.designs:design"),
 )
 def create_design(services: Services, body: DesignRequest) -> Sequence[Dependency]:
     """Design an experiment: a motion within the limits that determines the parameters."""

@@ -7,13 +7,13 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from dynident_service.preload import hold_import_lock
 from dynident_service.problems import ProblemError, make_unusable
-from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.paging_and_retries import require_succeeded
 from dynident_service.routes.required_resources import depend_on, require_measurements, require_model
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import Dependency, NewJob
+from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.repository_values import Dependency, NewJob
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.diagnoses import DiagnosisRequest, DiagnosisView, Evidence
 
 router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
@@ -28,13 +28,13 @@ router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
         plural="diagnoses",
         delete_description="Delete a diagnosis; 409 while other resources need it.",
     ),
-    NewJob("diagnosis", "dynident_service.work.diagnoses:diagnose_model"),
+    NewJob("diagnosis", "dynident_service.job_functions.diagnoses:diagnose_model"),
 )
 def create_diagnosis(services: Services, body: DiagnosisRequest) -> Sequence[Dependency]:
     """Find the effects that an identified model lacks, by name, and what to add."""
     with hold_import_lock():
         from dynident.diagnosis import DiagnosisChoices
-        from dynident_service.adapters.conversion import to_request
+        from dynident_service.adapters.field_by_field import to_request
 
     model = require_model(services, body.identification_id)
     to_request(body, DiagnosisChoices)

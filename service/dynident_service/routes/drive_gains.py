@@ -7,22 +7,22 @@ from collections.abc import Sequence
 from fastapi import APIRouter
 
 from dynident.errors import DynidentError
-from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
-from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.required_resources import depend_on, refuse_coupled, require_measurements, require_robot
-from dynident_service.services import Services
-from dynident_service.storage.records import Dependency, NewJob, Resource
-from dynident_service.wire_types.common import Table
+from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.repository_values import Dependency, NewJob, Resource
+from dynident_service.storage_and_engine import Services
 from dynident_service.wire_types.drive_gains import DriveGainsRequest, DriveGainsResult, DriveGainsView
+from dynident_service.wire_types.shared_types import Table
 
 router = APIRouter(prefix="/v1/drive_gains", tags=["drive gains"])
 
 
 def _build_tables(_: Services, resource: Resource) -> list[Table]:
     with hold_import_lock():
-        from dynident_service.adapters.conversion import show_tables
         from dynident_service.adapters.drive_gains import build_gain_tables
+        from dynident_service.adapters.field_by_field import show_tables
 
     return show_tables(build_gain_tables(DriveGainsResult.model_validate(resource.result)))
 
@@ -39,7 +39,7 @@ def _build_tables(_: Services, resource: Resource) -> list[Table]:
         delete_description="Delete drive gains; the robot keeps those that it states.",
         tables=_build_tables,
     ),
-    NewJob("drive_gains", "dynident_service.work.drive_gains:find_gains"),
+    NewJob("drive_gains", "dynident_service.job_functions.drive_gains:find_gains"),
 )
 def create_drive_gains(services: Services, body: DriveGainsRequest) -> Sequence[Dependency]:
     """Identify the drive gains from the same motion without and with a load of known mass."""
@@ -74,9 +74,9 @@ def _require_measurements(services: Services, body: DriveGainsRequest, robot: Re
 def _check_loads(services: Services, body: DriveGainsRequest) -> None:
     """Refuse loads whose weight neither the request nor the measurement states."""
     with hold_import_lock():
-        from dynident.identification.loads.known_load import KnownLoad
-        from dynident.identification.loads.payload_data import parse_payload
-        from dynident_service.adapters.conversion import to_request
+        from dynident.identification.loads.drive_gain_request import KnownLoad
+        from dynident.identification.loads.payloads_of_recordings import parse_payload
+        from dynident_service.adapters.field_by_field import to_request
 
     load = to_request(body, KnownLoad)
     # Each is checked now: a job would find out only after minutes.

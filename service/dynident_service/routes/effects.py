@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from dynident_service.preload import hold_import_lock
-from dynident_service.wire_types.common import Catalogue
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.wire_types.shared_types import Catalogue
 
 router = APIRouter(prefix="/v1/effects", tags=["effects"])
 
@@ -14,6 +14,6 @@ router = APIRouter(prefix="/v1/effects", tags=["effects"])
 def list_effects() -> Catalogue:
     """List all effects of the catalogue."""
     with hold_import_lock():
-        from dynident_service.adapters.conversion import show_catalogue
+        from dynident_service.adapters.field_by_field import show_catalogue
 
     return show_catalogue()

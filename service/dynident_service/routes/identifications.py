@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 
-from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
-from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.model_judgements import AWAITED, find_model_file, refuse_stopped
 from dynident_service.routes.paging_and_retries import (
     LabelledQueryDep,
@@ -28,9 +26,10 @@ from dynident_service.routes.required_resources import (
     require_resource,
     require_robot,
 )
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import Dependency, NewJob, NewResource, Resource, Retry
-from dynident_service.wire_types.common import Page, Tables, to_plain_json
+from dynident_service.routes.resource_routes import ResourceRoutes, add_resource_routes
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.repository_values import Dependency, NewJob, NewResource, Resource, Retry
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.identifications import (
     ExportQuery,
     ExtensionRequest,
@@ -41,13 +40,14 @@ from dynident_service.wire_types.identifications import (
     RemovalRequest,
     StoredIdentification,
 )
+from dynident_service.wire_types.shared_types import Page, Tables, to_plain_json
 
 if TYPE_CHECKING:
     from dynident.robot import Robot
 from collections.abc import Iterator, Sequence
 
-from dynident_service.wire_types.common import EffectChoice
 from dynident_service.wire_types.diagnoses import DiagnosisResult
+from dynident_service.wire_types.shared_types import EffectChoice
 
 _LATEST = 5
 
@@ -105,9 +105,9 @@ EXPORTED: dict[str, Any] = {
         },
     },
 }
-JOB = NewJob("identification", "dynident_service.work.identifications:identify_model")
-EXTENSION = NewJob("extension", "dynident_service.work.identifications:extend_model")
-REMOVAL = NewJob("removal", "dynident_service.work.identifications:remove_from_model")
+JOB = NewJob("identification", "dynident_service.job_functions.identifications:identify_model")
+EXTENSION = NewJob("extension", "dynident_service.job_functions.identifications:extend_model")
+REMOVAL = NewJob("removal", "dynident_service.job_functions.identifications:remove_from_model")
 
 
 @router.post("", status_code=202)
@@ -141,7 +141,7 @@ def list_identifications(
 def get_tables(identification_id: str, services: ServicesDep) -> Tables:
     """Show the parameters and shape constants as tables for people, as on the command line and in reports."""
     with hold_import_lock():
-        from dynident_service.adapters.conversion import show_tables
+        from dynident_service.adapters.field_by_field import show_tables
         from dynident_service.adapters.identifications import build_identification_tables
 
     identification = require_succeeded(services.resources.get("identification", identification_id))
@@ -157,7 +157,7 @@ def extend_identification(
     """Add effects to an identified model: makes a new identification, whose parent is this one."""
     with hold_import_lock():
         from dynident.identification.shape_search import check_choices
-        from dynident_service.adapters.conversion import from_wire_choices
+        from dynident_service.adapters.field_by_field import from_wire_choices
         from dynident_service.adapters.robots import restore_robot
 
     parent = require_succeeded(services.resources.get("identification", identification_id))
@@ -183,8 +183,8 @@ def remove_from_identification(
 ) -> IdentificationView:
     """Remove effects from an identified model: makes a new identification, whose parent is this one."""
     with hold_import_lock():
-        from dynident.identification.study.solve_again import subtract_effects
-        from dynident_service.adapters.conversion import from_wire_choices, show_choice
+        from dynident.identification.identified_models.remove_and_solve_again import subtract_effects
+        from dynident_service.adapters.field_by_field import from_wire_choices, show_choice
         from dynident_service.adapters.robots import restore_robot
 
     parent = require_succeeded(services.resources.get("identification", identification_id))

@@ -11,19 +11,26 @@ from anyio import to_thread
 from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 
 from dynident_service.jobs.confinement import ComputationLimits
-from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.paging_and_retries import RetryKeyDep, create_or_replay, parse_json_body, replay_response
 from dynident_service.routes.required_resources import require_resource
-from dynident_service.routes.uploads import FURTHER, MOST_FILES, FormRoute, detect_media_type, hash_file, receive_files
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.deletion import IMPORT_LIFETIME
-from dynident_service.storage.records import Dependency, NewResource, Resource, Retry
-from dynident_service.wire_types.common import to_plain_json
+from dynident_service.routes.resource_routes import ResourceRoutes, add_resource_routes
+from dynident_service.routes.upload_forms import (
+    FURTHER,
+    MOST_FILES,
+    FormRoute,
+    detect_media_type,
+    hash_file,
+    receive_files,
+)
+from dynident_service.storage.deletion_and_expiry import IMPORT_LIFETIME
+from dynident_service.storage.repository_values import Dependency, NewResource, Resource, Retry
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.measurements import ImportMetadata, ImportView
+from dynident_service.wire_types.shared_types import to_plain_json
 
 router = APIRouter(prefix="/v1/imports", tags=["imports"], route_class=FormRoute)
 
-LOOK = "dynident_service.work.interactive:inspect_file"
+LOOK = "dynident_service.job_functions.interactive:inspect_file"
 
 
 @router.post("", status_code=201)

@@ -10,10 +10,10 @@ from fastapi import APIRouter, Depends, Header, Query
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from dynident_service.routes.paging_and_retries import ListQueryDep, resource_path
-from dynident_service.services import ServicesDep
-from dynident_service.storage.records import KINDS, Job, JobKind, State
-from dynident_service.wire_types.common import Page, Progress
+from dynident_service.storage.repository_values import KINDS, Job, JobKind, State
+from dynident_service.storage_and_engine import ServicesDep
 from dynident_service.wire_types.jobs_and_usage import JobResource, JobView
+from dynident_service.wire_types.shared_types import Page, Progress
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 

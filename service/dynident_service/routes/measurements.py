@@ -20,7 +20,6 @@ from fastapi.responses import FileResponse, StreamingResponse
 from starlette.background import BackgroundTask
 
 from dynident_service.jobs.confinement import ComputationLimits
-from dynident_service.preload import hold_import_lock
 from dynident_service.problems import (
     Problem,
     ProblemError,
@@ -29,7 +28,6 @@ from dynident_service.problems import (
     make_unusable,
     make_validation_problem,
 )
-from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.paging_and_retries import (
     RetryKey,
     RetryKeyDep,
@@ -38,7 +36,8 @@ from dynident_service.routes.paging_and_retries import (
     replay_response,
 )
 from dynident_service.routes.required_resources import require_resource
-from dynident_service.routes.uploads import (
+from dynident_service.routes.resource_routes import ResourceRoutes, add_resource_routes
+from dynident_service.routes.upload_forms import (
     FURTHER,
     MEDIA_TYPES,
     MOST_FILES,
@@ -48,10 +47,10 @@ from dynident_service.routes.uploads import (
     receive_files,
     require_room_for,
 )
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.deletion import ObjectGone
-from dynident_service.storage.records import Dependency, NewResource, OwnedObject, Resource, Retry
-from dynident_service.wire_types.common import to_plain_json
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.deletion_and_expiry import ObjectGone
+from dynident_service.storage.repository_values import Dependency, NewResource, OwnedObject, Resource, Retry
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.measurements import (
     MeasurementMetadata,
     MeasurementOfImport,
@@ -60,6 +59,7 @@ from dynident_service.wire_types.measurements import (
     RevisionRequest,
     Standstills,
 )
+from dynident_service.wire_types.shared_types import to_plain_json
 
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"], route_class=FormRoute)
 
@@ -83,9 +83,9 @@ JSON_BODY = {
 }
 
 
-IMPORT = "dynident_service.work.interactive:import_measurement"
-RAW = "dynident_service.work.interactive:write_raw_signals"
-STANDSTILLS = "dynident_service.work.interactive:find_standstills"
+IMPORT = "dynident_service.job_functions.interactive:import_measurement"
+RAW = "dynident_service.job_functions.interactive:write_raw_signals"
+STANDSTILLS = "dynident_service.job_functions.interactive:find_standstills"
 SMALLEST_ANSWER, LARGEST_ANSWER = 16_000_000, 500_000_000
 """Bytes of signals that one answer may have: the largest is twenty minutes of 6 joints at 1 kHz."""
 DIGITS = 20

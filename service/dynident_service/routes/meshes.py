@@ -11,18 +11,24 @@ from anyio import to_thread
 from fastapi import APIRouter, File, Request, Response, UploadFile
 
 from dynident_service.jobs.confinement import ComputationLimits
-from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
 from dynident_service.routes.required_resources import require_resource
-from dynident_service.routes.uploads import FormRoute, receive_files
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import GEOMETRY, OwnedObject, find_mesh_files, get_mesh_role, list_meshes
-from dynident_service.wire_types.common import MOST_ITEMS
+from dynident_service.routes.upload_forms import FormRoute, receive_files
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.repository_values import (
+    GEOMETRY,
+    OwnedObject,
+    find_mesh_files,
+    get_mesh_role,
+    list_meshes,
+)
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.robots import GeometryView, MeshesView, PosesView, PosturesRequest
+from dynident_service.wire_types.shared_types import MOST_ITEMS
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=FormRoute)
 
-TAKE_MESHES = "dynident_service.work.interactive:read_meshes"
+TAKE_MESHES = "dynident_service.job_functions.interactive:read_meshes"
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from typing import Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request
 
-from dynident_service.preload import hold_import_lock
 from dynident_service.problems import ProblemError
 from dynident_service.routes.paging_and_retries import require_succeeded
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import Resource
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.repository_values import Resource
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.identifications import (
     CorrelationView,
     EssentialQuery,
@@ -21,10 +21,10 @@ from dynident_service.wire_types.identifications import (
 )
 from dynident_service.wire_types.verdicts import VerdictView
 
-AWAITED = "dynident_service.work.interactive"
+AWAITED = "dynident_service.job_functions.interactive"
 MOST_OUTCOMES = 100
 """Validations of a model that are looked through, the newest first."""
-JUDGE = "dynident_service.work.interactive:judge_model"
+JUDGE = "dynident_service.job_functions.interactive:judge_model"
 
 router = APIRouter(prefix="/v1/identifications", tags=["identifications"])
 

@@ -13,9 +13,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from dynident_service.problems import ProblemError, make_unusable, make_validation_problem, to_problem_fields
-from dynident_service.services import Services
-from dynident_service.storage.records import Kind, NewResource, Resource, Retry
-from dynident_service.wire_types.common import Computed, Page, Progress
+from dynident_service.storage.repository_values import Kind, NewResource, Resource, Retry
+from dynident_service.storage_and_engine import Services
+from dynident_service.wire_types.shared_types import Computed, Page, Progress
 
 ViewT = TypeVar("ViewT", bound=BaseModel)
 BodyT = TypeVar("BodyT", bound=BaseModel)

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from fastapi import APIRouter, Request
 from fastapi.responses import StreamingResponse
 
-from dynident.reports.request import MEDIA_TYPES
+from dynident.reports.report_request import MEDIA_TYPES
 from dynident_service.problems import make_unusable
-from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.paging_and_retries import require_succeeded
 from dynident_service.routes.required_resources import (
     depend_on,
@@ -18,8 +17,9 @@ from dynident_service.routes.required_resources import (
     require_model,
     require_result,
 )
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import Dependency, NewJob, Resource
+from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.storage.repository_values import Dependency, NewJob, Resource
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.reports import ReportRequest, ReportView
 
 router = APIRouter(prefix="/v1/reports", tags=["reports"])
@@ -49,7 +49,7 @@ def _server_address(request: Request) -> str:
         parent_kind="identification",
         show_description="Show a report; its result says where the document is.",
     ),
-    NewJob("report", "dynident_service.work.reports:write_report"),
+    NewJob("report", "dynident_service.job_functions.reports:write_report"),
     _build_address,
 )
 def create_report(services: Services, body: ReportRequest) -> Sequence[Dependency]:

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 from dynident_service.problems import make_not_found, make_unusable
-from dynident_service.storage.records import Dependency, Kind, Resource
-from dynident_service.storage.resources import Resources
+from dynident_service.storage.repository_values import Dependency, Kind, Resource
+from dynident_service.storage.resource_repository import Resources
 from dynident_service.wire_types.robots import JointView, RobotResult
 
 

@@ -9,17 +9,17 @@ from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
 
-from dynident.robot.limits import check_hardware
-from dynident_service.preload import hold_import_lock
+from dynident.robot.limits_and_drives import check_hardware
 from dynident_service.request_limits import mark_long
-from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.meshes import inherit_meshes
 from dynident_service.routes.paging_and_retries import RetryKeyDep, create_or_replay
-from dynident_service.services import ServicesDep
-from dynident_service.storage.bundle import RobotBundle
-from dynident_service.storage.records import NewResource, Resource, list_meshes
-from dynident_service.wire_types.common import LabelsRequest, to_plain_json
+from dynident_service.routes.resource_routes import ResourceRoutes, add_resource_routes
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.repository_values import NewResource, Resource, list_meshes
+from dynident_service.storage.robot_bundle import RobotBundle
+from dynident_service.storage_and_engine import ServicesDep
 from dynident_service.wire_types.robots import KnownRobot, KnownRobots, RobotChanges, RobotRequest, RobotView
+from dynident_service.wire_types.shared_types import LabelsRequest, to_plain_json
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"])
 ZIP = "application/zip"
@@ -34,7 +34,7 @@ async def create_robot(
     arguments = {"request": to_plain_json(body)}
     # In a child process: reading a description takes time, and libraries that read a stranger's file may crash.
     result = await services.interactive.call(
-        request, "dynident_service.work.interactive:describe_requested_robot", dict, arguments
+        request, "dynident_service.job_functions.interactive:describe_requested_robot", dict, arguments
     )
     mesh_names = {mesh["name"] for mesh in result.get("meshes", ())}
     objects = await inherit_meshes(request, services, body.meshes_of, mesh_names, to_plain_json(body))

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from fastapi import APIRouter, Response
 
 from dynident_service.problems import make_unusable
-from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.paging_and_retries import require_succeeded
 from dynident_service.routes.required_resources import depend_on, require_measurements, require_model
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import Dependency, NewJob
+from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.storage.repository_values import Dependency, NewJob
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.diagnoses import SeriesRequest, SeriesView
 
 router = APIRouter(prefix="/v1/series", tags=["series"])
@@ -28,7 +28,7 @@ router = APIRouter(prefix="/v1/series", tags=["series"])
         words="series",
         delete_description="Delete a series; 409 while other resources need it.",
     ),
-    NewJob("series", "dynident_service.work.series:follow_robot"),
+    NewJob("series", "dynident_service.job_functions.series:follow_robot"),
 )
 def create_series_of_days(services: Services, body: SeriesRequest) -> Sequence[Dependency]:
     """Find what has changed in a robot over many days, since which day, and every parameter over the days."""

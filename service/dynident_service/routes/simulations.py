@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 from fastapi import APIRouter
 
-from dynident_service.preload import hold_import_lock
-from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.required_resources import depend_on, require_design, require_robot
-from dynident_service.services import Services
-from dynident_service.storage.records import Dependency, NewJob, Resource
+from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.repository_values import Dependency, NewJob, Resource
+from dynident_service.storage_and_engine import Services
 from dynident_service.wire_types.designs import Samples, SimulationRequest, SimulationView, Trajectory
 
 router = APIRouter(prefix="/v1/simulations", tags=["simulations"])
@@ -25,7 +25,7 @@ router = APIRouter(prefix="/v1/simulations", tags=["simulations"])
         show_description="Show a simulation; its result names the measurement.",
         delete_description="Delete a simulation; its measurement stays.",
     ),
-    NewJob("simulation", "dynident_service.work.simulations:measure_virtual_robot"),
+    NewJob("simulation", "dynident_service.job_functions.simulations:measure_virtual_robot"),
 )
 def create_simulation(services: Services, body: SimulationRequest) -> Sequence[Dependency]:
     """Simulate a motion of a virtual robot; this makes a measurement."""
@@ -41,8 +41,8 @@ def _check_request(body: SimulationRequest, robot_resource: Resource) -> None:
     """Refuse at once what would fail later."""
     with hold_import_lock():
         from dynident.simulation import Simulated, check_acting_effects
-        from dynident_service.adapters.conversion import to_request
         from dynident_service.adapters.designs import build_random_design, samples_to_reference
+        from dynident_service.adapters.field_by_field import to_request
         from dynident_service.adapters.robots import restore_robot
 
     robot = restore_robot(robot_resource.request)

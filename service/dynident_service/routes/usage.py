@@ -8,8 +8,8 @@ from fastapi import APIRouter, Request
 
 from dynident_service.api_keys import KeyHolder, list_keys
 from dynident_service.middleware import HOLDER
-from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.quotas import QuotaLimits, Usage, compute_all_usage, compute_usage, get_account
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.upload_quotas import get_quota_limits
 from dynident_service.wire_types.jobs_and_usage import KeyUsage, Quota, UsageView
 

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 from fastapi import APIRouter
 
-from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
-from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.routes.required_resources import depend_on, require_measurements, require_model
-from dynident_service.services import Services
-from dynident_service.storage.records import Dependency, NewJob, Resource
-from dynident_service.wire_types.common import Table
+from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.science_preload import hold_import_lock
+from dynident_service.storage.repository_values import Dependency, NewJob, Resource
+from dynident_service.storage_and_engine import Services
 from dynident_service.wire_types.identifications import StoredIdentification
+from dynident_service.wire_types.shared_types import Table
 from dynident_service.wire_types.validations import ValidationRequest, ValidationResult, ValidationView
 
 router = APIRouter(prefix="/v1/validations", tags=["validations"])
@@ -21,7 +21,7 @@ router = APIRouter(prefix="/v1/validations", tags=["validations"])
 
 def _build_tables(services: Services, resource: Resource) -> list[Table]:
     with hold_import_lock():
-        from dynident_service.adapters.conversion import show_tables
+        from dynident_service.adapters.field_by_field import show_tables
         from dynident_service.adapters.validations import build_validation_tables
 
     model = services.resources.get("identification", resource.get_dependency("identification"))
@@ -32,7 +32,7 @@ def _build_tables(services: Services, resource: Resource) -> list[Table]:
 @add_create_route(
     router,
     ResourceRoutes("validation", ValidationView, parent_kind="identification", tables=_build_tables),
-    NewJob("validation", "dynident_service.work.validations:validate_model"),
+    NewJob("validation", "dynident_service.job_functions.validations:validate_model"),
 )
 def create_validation(services: Services, body: ValidationRequest) -> Sequence[Dependency]:
     """Validate an identified model: on its own data, on data it has not seen, or for physical consistency."""

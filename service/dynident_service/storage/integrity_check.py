@@ -12,11 +12,11 @@ from sqlalchemy import select, text
 from sqlalchemy.exc import DatabaseError
 
 from dynident_service.storage.database import AT_ONCE, Database
-from dynident_service.storage.deletion import raise_tombstones
-from dynident_service.storage.objects import PROBE_KEY, ObjectStore
-from dynident_service.storage.records import Resource
+from dynident_service.storage.database_tables import ObjectRow, ResourceRow, TombstoneRow
+from dynident_service.storage.deletion_and_expiry import raise_tombstones
+from dynident_service.storage.object_store import PROBE_KEY, ObjectStore
+from dynident_service.storage.repository_values import Resource
 from dynident_service.storage.resource_rows import read_resources
-from dynident_service.storage.tables import ObjectRow, ResourceRow, TombstoneRow
 
 ABANDONED_AFTER = 24 * 3600.0
 """Seconds without a change after which an unfinished object counts as abandoned by its writer."""

@@ -15,11 +15,11 @@ from sqlalchemy.orm import Session
 from sqlalchemy.sql.dml import ReturningUpdate
 
 from dynident_service import tracing
-from dynident_service.logs import get_current_request
+from dynident_service.log_lines import get_current_request
 from dynident_service.problems import Problem, make_problem
 from dynident_service.storage.database import get_database_time
-from dynident_service.storage.records import Job, NewJob, State, create_identifier
-from dynident_service.storage.tables import CHECKPOINTS, EVENTS, JOBS
+from dynident_service.storage.database_tables import CHECKPOINTS, EVENTS, JOBS
+from dynident_service.storage.repository_values import Job, NewJob, State, create_identifier
 
 REQUEST = "dynident.request"
 """Key in the stored arguments of a job for the id of the request that submitted it; its function does not get it."""
@@ -294,4 +294,6 @@ def _to_claim(row: Row[Any]) -> Claim:
     arguments = dict(row.arguments)
     # The function of the job does not take these two.
     request_id, trace = arguments.pop(REQUEST, None), arguments.pop(TRACE, None)
-    return Claim(row.id, row.attempt, row.function, arguments, row.resource_id, request_id, trace)
+    # Jobs that an earlier version queued name the functions by their former package.
+    function = row.function.replace("dynident_service.work.", "dynident_service.job_functions.")
+    return Claim(row.id, row.attempt, function, arguments, row.resource_id, request_id, trace)

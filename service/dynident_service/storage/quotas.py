@@ -18,8 +18,8 @@ from sqlalchemy import Select, bindparam, func, select
 from sqlalchemy.orm import Session
 
 from dynident_service.problems import ProblemError
-from dynident_service.storage.records import NewResource, OwnedObject
-from dynident_service.storage.tables import JOBS, OBJECTS, RESOURCES
+from dynident_service.storage.database_tables import JOBS, OBJECTS, RESOURCES
+from dynident_service.storage.repository_values import NewResource, OwnedObject
 
 SENT = ("measurement", "import", "robot")
 """Kinds of resources whose files are uploaded and not computed: recordings, and meshes."""

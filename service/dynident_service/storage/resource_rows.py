@@ -16,10 +16,11 @@ from sqlalchemy.orm import Session
 
 from dynident_service.problems import make_unusable
 from dynident_service.storage.database import AT_ONCE, get_database_time
-from dynident_service.storage.deletion import lock_objects
+from dynident_service.storage.database_tables import DEPENDENCIES, JOBS, OBJECTS, RESOURCES, RETRIES
+from dynident_service.storage.deletion_and_expiry import lock_objects
 from dynident_service.storage.job_transitions import add_jobs
-from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import (
+from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.repository_values import (
     Dependency,
     Job,
     NewResource,
@@ -28,7 +29,6 @@ from dynident_service.storage.records import (
     Retry,
     create_identifier,
 )
-from dynident_service.storage.tables import DEPENDENCIES, JOBS, OBJECTS, RESOURCES, RETRIES
 
 RESOURCE_COLUMNS = ("id", "kind", "name", "created_at", "request", "result", "tags", "archived")
 JOB_COLUMNS = tuple(field.name for field in fields(Job))

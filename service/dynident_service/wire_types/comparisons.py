@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from dynident_service.wire_types.common import Computed, Identifier, NamedRequest, SourcePath, ViewModel
 from dynident_service.wire_types.identifications import ErrorFigures
 from dynident_service.wire_types.measurements import PhasesView
+from dynident_service.wire_types.shared_types import Computed, Identifier, NamedRequest, SourcePath, ViewModel
 
 
 class ComparisonRequest(NamedRequest):
@@ -18,7 +18,7 @@ class ComparisonRequest(NamedRequest):
     measurement_id: Identifier
 
 
-class WorstStretch(ViewModel):
+class WorstInterval(ViewModel):
     """An interval of time in which a joint's residual is large."""
 
     model_config = ConfigDict(serialize_by_alias=True)
@@ -96,7 +96,7 @@ class ComparisonResult(Judgement):
         description="On all rows; at standstill against the predicted torque itself, where static friction is unknown",
     )
     phases: PhasesView | None = Field(default=None, description="Shares of the filtered rows")
-    worst: list[WorstStretch]
+    worst: list[WorstInterval]
     held_out: bool | None = Field(default=None, description="Whether the model was identified without this measurement")
 
 

@@ -8,12 +8,14 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
-from dynident.excitation.request import DesignRequest as Designed
-from dynident.excitation.request import TrajectoryRequest
-from dynident.recordings.metadata import Role
+from dynident.excitation.design_request import DesignRequest as Designed
+from dynident.excitation.design_request import TrajectoryRequest
+from dynident.recordings.recording_metadata import Role
 from dynident.simulation.virtual_robot_request import ActingEffect, Simulated, list_usual_effects
 from dynident.simulation.virtual_robot_request import Sensors as Sensing
-from dynident_service.wire_types.common import (
+from dynident_service.wire_types.request_bodies import derive_body
+from dynident_service.wire_types.robots import Limits, Point
+from dynident_service.wire_types.shared_types import (
     Computed,
     Effects,
     Identifier,
@@ -22,8 +24,6 @@ from dynident_service.wire_types.common import (
     SourcePath,
     ViewModel,
 )
-from dynident_service.wire_types.request_bodies import derive_body
-from dynident_service.wire_types.robots import Limits, Point
 
 
 @derive_body(CriterionChoice)

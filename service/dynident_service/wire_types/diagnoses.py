@@ -7,9 +7,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from dynident.diagnosis.request import DiagnosisChoices
-from dynident_service.wire_types.common import Computed, EffectChoice, Identifier, NamedRequest, SourcePath, ViewModel
+from dynident.diagnosis.diagnosis_request import DiagnosisChoices
 from dynident_service.wire_types.request_bodies import derive_body
+from dynident_service.wire_types.shared_types import (
+    Computed,
+    EffectChoice,
+    Identifier,
+    NamedRequest,
+    SourcePath,
+    ViewModel,
+)
 
 
 @derive_body(DiagnosisChoices, or_null=("max_effects",))

@@ -6,8 +6,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from dynident.identification.loads.known_load import KnownLoad
-from dynident_service.wire_types.common import (
+from dynident.identification.loads.drive_gain_request import KnownLoad
+from dynident_service.wire_types.identifications import JUDGEMENTS
+from dynident_service.wire_types.request_bodies import derive_body
+from dynident_service.wire_types.shared_types import (
     Computed,
     EffectChoice,
     Identifier,
@@ -16,8 +18,6 @@ from dynident_service.wire_types.common import (
     ViewModel,
     WithTables,
 )
-from dynident_service.wire_types.identifications import JUDGEMENTS
-from dynident_service.wire_types.request_bodies import derive_body
 from dynident_service.wire_types.validations import DriveGainView
 
 

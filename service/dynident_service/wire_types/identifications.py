@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from dynident.effects.choices import DEFAULT_EFFECTS
-from dynident.export.request import ExportChoices
-from dynident.identification.choices import EssentialChoices, IdentificationChoices
-from dynident.recordings.metadata import Filters
-from dynident_service.storage.records import State
-from dynident_service.wire_types.common import (
+from dynident.effects.effect_choices import DEFAULT_EFFECTS
+from dynident.export.export_request import ExportChoices
+from dynident.identification.identification_choices import EssentialChoices, IdentificationChoices
+from dynident.recordings.recording_metadata import Filters
+from dynident_service.storage.repository_values import State
+from dynident_service.wire_types.measurements import SeenMeasurement
+from dynident_service.wire_types.request_bodies import derive_body, derive_query
+from dynident_service.wire_types.shared_types import (
     LARGEST_BATCH,
     Computed,
     EffectChoice,
@@ -24,8 +26,6 @@ from dynident_service.wire_types.common import (
     Table,
     ViewModel,
 )
-from dynident_service.wire_types.measurements import SeenMeasurement
-from dynident_service.wire_types.request_bodies import derive_body, derive_query
 
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
 SHAPE_JUDGEMENTS = Literal[
@@ -255,7 +255,7 @@ class CorrelationView(ViewModel):
     sentences: list[str] = Field(description="Parameters of which the motion determines only combinations, worst first")
 
 
-class Rung(ViewModel):
+class LadderStep(ViewModel):
     """One step of the ladder."""
 
     id: str
@@ -286,7 +286,7 @@ class Rung(ViewModel):
     )
 
 
-class RungDifference(ViewModel):
+class LadderStepDifference(ViewModel):
     """The same step of two ladders: this ladder's error minus the other's; negative if this one is better."""
 
     rung: int = Field(description="Number of the step, from 1 for the first model")
@@ -306,10 +306,10 @@ class RungDifference(ViewModel):
 class Lineage(ViewModel):
     """The models that led to one, the first one first; if requested, compared with those that led to another."""
 
-    items: list[Rung]
-    against: list[Rung] | None = None
+    items: list[LadderStep]
+    against: list[LadderStep] | None = None
     common_ancestor: str | None = Field(default=None, description="The last model that both ladders contain")
-    differences: list[RungDifference] | None = None
+    differences: list[LadderStepDifference] | None = None
     same_data: bool | None = Field(
         default=None, description="Whether all models of both ladders use the same measurements"
     )

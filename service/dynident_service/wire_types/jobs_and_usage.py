@@ -7,8 +7,8 @@ from datetime import datetime
 from pydantic import Field
 
 from dynident_service.problems import Problem
-from dynident_service.storage.records import JobKind, State
-from dynident_service.wire_types.common import Progress, ViewModel
+from dynident_service.storage.repository_values import JobKind, State
+from dynident_service.wire_types.shared_types import Progress, ViewModel
 
 
 class Quota(ViewModel):

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
-from dynident.recordings.metadata import EffortKind, RecordingMetadata, Revision, Role
-from dynident_service.wire_types.common import Identifier, Labelled, Name, RequestModel, ViewModel
+from dynident.recordings.recording_metadata import EffortKind, RecordingMetadata, Revision, Role
 from dynident_service.wire_types.request_bodies import derive_body
+from dynident_service.wire_types.shared_types import Identifier, Labelled, Name, RequestModel, ViewModel
 
 
 @derive_body(Revision, or_null=("columns", "units", "permutation", "signs", "scale"))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from dynident.reports.request import ReportChoices
-from dynident_service.wire_types.common import Computed, Identifier, NamedRequest, ViewModel
+from dynident.reports.report_request import ReportChoices
 from dynident_service.wire_types.request_bodies import derive_body
+from dynident_service.wire_types.shared_types import Computed, Identifier, NamedRequest, ViewModel
 
 
 @derive_body(ReportChoices)

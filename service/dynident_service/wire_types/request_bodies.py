@@ -14,7 +14,7 @@ from pydantic.config import JsonDict, JsonValue
 
 from dynident.schema.fields import FieldDescription, NamedValues, get_default, get_description, resolve_hint
 from dynident.schema.registry import Registry, RegistryEntry
-from dynident_service.wire_types.common import NumberRange, QueryModel, RequestModel
+from dynident_service.wire_types.shared_types import NumberRange, QueryModel, RequestModel
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 

@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from dynident.robot import limits as stated
-from dynident.robot.format_names import FORMATS, DescriptionFormat
-from dynident.robot.limits import HARDWARE
-from dynident_service.wire_types.common import Labelled, LabelsRequest, Name, RequestModel, ViewModel
+from dynident.robot import limits_and_drives as stated
+from dynident.robot.description_formats import FORMATS, DescriptionFormat
+from dynident.robot.limits_and_drives import HARDWARE
 from dynident_service.wire_types.request_bodies import derive_body, describe_choices
+from dynident_service.wire_types.shared_types import Labelled, LabelsRequest, Name, RequestModel, ViewModel
 
 Point = tuple[float, float, float]
 

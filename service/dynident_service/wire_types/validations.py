@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from dynident.validation.request import TRIALS, Method, Stated
-from dynident_service.wire_types.common import (
+from dynident.validation.validation_request import TRIALS, Method, Stated
+from dynident_service.wire_types.identifications import ErrorsView, UsedPreprocessing
+from dynident_service.wire_types.request_bodies import derive_body, describe_choices
+from dynident_service.wire_types.shared_types import (
     Computed,
     Identifier,
     Name,
@@ -16,8 +18,6 @@ from dynident_service.wire_types.common import (
     ViewModel,
     WithTables,
 )
-from dynident_service.wire_types.identifications import ErrorsView, UsedPreprocessing
-from dynident_service.wire_types.request_bodies import derive_body, describe_choices
 
 if TYPE_CHECKING:
     ValidationKind = str

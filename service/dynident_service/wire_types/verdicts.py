@@ -6,9 +6,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from dynident_service.wire_types.common import ViewModel
 from dynident_service.wire_types.identifications import ErrorsView
 from dynident_service.wire_types.measurements import RevisionRequest
+from dynident_service.wire_types.shared_types import ViewModel
 from dynident_service.wire_types.validations import DriftView
 
 

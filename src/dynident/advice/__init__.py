@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.advice.experiments import AdvisedDiagnosis, NextExperiment, Separation
+    from dynident.advice.discriminating_experiments import AdvisedDiagnosis, NextExperiment, Separation
     from dynident.advice.next_experiment import advise
 
 __all__ = [

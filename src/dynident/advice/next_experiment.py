@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from dynident.advice.experiments import (
+from dynident.advice.discriminating_experiments import (
     EXPERIMENTS,
     AdvisedDiagnosis,
     Experiment,
@@ -16,7 +16,7 @@ from dynident.advice.experiments import (
     Separation,
     choose_experiment,
 )
-from dynident.advice.separation import (
+from dynident.advice.effect_separation import (
     DataRows,
     NormalEquations,
     compute_row_weights,
@@ -29,21 +29,21 @@ from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.diagnosis import Diagnosis, Examination
 from dynident.diagnosis.ambiguities import Doubt
-from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.reasons import describe_place
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison
+from dynident.diagnosis.outcome_reasons import describe_place
 from dynident.effects import EffectChoice, get_effect
 from dynident.effects.effect_columns import find_joints
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, rehearse_motion, rehearse_quickly
 from dynident.excitation.criteria.design_criterion import find_effect_parameters
-from dynident.excitation.design_model import DesignModel, build_design_model
+from dynident.excitation.design_observation_matrix import DesignModel, build_design_model
 from dynident.excitation.expected_torque import ExpectedTorque
 from dynident.excitation.experiments.design_task import compute_planned_seconds
 from dynident.identification import Identification
 from dynident.motion import Surroundings
 from dynident.motion.limits.bounds import Bounds, build_bounds
 from dynident.recordings import Recording
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 from dynident.simulation import build_typical_effect
 
 

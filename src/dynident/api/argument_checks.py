@@ -13,7 +13,7 @@ from typing import ParamSpec, TypeVar
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
 from dynident.identification import IdentificationChoices
-from dynident.identification.methods.bases import Estimator
+from dynident.identification.methods.base_classes import Estimator
 from dynident.recordings import RecordingMetadata
 from dynident.robot import Drive, Limits, Robot
 

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, overload
 
 from dynident.api.argument_checks import check_arguments
-from dynident.api.data_frames import Framed, Table, build_columns
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import check_not_empty
 from dynident.api.model_identification import as_model
-from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
+from dynident.api.named_tables import Framed, Table, build_columns
+from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import Change, Diagnosis, diagnose
 from dynident.errors import DynidentError
 from dynident.identification import Identification
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.reports.labels import format_hidden_effects, format_joints
-from dynident.reports.result_rows import CHANGE_COLUMNS, FRICTION_COLUMNS, format_change, format_friction_difference
+from dynident.reports.result_tables import CHANGE_COLUMNS, FRICTION_COLUMNS, format_change, format_friction_difference
 from dynident.text_and_html_tables import (
     format_text_table,
     join_html,

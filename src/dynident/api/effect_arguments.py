@@ -8,7 +8,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 from dynident.api.argument_checks import require
 from dynident.diagnosis import Diagnosis, RankedEffect
 from dynident.effects import CATALOGUE, Effect, EffectChoice
-from dynident.effects.text_format import parse_effects
+from dynident.effects.effect_text_format import parse_effects
 from dynident.errors import DynidentError
 from dynident.identification.shape_search import check_choices
 from dynident.robot import Robot

@@ -80,7 +80,7 @@ class Figure:
         if not (isinstance(dpi, (int, float)) and 10 <= dpi <= 2400):
             raise DynidentError(f"dpi is {dpi!r:.60}; give pixels per inch from 10 to 2400", pointer="dpi")
         try:
-            from dynident.reports.pdf import render_drawing
+            from dynident.reports.pdf_report import render_drawing
         except ModuleNotFoundError as missing:
             raise DynidentError(
                 f"writing {ending} needs the package {missing.name}, which is not installed; "

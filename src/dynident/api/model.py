@@ -10,16 +10,16 @@ from typing import overload
 import numpy as np
 
 from dynident.api.argument_checks import require
-from dynident.api.data_frames import Framed, Table, build_columns
 from dynident.api.effect_arguments import Addition, collect_added_effects, resolve_effects
 from dynident.api.figure import Figure, check_ending, join_figures
 from dynident.api.model_results import ModelResults
-from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
+from dynident.api.named_tables import Framed, Table, build_columns
+from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import compare
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import Identification, check_same_recordings, extend, remove, to_bytes
-from dynident.identification.study.held_out_gain import find_best_step
+from dynident.identification.identified_models.held_out_gain import find_best_step
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.reports.labels import (
     describe_condition_number,
@@ -73,7 +73,12 @@ class Model(ModelResults):
     @property
     def ladder(self) -> Ladder:
         """The models that led to this one, in order, with this one as the last."""
-        return Ladder(tuple(Model(rung, self.recordings, self.validation) for rung in self.identification.ladder()))
+        return Ladder(
+            tuple(
+                Model(identification, self.recordings, self.validation)
+                for identification in self.identification.ladder()
+            )
+        )
 
     def residuals(self, recordings: SomeRecordings | None = None, *, progress: Progress = ignore_progress) -> Table:
         """Return measured minus predicted torque.

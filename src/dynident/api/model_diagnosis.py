@@ -8,11 +8,11 @@ from functools import cached_property
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment, advise
 from dynident.api.argument_checks import check_arguments
-from dynident.api.data_frames import Framed, Table, build_columns
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
-from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
+from dynident.api.named_tables import Framed, Table, build_columns
+from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import (
     Conclusion,
     DetectionLimit,
@@ -25,15 +25,15 @@ from dynident.diagnosis import (
     evidence,
     examine,
 )
-from dynident.diagnosis.reasons import CandidateOutcome, Reason
-from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE
+from dynident.diagnosis.diagnosis_request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE
+from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
 from dynident.effects import EffectChoice
-from dynident.effects.text_format import format_effect
+from dynident.effects.effect_text_format import format_effect
 from dynident.errors import DynidentError
 from dynident.identification import Identification
 from dynident.progress import Progress, ignore_progress
 from dynident.reports.labels import format_hidden_effects, format_joints, format_shape_constants
-from dynident.reports.result_rows import CANDIDATE_COLUMNS, format_candidates
+from dynident.reports.result_tables import CANDIDATE_COLUMNS, format_candidates
 from dynident.text_and_html_tables import format_text_table, join_html, render_list, render_paragraph, render_table
 
 _MOST_BARS, _MOST_PANELS = 12, 8

@@ -9,14 +9,14 @@ from pathlib import Path
 from dynident.api.argument_checks import check_arguments, check_is_file, require
 from dynident.api.effect_arguments import check_effects, resolve_effects
 from dynident.api.model import NO_RECORDINGS, Model
-from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
+from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.errors import DynidentError
 from dynident.identification import Identification, IdentificationChoices, from_bytes
 from dynident.identification import identify as identify_parameters
-from dynident.identification.choices import EstimatorName
-from dynident.identification.equations.reduce_data import split_friction_tests
-from dynident.identification.methods.bases import Estimator
+from dynident.identification.equations.reduced_recordings import split_friction_tests
+from dynident.identification.identification_choices import EstimatorName
+from dynident.identification.methods.base_classes import Estimator
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Filters, Preprocessing, preprocessing_from_request
 from dynident.robot import Robot

@@ -11,18 +11,18 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynident.api.data_frames import Table
 from dynident.api.figure import check_ending
 from dynident.api.motion_arguments import Motion, check_level, read_motion, read_times
+from dynident.api.named_tables import Table
 from dynident.api.parameter_tables import ErrorTable, Parameters, PlainText, format_summary
 from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.export import ExportedFile, PredictingModel, TorquePredictor, export_model
-from dynident.export.request import ENDINGS
+from dynident.export.export_request import ENDINGS
 from dynident.identification import Estimate, Identification
-from dynident.identification.study.prediction import (
+from dynident.identification.identified_models.torque_prediction import (
     PredictedTorque,
     compute_coriolis_matrix,
     compute_friction,

@@ -9,7 +9,7 @@ from typing import overload
 from dynident.api.argument_checks import check_arguments
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
-from dynident.api.recordings import SomeRecordings, as_recordings
+from dynident.api.recording_collection import SomeRecordings, as_recordings
 from dynident.identification import Identification
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.text_and_html_tables import format_text_table, join_html, render_paragraph, render_table

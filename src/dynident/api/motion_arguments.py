@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from dynident.api.argument_checks import describe_value
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.identification.robot_recordings import build_recorded_joints
+from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.recordings.position_checks import has_other_unit
 from dynident.robot import Robot
 

@@ -8,20 +8,20 @@ from pathlib import Path
 
 from dynident.advice import AdvisedDiagnosis
 from dynident.api.argument_checks import check_arguments
-from dynident.api.data_frames import Framed, Table
 from dynident.api.effect_arguments import check_effects, resolve_effects
 from dynident.api.figure import Figure, check_ending, join_figures
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
-from dynident.api.recordings import SomeRecordings, as_recordings
+from dynident.api.named_tables import Framed, Table
+from dynident.api.recording_collection import SomeRecordings, as_recordings
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
 from dynident.excitation.design_files import design_table, format_joint_trajectory
-from dynident.excitation.request import Kind
+from dynident.excitation.design_request import Kind
 from dynident.progress import Progress, ignore_progress
-from dynident.recordings.arrow import table_column_to_numbers
-from dynident.recordings.stored_rows import list_signal_units
+from dynident.recordings.arrow_tables import table_column_to_numbers
+from dynident.recordings.row_storage import list_signal_units
 from dynident.reports.number_format import format_number, format_percent
 from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph, render_table

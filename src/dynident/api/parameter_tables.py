@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from textwrap import wrap
 from typing import overload
 
-from dynident.api.data_frames import Framed, Table
+from dynident.api.named_tables import Framed, Table
 from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
 from dynident.reports.labels import PARAMETER_JUDGEMENTS, describe_condition_number

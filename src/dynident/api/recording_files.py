@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import TypedDict, Unpack
 
 from dynident.api.argument_checks import check_arguments, require
-from dynident.api.recording_sources import RecordingData, SourceFile, TemporaryFile, open_recording_source
-from dynident.api.recordings import CheckedRecording, Recordings, RecordingSource
+from dynident.api.recording_collection import CheckedRecording, Recordings, RecordingSource
+from dynident.api.recordings_in_memory import RecordingData, SourceFile, TemporaryFile, open_recording_source
 from dynident.api.robot_files import DriveGains, set_drive_gains
 from dynident.errors import DynidentError, Remedy, word_remedies
 from dynident.identification.column_inference import Guess, Inspection, Question, inspect_file
-from dynident.identification.robot_recordings import MOST_CURES, import_cured
+from dynident.identification.robot_recording_import import MOST_CURES, import_cured
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Check, RecordingError, RecordingMetadata, Revision
-from dynident.recordings.metadata import RevisionFields
-from dynident.recordings.recording_files import check_readable_path, make_unique_names
+from dynident.recordings.file_names_and_digests import check_readable_path, make_unique_names
+from dynident.recordings.recording_metadata import RevisionFields
 from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_list, render_paragraph, render_table
 

@@ -18,7 +18,7 @@ from dynident.errors import DynidentError
 from dynident.known_robots import locate_robot
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot import Description, Drive, Limits, Robot, robot_from_description, robot_from_library
-from dynident.robot.format_names import FORMATS, DescriptionFormat
+from dynident.robot.description_formats import FORMATS, DescriptionFormat
 from dynident.robot.json_fields import (
     expect_mapping,
     expect_number,
@@ -27,8 +27,8 @@ from dynident.robot.json_fields import (
     join_names,
     parse_json,
 )
-from dynident.robot.limits import split_hardware
-from dynident.robot.meshes import find_package
+from dynident.robot.limits_and_drives import split_hardware
+from dynident.robot.link_meshes import find_package
 from dynident.robot.xml_text import read_root
 from dynident.schema.fields import point_within
 

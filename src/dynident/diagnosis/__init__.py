@@ -8,21 +8,26 @@ from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.diagnosis.ambiguities import Doubt
-    from dynident.diagnosis.comparing.autocorrelation_and_spectra import (
+    from dynident.diagnosis.comparison.measured_against_predicted import Comparison, WorstInterval, compare
+    from dynident.diagnosis.comparison.noise_floor import (
+        Judgement,
+        LackOfFit,
+        NoiseFloor,
+        RepeatedMotion,
+        floor_of,
+        judge,
+    )
+    from dynident.diagnosis.comparison.residual_autocorrelation_and_spectra import (
         Autocorrelation,
         ResidualSpectrum,
         angle_spectrum,
         autocorrelation,
         time_spectrum,
     )
-    from dynident.diagnosis.comparing.compare import Comparison, WorstStretch, compare
-    from dynident.diagnosis.comparing.noise import Judgement, LackOfFit, NoiseFloor, RepeatedMotion, floor_of, judge
-    from dynident.diagnosis.decision_rules import DecisionRules, Level
-    from dynident.diagnosis.examination import Examination, diagnose, examine
-    from dynident.diagnosis.partial_residuals import Evidence, evidence
-    from dynident.diagnosis.reasons import CandidateOutcome, Reason
-    from dynident.diagnosis.request import DiagnosisChoices
-    from dynident.diagnosis.result import (
+    from dynident.diagnosis.decision_levels import DecisionRules, Level
+    from dynident.diagnosis.diagnose_model import Examination, diagnose, examine
+    from dynident.diagnosis.diagnosis_request import DiagnosisChoices
+    from dynident.diagnosis.diagnosis_result import (
         Change,
         ChangedValue,
         Conclusion,
@@ -34,6 +39,8 @@ if TYPE_CHECKING:
         RankedEffect,
         UnknownPattern,
     )
+    from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
+    from dynident.diagnosis.partial_residuals import Evidence, evidence
 
 __all__ = [
     "Autocorrelation",
@@ -61,7 +68,7 @@ __all__ = [
     "RepeatedMotion",
     "ResidualSpectrum",
     "UnknownPattern",
-    "WorstStretch",
+    "WorstInterval",
     "angle_spectrum",
     "autocorrelation",
     "compare",

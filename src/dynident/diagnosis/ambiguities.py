@@ -13,20 +13,20 @@ from typing import get_args
 import numpy as np
 
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.result import Invisible, UnknownPattern, Variable
-from dynident.diagnosis.search.state import Finding
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.diagnosis_result import Invisible, UnknownPattern, Variable
+from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
-from dynident.estimation.errors import compute_t
+from dynident.estimation.residual_errors import compute_t
 from dynident.identification import Identification
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 _KINDS = ("position", "other_joints")
 
 
 def find_misnamed(
-    picks: Sequence[Finding],
+    findings: Sequence[Finding],
     recommended: Sequence[EffectChoice],
     unknown: Sequence[UnknownPattern],
     final: Sequence[Comparison],
@@ -35,7 +35,7 @@ def find_misnamed(
 
     Parameters
     ----------
-    picks, recommended : sequences of equal length
+    findings, recommended : sequences of equal length
         The findings, and how they are recommended.
     unknown : sequence of UnknownPattern
         Patterns of the residual that is left once all findings are in the model.
@@ -50,7 +50,7 @@ def find_misnamed(
     names = final[0].joint_names
     squares = np.sum([(c.counted_residual**2).sum(axis=0) for c in final], axis=0)
     wrong = []
-    for number, (finding, choice) in enumerate(zip(picks, recommended, strict=True)):
+    for number, (finding, choice) in enumerate(zip(findings, recommended, strict=True)):
         judged = finding.judged
         of_position = get_effect(choice.effect).of_position
         if not of_position and len(choice.joints) != 1:
@@ -95,7 +95,7 @@ def is_only_helpful_at_first(before: Identification, after: Identification, choi
 
 
 def find_dependent_findings(
-    picks: Sequence[Finding], wrong: Sequence[int], first: Sequence[ScoredCandidate]
+    findings: Sequence[Finding], wrong: Sequence[int], first: Sequence[ScoredCandidate]
 ) -> list[int]:
     """Return the numbers of the findings on the joints of a wrong name that do not pass without it.
 
@@ -103,7 +103,7 @@ def find_dependent_findings(
 
     Parameters
     ----------
-    picks : sequence of Finding
+    findings : sequence of Finding
         The findings.
     wrong : sequence of int
         Numbers of the wrong names.
@@ -117,9 +117,9 @@ def find_dependent_findings(
     """
     alone = {scored.candidate: scored for scored in first}
     dependent = []
-    for number, finding in enumerate(picks):
+    for number, finding in enumerate(findings):
         mine = finding.judged
-        shares_joint = any(set(picks[k].judged.joints) & set(mine.joints) for k in wrong)
+        shares_joint = any(set(findings[k].judged.joints) & set(mine.joints) for k in wrong)
         before = alone.get(mine.candidate)
         if shares_joint and number not in wrong and before is not None and not before.is_significant():
             dependent.append(number)
@@ -150,7 +150,7 @@ class Doubt:
 
 
 def list_doubts(
-    picks: Sequence[Finding],
+    findings: Sequence[Finding],
     recommended: Sequence[EffectChoice],
     invisible: Sequence[Invisible],
     robot: Robot,
@@ -165,7 +165,7 @@ def list_doubts(
 
     Parameters
     ----------
-    picks, recommended : sequences of equal length
+    findings, recommended : sequences of equal length
         The findings, and how they are recommended.
     invisible : sequence of Invisible
         Effects that the data could not have shown.
@@ -182,7 +182,7 @@ def list_doubts(
         Doubts about findings first, then effects that could not be seen.
     """
     doubts = []
-    for finding, choice in zip(picks, recommended, strict=True):
+    for finding, choice in zip(findings, recommended, strict=True):
         others = tuple(other for other in recommended if other is not choice)
         # What came near matters where nothing is equal: with equals there is a plainer question to ask.
         rivals = _list_rivals(choice, finding.equal)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.result import Adequacy, Conclusion, DetectionLimit, UnknownPattern
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.diagnosis_result import Adequacy, Conclusion, DetectionLimit, UnknownPattern
 from dynident.effects import get_effect
 from dynident.identification import Identification
 from dynident.robot.joint import join_joint_names

@@ -13,18 +13,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.diagnosis.candidates.accumulate import gather_products
-from dynident.diagnosis.candidates.pool import Pool, build_pool_of_choices
-from dynident.diagnosis.comparing.compare import Comparison, compare
-from dynident.diagnosis.result import UnknownPattern
-from dynident.diagnosis.search.contacts import find_contacts
-from dynident.diagnosis.search.state import Finding
+from dynident.diagnosis.candidates.candidate_pool import Pool, build_pool_of_choices
+from dynident.diagnosis.candidates.inner_product_accumulation import gather_products
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison, compare
+from dynident.diagnosis.diagnosis_result import UnknownPattern
+from dynident.diagnosis.search.external_contacts import find_contacts
+from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import OutlyingSpan, concatenate_reductions, find_outlying_spans
 from dynident.identification import Identification
-from dynident.identification.study.extending import extend_at_once
-from dynident.identification.study.fit_model import identify_model
+from dynident.identification.identified_models.add_effects import extend_at_once
+from dynident.identification.identified_models.fit_model import identify_model
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
 from dynident.regressors.filtered_rows import reduce_recordings

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
-from dynident.diagnosis.result import RankedEffect
+from dynident.diagnosis.diagnosis_result import RankedEffect
 from dynident.effects import Column, EffectChoice, ReferenceParameters, build_columns, get_role
 from dynident.effects.effect_columns import find_joints
 from dynident.estimation import Reduction, build_weighted_factor

@@ -8,7 +8,6 @@ from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.effects.catalogue import CATALOGUE, UnknownEffectError, get_effect, get_role, get_spec
-    from dynident.effects.choices import DEFAULT_EFFECTS, JOINT_FRICTION, LINKS, OFFSETS, EffectChoice, choose_payload
     from dynident.effects.effect import (
         DRIVE_ROLES,
         Column,
@@ -20,10 +19,22 @@ if TYPE_CHECKING:
         Role,
         ShapeSpec,
     )
+    from dynident.effects.effect_choices import (
+        DEFAULT_EFFECTS,
+        JOINT_FRICTION,
+        LINKS,
+        OFFSETS,
+        EffectChoice,
+        choose_payload,
+    )
     from dynident.effects.effect_columns import build_columns
-    from dynident.effects.prediction import DRIVE_PARAMETERS, ReferenceParameters, count_reference_parameters
-    from dynident.effects.signals import DAHL, STOP, TRAVEL, MemorySignal, Operator, RunSignal, Signals
-    from dynident.effects.usual_sizes import UsualSize
+    from dynident.effects.effect_signals import DAHL, STOP, TRAVEL, MemorySignal, Operator, RunSignal, Signals
+    from dynident.effects.predicted_torque_expressions import (
+        DRIVE_PARAMETERS,
+        ReferenceParameters,
+        count_reference_parameters,
+    )
+    from dynident.effects.usual_effect_sizes import UsualSize
 
 __all__ = [
     "CATALOGUE",

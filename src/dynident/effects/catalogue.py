@@ -21,8 +21,8 @@ from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 
 from dynident import effects
-from dynident.effects.disturbances import BaseVibration, ExternalContact, Payload
 from dynident.effects.effect import Column, Effect, ParameterSpec, Role
+from dynident.effects.effect_signals import Signals
 from dynident.effects.friction import (
     Coulomb,
     CoulombAsymmetric,
@@ -36,12 +36,8 @@ from dynident.effects.friction import (
     WarmUpFriction,
 )
 from dynident.effects.gears import Backlash, JointElasticity
-from dynident.effects.motors import DriveGainError, DriveGainSaturation, RotorCoupling, TorqueDelay
-from dynident.effects.presliding import BreakAway, Presliding
-from dynident.effects.rigid_body import RigidBody, RotorInertia
-from dynident.effects.signals import Signals
-from dynident.effects.springs import CableForce, GravityCompensator
-from dynident.effects.structure import (
+from dynident.effects.link_and_rotor_inertia import RigidBody, RotorInertia
+from dynident.effects.mechanical_structure import (
     BaseTilt,
     EncoderZeroError,
     JointSpring,
@@ -50,6 +46,10 @@ from dynident.effects.structure import (
     TorqueRipple,
     TransmissionCoupling,
 )
+from dynident.effects.motors import DriveGainError, DriveGainSaturation, RotorCoupling, TorqueDelay
+from dynident.effects.payload_contact_vibration import BaseVibration, ExternalContact, Payload
+from dynident.effects.presliding import BreakAway, Presliding
+from dynident.effects.springs import CableForce, GravityCompensator
 from dynident.errors import DynidentError
 from dynident.robot import robot_from_modified_dh
 

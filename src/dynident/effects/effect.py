@@ -11,9 +11,9 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from dynident.effects.signals import Signals
-from dynident.effects.usual_sizes import UsualSize
-from dynident.robot.model import Robot
+from dynident.effects.effect_signals import Signals
+from dynident.effects.usual_effect_sizes import UsualSize
+from dynident.robot.robot_model import Robot
 
 
 @dataclass(frozen=True)
@@ -307,8 +307,8 @@ class Effect(ABC):
         Experiment that shows the effect; one that shows where it is; and by experiment, the effects that it then can be
         distinguished from (each pair is listed with one of the two).
     hardware, appearance
-        Part that only some robots have and that the effect is of, of `dynident.robot.settings.HARDWARE`; and what the
-        data show of it, whatever its cause.
+        Part that only some robots have and that the effect is of, by `dynident.robot.stated_settings.HARDWARE`; and
+        what the data show of it, whatever its cause.
     often_missed
         Rank among the effects that most arms have and models lack, 1 first.
     """

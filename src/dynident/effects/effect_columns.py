@@ -12,13 +12,13 @@ from functools import partial
 import casadi as ca
 
 from dynident.effects.catalogue import UnknownEffectError, get_effect
-from dynident.effects.choices import EffectChoice
-from dynident.effects.closed_loops import TreeMotion
+from dynident.effects.dependent_joint_dynamics import TreeMotion
 from dynident.effects.effect import Column, Effect, ShapeSpec
-from dynident.effects.prediction import DRIVE_PARAMETERS
-from dynident.effects.signals import MemorySignal, RunSignal, Signals
-from dynident.expressions.angles import substitute_angles
-from dynident.robot.model import Robot
+from dynident.effects.effect_choices import EffectChoice
+from dynident.effects.effect_signals import MemorySignal, RunSignal, Signals
+from dynident.effects.predicted_torque_expressions import DRIVE_PARAMETERS
+from dynident.expressions.sines_and_cosines import substitute_angles
+from dynident.robot.robot_model import Robot
 
 
 class TreeSignals(Signals):

@@ -9,8 +9,8 @@ from typing import ClassVar
 import casadi as ca
 
 from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, build_geometric_grid
-from dynident.effects.signals import Signals
-from dynident.effects.usual_sizes import (
+from dynident.effects.effect_signals import Signals
+from dynident.effects.usual_effect_sizes import (
     COULOMB_SHARE,
     VISCOUS_SHARE,
     UsualSize,
@@ -19,7 +19,7 @@ from dynident.effects.usual_sizes import (
     get_usual_viscous,
     get_velocity_scale,
 )
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 REFERENCE_TEMPERATURE = 25.0
 """Temperature in °C at which the friction is that of `viscous` and `coulomb` alone."""

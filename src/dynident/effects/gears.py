@@ -8,9 +8,9 @@ from types import MappingProxyType
 import casadi as ca
 
 from dynident.effects.effect import RATIO, Column, Effect, Estimate, ParameterSpec, ShapeSpec
-from dynident.effects.signals import Signals
-from dynident.effects.usual_sizes import UsualSize, get_largest_torque
-from dynident.robot.model import Robot
+from dynident.effects.effect_signals import Signals
+from dynident.effects.usual_effect_sizes import UsualSize, get_largest_torque
+from dynident.robot.robot_model import Robot
 
 # Torsional stiffness of a joint per unit of the largest torque, N m/rad per N m.
 _STIFFNESS = 70.0

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.effects.signals import MemorySignal
+from dynident.effects.effect_signals import MemorySignal
 
 
 class PathMemory:

@@ -9,10 +9,10 @@ from types import MappingProxyType
 import casadi as ca
 
 from dynident.effects.effect import Column, Effect, ParameterSpec
-from dynident.effects.mechanics import build_frames, to_constant
-from dynident.effects.signals import Signals
-from dynident.effects.usual_sizes import ROTOR_SHARE, UsualSize, get_largest_torque
-from dynident.robot.model import Robot
+from dynident.effects.effect_signals import Signals
+from dynident.effects.rigid_body_rows import build_frames, to_constant
+from dynident.effects.usual_effect_sizes import ROTOR_SHARE, UsualSize, get_largest_torque
+from dynident.robot.robot_model import Robot
 
 # Gear ratio of a usual direct gear.
 _GEAR_RATIO = 20.0

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from dynident.effects.mechanics import Frame, build_frames, cross_product, to_constant
+from dynident.effects.rigid_body_rows import Frame, build_frames, cross_product, to_constant
 from dynident.robot.joint import Joint
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from types import MappingProxyType
 import casadi as ca
 
 from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, build_geometric_grid
-from dynident.effects.signals import DAHL, STOP, TRAVEL, MemorySignal, Signals
-from dynident.effects.usual_sizes import COULOMB_SHARE, UsualSize, get_largest_torque
-from dynident.robot.model import Robot
+from dynident.effects.effect_signals import DAHL, STOP, TRAVEL, MemorySignal, Signals
+from dynident.effects.usual_effect_sizes import COULOMB_SHARE, UsualSize, get_largest_torque
+from dynident.robot.robot_model import Robot
 
 
 class Presliding(Effect):

@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, Refinement, ShapeSpec
-from dynident.effects.signals import Signals
-from dynident.effects.usual_sizes import UsualSize, get_largest_torque
-from dynident.robot.model import Robot
+from dynident.effects.effect_signals import Signals
+from dynident.effects.usual_effect_sizes import UsualSize, get_largest_torque
+from dynident.robot.robot_model import Robot
 
 # Index of the last joint that may have such a spring: those beyond it carry too little weight.
 _LAST_JOINT = 3

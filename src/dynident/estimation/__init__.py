@@ -2,19 +2,6 @@
 
 from dynident.estimation.backward_elimination import Elimination, EliminationPath, eliminate_parameters
 from dynident.estimation.block_bootstrap import Bootstrap, Drawing, bootstrap_estimates
-from dynident.estimation.errors import (
-    Errors,
-    ErrorsByGroup,
-    compute_errors,
-    compute_errors_by_group,
-)
-from dynident.estimation.factors import (
-    EquationFactors,
-    FactorAccumulator,
-    Reduction,
-    concatenate_reductions,
-    merge_row_groups,
-)
 from dynident.estimation.instrumental_variables import InstrumentalSolution, solve_instrumental
 from dynident.estimation.least_squares import (
     EstimationError,
@@ -30,8 +17,15 @@ from dynident.estimation.least_squares import (
     weighted,
 )
 from dynident.estimation.outlying_spans import OutlyingSpan, OutlyingSpans, find_outlying_spans
+from dynident.estimation.parameter_covariance import CovarianceName, Statistics, compute_row_freedom, statistics
 from dynident.estimation.prior_information import PriorInformation, build_prior
 from dynident.estimation.residual_correlation import compute_correlation_factor, count_effective_rows
+from dynident.estimation.residual_errors import (
+    Errors,
+    ErrorsByGroup,
+    compute_errors,
+    compute_errors_by_group,
+)
 from dynident.estimation.row_groups import (
     BlockRows,
     IntervalRowAccumulator,
@@ -43,7 +37,13 @@ from dynident.estimation.row_groups import (
 )
 from dynident.estimation.row_weights import estimate_group_weights
 from dynident.estimation.shape_constant_uncertainty import LinearisedSolution, linearise_constants
-from dynident.estimation.uncertainty import CovarianceName, Statistics, compute_row_freedom, statistics
+from dynident.estimation.triangular_factors import (
+    EquationFactors,
+    FactorAccumulator,
+    Reduction,
+    concatenate_reductions,
+    merge_row_groups,
+)
 
 __all__ = [
     "BlockRows",

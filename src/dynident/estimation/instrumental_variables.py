@@ -13,7 +13,6 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from dynident.array_types import FloatArray
-from dynident.estimation.factors import Reduction
 from dynident.estimation.least_squares import (
     MOST_ROUNDS,
     EstimationError,
@@ -24,10 +23,7 @@ from dynident.estimation.least_squares import (
     check_rows,
     compute_noise_levels,
 )
-from dynident.estimation.prior_information import PriorInformation
-from dynident.estimation.qr import compute_r_factor
-from dynident.estimation.residual_correlation import compute_overstatement
-from dynident.estimation.uncertainty import (
+from dynident.estimation.parameter_covariance import (
     FEWEST_CLUSTERS,
     CovarianceName,
     Statistics,
@@ -35,6 +31,10 @@ from dynident.estimation.uncertainty import (
     estimate_cluster_covariance,
     find_occupied_blocks,
 )
+from dynident.estimation.prior_information import PriorInformation
+from dynident.estimation.qr_decomposition import compute_r_factor
+from dynident.estimation.residual_correlation import compute_overstatement
+from dynident.estimation.triangular_factors import Reduction
 
 # Smallest part of a column of Z or W that must be independent of the columns before it.
 _SINGULAR = 1e-10

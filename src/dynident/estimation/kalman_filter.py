@@ -26,10 +26,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from dynident.array_types import FloatArray
-from dynident.estimation.factors import Reduction
 from dynident.estimation.least_squares import EstimationError, build_weighted_factor
+from dynident.estimation.parameter_covariance import Statistics, compute_row_freedom
 from dynident.estimation.prior_information import PriorInformation
-from dynident.estimation.uncertainty import Statistics, compute_row_freedom
+from dynident.estimation.triangular_factors import Reduction
 
 
 def compute_recursive_statistics(rows: Reduction, values: FloatArray, start: PriorInformation) -> Statistics:

@@ -10,11 +10,11 @@ from scipy.linalg import solve_triangular
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation.errors import compute_fitted_errors, compute_weighted_squares
-from dynident.estimation.factors import Reduction
 from dynident.estimation.prior_information import PriorInformation, invert_factor
-from dynident.estimation.qr import compute_r_factor
+from dynident.estimation.qr_decomposition import compute_r_factor
 from dynident.estimation.residual_correlation import compute_correlation_factors
+from dynident.estimation.residual_errors import compute_fitted_errors, compute_weighted_squares
+from dynident.estimation.triangular_factors import Reduction
 
 MOST_ROUNDS = 20
 """Most rounds that estimate the noise of every equation; on sound data the third changes no visible digit."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.estimation.factors import Reduction
+from dynident.estimation.triangular_factors import Reduction
 
 OUTLYING_RATIO = 25.0
 """Ratio above which a span counts as disturbed: five times the residual of the rest.
@@ -163,10 +163,8 @@ class _SpanSearch:
         # A disturbance of nearly a whole segment is no disturbance: that segment differs from the others.
         if self._run[-1] > 0 and self._counts[:, first:last].sum() > _MOST_OF_RUN * own:
             return None
-        stretches = int(self._firsts[first]), int(self._firsts[last])
-        return OutlyingSpan(
-            *stretches, float(self._spans[stretches[0], 0]), float(self._spans[stretches[1] - 1, 1]), ratio
-        )
+        blocks = int(self._firsts[first]), int(self._firsts[last])
+        return OutlyingSpan(*blocks, float(self._spans[blocks[0], 0]), float(self._spans[blocks[1] - 1, 1]), ratio)
 
     def _list_windows(self) -> list[tuple[int, int]]:
         """Return consecutive blocks inside one segment, of at most half of the rows, that are not left out yet."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.estimation.least_squares import Solution
-from dynident.estimation.uncertainty import Statistics, compute_correlations
+from dynident.estimation.parameter_covariance import Statistics, compute_correlations
 
 STRONG_CORRELATION = 0.9
 """Correlation of two estimates above which they are determined mostly together."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.estimation.factors import EquationFactors, Reduction
-from dynident.estimation.qr import WhitenedColumns, compute_r_factor, whiten_columns
+from dynident.estimation.qr_decomposition import WhitenedColumns, compute_r_factor, whiten_columns
+from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
 # With fewer blocks of time chance decides how large the scores are.
 _FEWEST_STRETCHES = 5
@@ -101,8 +101,8 @@ def compute_overstatement(w: FloatArray, rests: FloatArray, rows: float) -> floa
 
 
 def _is_determined(w: FloatArray, rows: float) -> bool:
-    n_stretches, _, k = w.shape
-    return bool(n_stretches >= _FEWEST_STRETCHES and k > 0 and rows > k)
+    n_blocks, _, k = w.shape
+    return bool(n_blocks >= _FEWEST_STRETCHES and k > 0 and rows > k)
 
 
 def _compute_overstatement_of_whitened(columns: WhitenedColumns | None, rests: FloatArray, rows: float) -> float:

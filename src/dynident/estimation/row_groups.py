@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.estimation.qr import compute_r_factor, pad_to_square
+from dynident.estimation.qr_decomposition import compute_r_factor, pad_to_square
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +57,9 @@ class BlockRows:
         residual = self.rows[:, :, -1] - self.rows[:, :, :-1] @ values
         return np.asarray((residual * residual).sum(axis=1))
 
-    def select(self, picked: Sequence[int]) -> Self:
+    def select(self, selected: Sequence[int]) -> Self:
         """Return the same rows with only these of the p + 1 columns."""
-        return replace(self, rows=self.rows[:, :, picked])
+        return replace(self, rows=self.rows[:, :, selected])
 
     def combine_columns(self, change: FloatArray) -> Self:
         """Return the same rows with combined columns: [W | Y] change (p + 1, p' + 1)."""
@@ -116,9 +116,9 @@ class WeightedRows(BlockRows):
         # The weight is that of squares; rows take its root.
         return pad_to_square(compute_r_factor(np.concatenate([self.others, np.sqrt(self.weight) * self.rows], axis=1)))
 
-    def select(self, picked: Sequence[int]) -> WeightedRows:
+    def select(self, selected: Sequence[int]) -> WeightedRows:
         """Return the same rows with only these of the p + 1 columns."""
-        return self._replace_rows(self.others[:, :, picked], self.rows[:, :, picked])
+        return self._replace_rows(self.others[:, :, selected], self.rows[:, :, selected])
 
     def combine_columns(self, change: FloatArray) -> WeightedRows:
         """Return the same rows with combined columns: [W | Y] change (p + 1, p' + 1)."""
@@ -171,9 +171,9 @@ class RowGroup:
         """Sum of squared Y."""
         return float(self.factor[:, -1] @ self.factor[:, -1])
 
-    def select(self, picked: Sequence[int]) -> RowGroup:
+    def select(self, selected: Sequence[int]) -> RowGroup:
         """Return the same rows with only the columns `picked`."""
-        return RowGroup(pad_to_square(compute_r_factor(self.factor[:, [*picked, -1]])), self.count)
+        return RowGroup(pad_to_square(compute_r_factor(self.factor[:, [*selected, -1]])), self.count)
 
     def combine_columns(self, change: FloatArray) -> RowGroup:
         """Return the same rows with combined columns: [W | Y] change, with change (p + 1, p' + 1)."""
@@ -219,9 +219,9 @@ class IntervalRows:
         """Number of rows that these stand for."""
         return float(self.weights.sum())
 
-    def select(self, picked: Sequence[int]) -> IntervalRows:
+    def select(self, selected: Sequence[int]) -> IntervalRows:
         """Return the same rows with only the columns `picked`."""
-        return replace(self, upper=self.upper[:, picked], lower=self.lower[:, picked])
+        return replace(self, upper=self.upper[:, selected], lower=self.lower[:, selected])
 
     def combine_columns(self, change: FloatArray) -> IntervalRows:
         """Return the same rows with combined columns of W: W change, with change (p, p')."""
@@ -254,9 +254,9 @@ class SeparateRows:
 
     def select(self, places: Sequence[int]) -> SeparateRows:
         """Return the same rows with only the columns at `places`."""
-        picked = list(places)
-        fixed = None if self.fixed is None else self.fixed.select(picked)
-        return SeparateRows(fixed, self.counted.select([*picked, -1]), self.interval.select(picked))
+        selected = list(places)
+        fixed = None if self.fixed is None else self.fixed.select(selected)
+        return SeparateRows(fixed, self.counted.select([*selected, -1]), self.interval.select(selected))
 
     def combine_columns(self, change: FloatArray) -> SeparateRows:
         """Return the same rows with combined columns: [W | Y] change (p + 1, p' + 1), where Y must stay as it is."""

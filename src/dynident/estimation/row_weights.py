@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.estimation.errors import compute_weighted_squares
-from dynident.estimation.factors import EquationFactors, Reduction
 from dynident.estimation.least_squares import EstimationError, weighted
 from dynident.estimation.prior_information import PriorInformation
-from dynident.estimation.qr import join_factors
+from dynident.estimation.qr_decomposition import join_factors
+from dynident.estimation.residual_errors import compute_weighted_squares
 from dynident.estimation.row_groups import WeightedRows
+from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
 # The usual constants, in standard deviations: an efficiency of 95 % where residuals are normal.
 _HUBER, _BISQUARE = 1.345, 4.685

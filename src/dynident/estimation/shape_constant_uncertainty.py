@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.estimation.factors import Reduction
 from dynident.estimation.least_squares import Solution, build_weighted_factor, check_rank, compute_correlated_noise
+from dynident.estimation.parameter_covariance import CovarianceName, Statistics, statistics
 from dynident.estimation.prior_information import PriorInformation
-from dynident.estimation.qr import compute_r_factor
-from dynident.estimation.uncertainty import CovarianceName, Statistics, statistics
+from dynident.estimation.qr_decomposition import compute_r_factor
+from dynident.estimation.triangular_factors import Reduction
 
 # As in `least_squares`: smallest part of a column that must be independent of the columns before it.
 _SINGULAR = 1e-12

@@ -8,9 +8,8 @@ from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.excitation.criteria.criterion_choice import CRITERIA, CriterionChoice
-    from dynident.excitation.criteria.criterion_values import Baseline, CriterionValues
+    from dynident.excitation.criteria.optimality_criteria import Baseline, CriterionValues
     from dynident.excitation.criteria.parameter_variances import ExpectedParameter
-    from dynident.excitation.design import Rehearsal, design_experiment, rehearse_motion, rehearse_quickly
     from dynident.excitation.design_files import (
         FORMATS,
         design_document,
@@ -18,8 +17,9 @@ if TYPE_CHECKING:
         trajectory_document,
         write_design,
     )
-    from dynident.excitation.request import KINDS, DesignRequest, TrajectoryRequest
-    from dynident.excitation.result import Design, Run
+    from dynident.excitation.design_request import KINDS, DesignRequest, TrajectoryRequest
+    from dynident.excitation.design_result import Design, Run
+    from dynident.excitation.experiment_design import Rehearsal, design_experiment, rehearse_motion, rehearse_quickly
 
 __all__ = [
     "CRITERIA",

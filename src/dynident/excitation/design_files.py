@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 
 from dynident.array_types import FloatArray, IntArray
 from dynident.errors import DynidentError
-from dynident.excitation.criteria.criterion_values import CriterionValues
-from dynident.excitation.result import Design
-from dynident.recordings.arrow import table_column_to_numbers, table_from_arrays, to_header_row
+from dynident.excitation.criteria.optimality_criteria import CriterionValues
+from dynident.excitation.design_result import Design
+from dynident.recordings.arrow_tables import table_column_to_numbers, table_from_arrays, to_header_row
 
 _NANOSECONDS = 1_000_000_000
 

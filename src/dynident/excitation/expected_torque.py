@@ -12,11 +12,11 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.effects import Column, EffectChoice, ReferenceParameters, Signals, build_columns, get_role
 from dynident.errors import DynidentError
-from dynident.estimation.uncertainty import Statistics
+from dynident.estimation.parameter_covariance import Statistics
 from dynident.expressions import Program
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 from dynident.robot.json_fields import join_names
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 JUMP_TIME = 0.02
 """Time over which jumps in a column are spread, s: filtering does the same to data."""

@@ -16,10 +16,10 @@ from typing import Protocol
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.excitation.criteria.criterion_values import CriterionValues
 from dynident.excitation.criteria.design_criterion import DesignCriterion
-from dynident.excitation.design_model import DesignModel, ObservationGradient
-from dynident.excitation.optimising.design_problem import Budget, choose_sign_rounding
+from dynident.excitation.criteria.optimality_criteria import CriterionValues
+from dynident.excitation.design_observation_matrix import DesignModel, ObservationGradient
+from dynident.excitation.optimisation.design_problem import Budget, choose_sign_rounding
 from dynident.motion.collision.free_space import FreeSpace
 from dynident.motion.jerk_limited_moves import plan_move
 from dynident.motion.joint_trajectories import Piece

@@ -10,10 +10,7 @@ if TYPE_CHECKING:
     from dynident.export.c_code import to_c
     from dynident.export.c_header import to_c_header, to_cpp_header
     from dynident.export.casadi_function import to_casadi
-    from dynident.export.dispatch import export_model
-    from dynident.export.document import model_from_json, model_to_document, to_json
-    from dynident.export.feasible_completion import Completion, complete_parameters
-    from dynident.export.load_files import (
+    from dynident.export.controller_load_files import (
         IdentifiedLoad,
         identify_load,
         to_franka_load,
@@ -21,10 +18,13 @@ if TYPE_CHECKING:
         to_load_urdf,
         to_urscript,
     )
+    from dynident.export.export_request import ExportChoices, ExportFormat
+    from dynident.export.feasible_completion import Completion, complete_parameters
+    from dynident.export.feasible_links_and_joints import ExportedFile
     from dynident.export.mjcf import to_mjcf
-    from dynident.export.predicting_model import PredictingModel, TorquePredictor
-    from dynident.export.projected_model import ExportedFile
-    from dynident.export.request import ExportChoices, ExportFormat
+    from dynident.export.model_export import export_model
+    from dynident.export.model_json import model_from_json, model_to_document, to_json
+    from dynident.export.torque_predictor import PredictingModel, TorquePredictor
     from dynident.export.urdf import to_urdf
     from dynident.regressors.observation_matrix import FurtherSignals
 

@@ -15,7 +15,7 @@ import casadi as ca
 
 from dynident.errors import DynidentError
 from dynident.export.casadi_function import TorqueFormula, build_function, build_torque_formula
-from dynident.export.summary import (
+from dynident.export.comments_and_names import (
     SIGNS,
     describe_identification,
     describe_origin,
@@ -24,7 +24,7 @@ from dynident.export.summary import (
     make_slug,
 )
 from dynident.identification import Identification
-from dynident.identification.study.equation_of_motion import Argument
+from dynident.identification.identified_models.equation_of_motion import Argument
 
 _UNARY = {
     ca.OP_ASSIGN: "{0}",

@@ -20,11 +20,15 @@ from dynident.export.c_code import (
     write_c_comment,
     write_c_statements,
 )
-from dynident.export.projected_model import ExportedFile
-from dynident.export.summary import SIGNS, describe_identification, describe_origin, list_joints
+from dynident.export.comments_and_names import SIGNS, describe_identification, describe_origin, list_joints
+from dynident.export.feasible_links_and_joints import ExportedFile
 from dynident.identification import Identification
-from dynident.identification.study.equation_of_motion import Argument, EquationOfMotion, build_equation_of_motion
-from dynident.robot.model import INERTIAL_NAMES
+from dynident.identification.identified_models.equation_of_motion import (
+    Argument,
+    EquationOfMotion,
+    build_equation_of_motion,
+)
+from dynident.robot.robot_model import INERTIAL_NAMES
 from dynident.text_encoding import encode_text
 
 _SCALARS = ("time", "period")
@@ -40,10 +44,8 @@ class HeaderFunction:
         Its name behind the prefix, and what it computes.
     inputs : tuple of Argument
         Its arguments behind the parameters.
-    output : str
-        Name of the array that it writes.
-    expression : SX
-        What stands in the array, row by row.
+    output, expression : str, SX
+        Name of the array that it writes, and what stands in the array, row by row.
     """
 
     name: str
@@ -164,9 +166,8 @@ class _Header:
         lines = [f"{file}: equation of motion of a robot, {describe_origin()}.", ""]
         lines += [*describe_identification(self.identification), "", SIGNS, "", *self.notes]
         lines += ["", "Joints, in the order of every array:"]
-        lines += [
-            f"  [{j.number - 1}] {j.name}: {j.kind}, torque in {j.unit}" for j in list_joints(self.identification)
-        ]
+        joints = list_joints(self.identification)
+        lines += [f"  [{j.number - 1}] {j.name}: {j.kind}, torque in {j.unit}" for j in joints]
         lines += ["", "Arguments:"]
         lines += [f"  {a.name}: {a.meaning}" for a in self.equation.arguments if a.name != "z"]
         lines += [

@@ -10,11 +10,11 @@ from pathlib import Path
 import casadi as ca
 
 from dynident.effects import MemorySignal, RunSignal, Signals
-from dynident.effects.closed_loops import build_all_positions
+from dynident.effects.dependent_joint_dynamics import build_all_positions
 from dynident.effects.hysteresis_states import build_step_expression
 from dynident.identification import Estimate, Identification
-from dynident.identification.study.equation_of_motion import Argument, describe_runs, list_motion_arguments
-from dynident.robot.model import Robot
+from dynident.identification.identified_models.equation_of_motion import Argument, describe_runs, list_motion_arguments
+from dynident.robot.robot_model import Robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,12 +25,12 @@ from dynident.estimation.constrained_least_squares import (
     solve_constrained,
 )
 from dynident.identification import Estimate, Identification
+from dynident.identification.estimation_problem import Problem
 from dynident.identification.estimators.feasible import solve_feasible
-from dynident.identification.problem import Problem
 from dynident.identification.standard_parameters import StandardParameters
-from dynident.regressors.model import Model
-from dynident.robot.model import INERTIAL_NAMES
+from dynident.regressors.model_structure import Model
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS, estimate_inertia_errors, estimate_rotor_inertias
+from dynident.robot.robot_model import INERTIAL_NAMES
 
 _TEN = len(INERTIAL_NAMES)
 # Radius of gyration, over its size, of a link for which the description has no mass.

@@ -14,8 +14,7 @@ import pinocchio as pin
 from dynident.array_types import FloatArray
 from dynident.effects import Role, get_role
 from dynident.errors import DynidentError
-from dynident.export.projected_model import SMALL, ExportedFile, FeasibleLinks
-from dynident.export.summary import (
+from dynident.export.comments_and_names import (
     SIGNS,
     describe_identification,
     describe_origin,
@@ -23,10 +22,11 @@ from dynident.export.summary import (
     make_slug,
     replace_unprintable,
 )
+from dynident.export.feasible_links_and_joints import SMALL, ExportedFile, FeasibleLinks
 from dynident.identification import Identification
 from dynident.robot.joint import Joint
-from dynident.robot.model import Linkage, Robot
-from dynident.robot.pinocchio_model import to_dynamic_parameters
+from dynident.robot.pinocchio_conversion import to_dynamic_parameters
+from dynident.robot.robot_model import Linkage, Robot
 from dynident.robot.urdf_writer import name_links
 from dynident.robot.xml_text import Element, format_numbers, write_xml
 from dynident.text_encoding import encode_text

@@ -16,8 +16,14 @@ import pinocchio as pin
 
 from dynident.array_types import FloatArray
 from dynident.effects import Role
-from dynident.export.projected_model import ExportedFile, FeasibleLinks
-from dynident.export.summary import SIGNS, describe_identification, describe_origin, escape_xml_comment, make_slug
+from dynident.export.comments_and_names import (
+    SIGNS,
+    describe_identification,
+    describe_origin,
+    escape_xml_comment,
+    make_slug,
+)
+from dynident.export.feasible_links_and_joints import ExportedFile, FeasibleLinks
 from dynident.identification import Identification
 from dynident.robot import urdf_from_robot
 from dynident.robot.urdf_writer import build_inertial

@@ -7,19 +7,24 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.identification.choices import IdentificationChoices
-    from dynident.identification.equations.reduce_data import ReducedData
+    from dynident.identification.equations.reduced_recordings import ReducedData
+    from dynident.identification.identification_choices import IdentificationChoices
+    from dynident.identification.identified_models.add_effects import extend
+    from dynident.identification.identified_models.fit_model import identify_model
+    from dynident.identification.identified_models.identification_result import (
+        Estimate,
+        Identification,
+        IdentifiedParameter,
+        LadderStep,
+    )
+    from dynident.identification.identified_models.identify_from_recordings import check_same_recordings, identify
+    from dynident.identification.identified_models.model_files import from_bytes, to_bytes
+    from dynident.identification.identified_models.remove_and_solve_again import reidentify, remove
     from dynident.identification.loads.current_models import CurrentModel, identify_currents
     from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, identify_gains, payload_mass
     from dynident.identification.loads.payload_weighing import PayloadVerdict, payload_from_pair
-    from dynident.identification.shape_constants import ShapeConstant
+    from dynident.identification.shape_constant_intervals import ShapeConstant
     from dynident.identification.standard_parameters import StandardParameters
-    from dynident.identification.study.extending import extend
-    from dynident.identification.study.fit_model import identify_model
-    from dynident.identification.study.identifying import check_same_recordings, identify
-    from dynident.identification.study.result import Estimate, Identification, IdentifiedParameter, LadderStep
-    from dynident.identification.study.solve_again import reidentify, remove
-    from dynident.identification.study.storage import from_bytes, to_bytes
 
 __all__ = [
     "CurrentModel",

@@ -24,11 +24,10 @@ from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.effects import Column, get_role
 from dynident.errors import DynidentError
 from dynident.estimation import PriorInformation
-from dynident.estimation.uncertainty import compute_null_space
-from dynident.identification.problem_options import DescriptionTrust
+from dynident.estimation.parameter_covariance import compute_null_space
+from dynident.identification.estimation_problem_options import DescriptionTrust
 from dynident.identification.standard_parameters import find_bodies
-from dynident.regressors.model import Model
-from dynident.robot.model import INERTIAL_NAMES, Robot
+from dynident.regressors.model_structure import Model
 from dynident.robot.pseudo_inertia import (
     estimate_inertia_errors,
     estimate_rotor_inertias,
@@ -36,6 +35,7 @@ from dynident.robot.pseudo_inertia import (
     pseudo_inertia,
     smallest_pseudo_inertia,
 )
+from dynident.robot.robot_model import INERTIAL_NAMES, Robot
 
 # Share of the largest singular value below which a combination has no error of its own but rounding.
 _NULL = 1e-9

@@ -32,7 +32,7 @@ from dynident.estimation import (
 )
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.filtered_rows import reduce_recordings
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 
 ColumnKey = tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]]
 

@@ -15,9 +15,9 @@ from dynident.estimation import build_weighted_factor, compute_noise_levels, ord
 from dynident.identification.shape_refinement import settle_shapes
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 from dynident.regressors.row_cache import CachedRows, reduce_with_columns
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 # Share of the squared error that a natural value may cost: three times what a free constant gains from noise alone.
 _AS_GOOD = 0.002
@@ -241,8 +241,8 @@ def refine_shapes(
         ]
         options = [[choice for line in of_choice for choice in line] for of_choice in lines]
         here = scale_progress(progress, number / rounds, (number + 1) / rounds)
-        picked, errors = _tabulate(model, options, recordings, preprocessing, reference, here, known).search()
-        refined = tuple(_choose_vertex(*arguments) for arguments in zip(lines, picked, errors, specs, strict=True))
+        selected, errors = _tabulate(model, options, recordings, preprocessing, reference, here, known).search()
+        refined = tuple(_choose_vertex(*arguments) for arguments in zip(lines, selected, errors, specs, strict=True))
     return settle_shapes(model, refined, recordings, preprocessing, reference, kept=fixed)
 
 
@@ -424,16 +424,16 @@ def _tabulate(
 
 
 def _choose_vertex(
-    lines: Sequence[Sequence[EffectChoice]], picked: int, errors: FloatArray, spec: ShapeSpec | None
+    lines: Sequence[Sequence[EffectChoice]], selected: int, errors: FloatArray, spec: ShapeSpec | None
 ) -> EffectChoice:
     """Return the choice at the minimum of the parabola through the best step and its neighbours, for the best kind."""
     # Every kind has the same steps.
-    kind, picked = divmod(picked, len(lines[0]))
+    kind, selected = divmod(selected, len(lines[0]))
     group, errors = lines[kind], errors.reshape(len(lines), -1)[kind]
-    choice = group[picked]
-    if spec is None or not 0 < picked < len(group) - 1:
+    choice = group[selected]
+    if spec is None or not 0 < selected < len(group) - 1:
         return choice
-    before, here, after = errors[picked - 1 : picked + 2]
+    before, here, after = errors[selected - 1 : selected + 2]
     # The vertex of the parabola through three equally spaced points.
     curvature = before - 2 * here + after
     shift = float(0.5 * (before - after) / curvature) if curvature > 0 else 0.0

@@ -10,9 +10,9 @@ import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import Column, ReferenceParameters, Role, get_effect, get_role
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import Observation
-from dynident.robot.model import INERTIAL_NAMES, Robot
+from dynident.robot.robot_model import INERTIAL_NAMES, Robot
 
 _POSTURES = 400
 

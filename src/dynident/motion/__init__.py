@@ -9,7 +9,7 @@ from dynident.lazy_loader import make_lazy_getattr
 if TYPE_CHECKING:
     from dynident.motion.collision.surroundings import Box, Surroundings, ToolRange, Wall
     from dynident.motion.limits.bounds import ImpossibleLimitsError
-    from dynident.motion.limits.margins import Margin
+    from dynident.motion.limits.limit_margins import Margin
 
 __all__ = [
     "Box",

@@ -16,7 +16,7 @@ import ruckig
 from dynident.array_types import FloatArray
 from dynident.motion.joint_trajectories import Motion, Piece, Rest, check_length
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, TorqueModel
-from dynident.motion.limits.postures import compute_static_torque
+from dynident.motion.limits.postures_within_limits import compute_static_torque
 
 # Speed of each attempt over the one before, and number of attempts: the last one takes 75 times as long as the first.
 _SLOWER = 0.75

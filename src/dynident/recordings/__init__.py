@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.recordings.importing import FurtherColumns, import_recording, recording_from_arrays
-    from dynident.recordings.metadata import Check, Filters, RecordingError, RecordingMetadata, Revision
-    from dynident.recordings.parallel_filter import FilteredRows, ParallelFilter, low_pass
-    from dynident.recordings.phases import PhaseShares, phase_shares
+    from dynident.recordings.joint_phases import PhaseShares, phase_shares
+    from dynident.recordings.low_pass_decimation import FilteredRows, ParallelFilter, low_pass
     from dynident.recordings.position_filter import compute_edge_margin, filtered_blocks
     from dynident.recordings.preprocessing import (
         Preprocessing,
@@ -19,7 +17,9 @@ if TYPE_CHECKING:
         preprocessing_from_request,
     )
     from dynident.recordings.recording import JointLimits, RecordedJoints, Recording, SampleBlock, Segment
-    from dynident.recordings.stored_rows import open_recording
+    from dynident.recordings.recording_import import FurtherColumns, import_recording, recording_from_arrays
+    from dynident.recordings.recording_metadata import Check, Filters, RecordingError, RecordingMetadata, Revision
+    from dynident.recordings.row_storage import open_recording
 
 __all__ = [
     "Check",

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from dynident.recordings.cells_without_numbers import make_counted_names
 from dynident.recordings.formats.text_streams import (
     count_list_items,
     flatten_lists,
@@ -16,8 +17,7 @@ from dynident.recordings.formats.text_streams import (
     join_open_lists,
     squeeze_spaces,
 )
-from dynident.recordings.metadata import RecordingError
-from dynident.recordings.text_cells import make_counted_names
+from dynident.recordings.recording_metadata import RecordingError
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _UNIT = re.compile(r"^[\[(]?[A-Za-zµμ°%‰·*./^²0-9 -]{0,12}[\])]?$")

@@ -11,11 +11,11 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-from dynident.recordings.arrow import parse_numbers, to_floats
-from dynident.recordings.columns import Layout
-from dynident.recordings.file_limits import TITLE, check_columns
-from dynident.recordings.metadata import RecordingError
+from dynident.recordings.arrow_tables import parse_numbers, to_floats
+from dynident.recordings.columns_to_signals import Layout
+from dynident.recordings.file_size_limits import TITLE, check_columns
 from dynident.recordings.recording import are_readings
+from dynident.recordings.recording_metadata import RecordingError
 
 MAX_ROWS = 1 << 18
 STRETCHES = 16
@@ -60,13 +60,13 @@ class SampleCollector:
         length = n_rows if complete else MAX_ROWS // STRETCHES
         count = 1 if complete else STRETCHES
         starts = np.linspace(0, n_rows - length, count).astype(np.int64)
-        self._stretches = [(int(start), int(start) + length) for start in starts]
+        self._intervals = [(int(start), int(start) + length) for start in starts]
         self._parts: list[tuple[IntArray, RawRows, BoolArray]] = []
 
     def feed(self, rows: RawRows, used: BoolArray) -> None:
         """Take the next rows and whether they lie in a window."""
         end = rows.first_row + len(rows.t)
-        for start, stop in self._stretches:
+        for start, stop in self._intervals:
             first, last = max(start, rows.first_row), min(stop, end)
             if first < last:
                 part = slice(first - rows.first_row, last - rows.first_row)

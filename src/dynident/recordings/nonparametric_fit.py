@@ -16,8 +16,8 @@ from scipy.interpolate import CubicSpline
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.errors import DynidentError
-from dynident.recordings.parallel_filter import FilteredRows, ParallelFilter
-from dynident.recordings.phases import Phase, Phases, find_phases
+from dynident.recordings.joint_phases import Phase, Phases, find_phases
+from dynident.recordings.low_pass_decimation import FilteredRows, ParallelFilter
 from dynident.recordings.position_filter import filtered_blocks
 from dynident.recordings.preprocessing import Preprocessing, choose_preprocessing
 from dynident.recordings.recording import Recording, SampleBlock, Segment
@@ -146,8 +146,8 @@ def gather_evidence(recording: Recording) -> TorqueEvidence | None:
     except DynidentError:
         return None
     # Parts from all over a long recording show as much as all of it, in bounded time and memory.
-    stretch = shorten_recording(recording, choice.decimation)
-    blocks = [block for block in filtered_blocks(stretch, choice) if block.used.any()]
+    excerpt = shorten_recording(recording, choice.decimation)
+    blocks = [block for block in filtered_blocks(excerpt, choice) if block.used.any()]
     if not blocks:
         return None
     speed = _compute_rms_speed(blocks)
@@ -156,7 +156,7 @@ def gather_evidence(recording: Recording) -> TorqueEvidence | None:
         return None
     # The sign of a velocity is rounded over a tenth of the joint's rms speed. Time is resolved in 6 % of the shortest
     # period that the filter lets through.
-    runs = _filter_blocks(blocks, np.maximum(0.1 * speed, 1e-12), find_phases(stretch), recording.sampling_rate, choice)
+    runs = _filter_blocks(blocks, np.maximum(0.1 * speed, 1e-12), find_phases(excerpt), recording.sampling_rate, choice)
     evidence = _arrange_evidence(runs, recording.n, moving, 0.06 / (choice.torque_cutoff or 5.0)) if runs else None
     # A fit with hardly more rows than columns explains any torque.
     if evidence is None or len(evidence.tau) < ROWS_PER_COLUMN * evidence.smooth.shape[1]:

@@ -8,11 +8,11 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import Remedy
-from dynident.recordings.columns import Column, Layout
+from dynident.recordings.columns_to_signals import Column, Layout
 from dynident.recordings.file_source import RawSample
-from dynident.recordings.metadata import Check, Revision, Status
-from dynident.recordings.phases import phase_shares
+from dynident.recordings.joint_phases import phase_shares
 from dynident.recordings.recording import JointLimits, Recording
+from dynident.recordings.recording_metadata import Check, Revision, Status
 
 DEGREE = pi / 180.0
 MOVED = {"revolute": 2e-3, "prismatic": 5e-4}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.expressions.section_filter import filter_sections
+from dynident.expressions.recursive_filter import filter_sections
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.recordings.recording import Recording, SampleBlock, Segment, StoredRows
 

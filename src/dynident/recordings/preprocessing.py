@@ -11,10 +11,10 @@ import numpy as np
 from scipy import special
 
 from dynident.array_types import FloatArray
-from dynident.recordings.metadata import Filters, RecordingError
-from dynident.recordings.poses import has_poses
+from dynident.recordings.pose_recordings import has_poses
 from dynident.recordings.recording import Recording
-from dynident.recordings.spectra import Spectra, estimate_spectra
+from dynident.recordings.recording_metadata import Filters, RecordingError
+from dynident.recordings.signal_spectra import Spectra, estimate_spectra
 
 MOTION_SHARE = 0.99
 """The band of the motion holds so much of the velocity's power."""

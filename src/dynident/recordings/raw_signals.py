@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-from dynident.recordings.columns import Column, Layout, find_columns
+from dynident.recordings.columns_to_signals import Column, Layout, find_columns
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats import open_source
-from dynident.recordings.metadata import RecordingError, RecordingMetadata
 from dynident.recordings.recording import RecordedJoints
+from dynident.recordings.recording_metadata import RecordingError, RecordingMetadata
 from dynident.recordings.units import STORED_KINDS, find_our_unit
 
 

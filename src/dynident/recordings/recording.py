@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.recordings.metadata import Check, Windows
+from dynident.recordings.recording_metadata import Check, Windows
 from dynident.text_encoding import escape_surrogates
 
 JointKind = Literal["revolute", "prismatic"]

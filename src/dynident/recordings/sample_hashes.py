@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.recordings.recording import Recording
-from dynident.recordings.spectra import find_used_runs
+from dynident.recordings.signal_spectra import find_used_runs
 
 Hashes = NDArray[np.uint64]
 

@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from dynident.array_types import FloatArray, IntArray
-from dynident.recordings.arrow import from_numbers, to_floats
-from dynident.recordings.columns import Layout
+from dynident.recordings.arrow_tables import from_numbers, to_floats
+from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_source import FileSource, RawRows, RawSource, to_float_column
-from dynident.recordings.metadata import Check
+from dynident.recordings.recording_metadata import Check
 
 NEAR_BEGINNING = 0.1
 """Share of the time since a run began, from its beginning on, to which a clock goes back that starts again."""

@@ -8,11 +8,11 @@ from scipy.optimize import linear_sum_assignment
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.errors import Remedy
 from dynident.recordings import nonparametric_fit as against_motion
-from dynident.recordings.columns import NOT_RECORDED, Layout
+from dynident.recordings.columns_to_signals import NOT_RECORDED, Layout
 from dynident.recordings.file_source import RawSample
-from dynident.recordings.metadata import COMMANDED, DELAY, Check, Revision, Status
 from dynident.recordings.nonparametric_fit import TorqueEvidence
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording
+from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revision, Status
 
 SATURATED = 5e-3
 """Torque counts as saturated where it stays within this share of its range at its extreme."""

@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 from math import pi
 
-from dynident.recordings.metadata import RecordingError
 from dynident.recordings.recording import JointKind
+from dynident.recordings.recording_metadata import RecordingError
 
 _DEGREE = pi / 180.0
 _LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}

@@ -17,7 +17,7 @@ from scipy.linalg import qr
 from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import Column, ReferenceParameters, Signals, count_reference_parameters
 from dynident.regressors.observation_matrix import FurtherSignals, Observation
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 DEFAULT_TOLERANCE = 2e-5
 """Share of a column that may be left outside the kept ones: above what rounded right angles in a URDF leave behind."""

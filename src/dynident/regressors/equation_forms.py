@@ -28,9 +28,9 @@ from dynident.effects import Column, Signals
 from dynident.recordings import SampleBlock
 from dynident.recordings.recording import WRENCH_NAMES
 from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, evaluate_at_random_states, select_base
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import Observation
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 # Rows of the random observation matrix for every column: twice as many as would do.
 _STATES_PER_COLUMN = 2
@@ -171,8 +171,8 @@ class EquationForm:
         stored = self._places[: self.n_stored]
         # Where the sorted places of S have each shared place of D: its entry is added to that of dS/dt.
         order = np.argsort(stored)
-        picked = self.n_stored + np.flatnonzero(np.isin(self._places[self.n_stored :], stored))
-        return picked, order[np.searchsorted(stored, self._places[picked], sorter=order)]
+        selected = self.n_stored + np.flatnonzero(np.isin(self._places[self.n_stored :], stored))
+        return selected, order[np.searchsorted(stored, self._places[selected], sorter=order)]
 
     @cached_property
     def separate_entries(self) -> IndexArray:

@@ -14,7 +14,7 @@ from dynident.estimation import Reduction, merge_row_groups
 from dynident.parallel import prefetch
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
-from dynident.recordings.phases import Phase, PhaseArray
+from dynident.recordings.joint_phases import Phase, PhaseArray
 from dynident.regressors.observation_matrix import FurtherSignals, Observation
 from dynident.regressors.qr_accumulation import EquationRows, RestRows, accumulate_equations
 from dynident.regressors.row_phases import RowPhases, changes_at_rest, is_fitted

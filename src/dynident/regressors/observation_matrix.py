@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals
 from dynident.expressions import Program
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class ConcatenatedPrograms:
         What is evaluated.
     widths : sequence of int
         Widths of the inputs of both together.
-    picks : sequence of (k,) or slice
+    selections : sequence of (k,) or slice
         For every input: which of its columns the second program reads, in its order; the first reads the leading ones.
     """
 
@@ -63,11 +63,11 @@ class ConcatenatedPrograms:
         first: Program | ConcatenatedPrograms,
         second: Program | ConcatenatedPrograms,
         widths: Sequence[int],
-        picks: Sequence[NDArray[np.intp] | slice],
+        selections: Sequence[NDArray[np.intp] | slice],
     ) -> None:
         self._first, self._second = first, second
         self.widths = tuple(widths)
-        self._picks = tuple(picks)
+        self._selections = tuple(selections)
         self.n_outputs: int = first.n_outputs + second.n_outputs
 
     @property
@@ -84,8 +84,8 @@ class ConcatenatedPrograms:
         # Inputs only ever grow at their ends, so that the first program reads the leading columns.
         leading = [item[..., :width] for item, width in zip(inputs, self._first.widths, strict=True)]
         self._first(*leading, out=out[:, :border])
-        picked = [item[..., pick] for item, pick in zip(inputs, self._picks, strict=True)]
-        self._second(*picked, out=out[:, border:])
+        selected = [item[..., selection] for item, selection in zip(inputs, self._selections, strict=True)]
+        self._second(*selected, out=out[:, border:])
         return out
 
 
@@ -203,11 +203,11 @@ class Observation:
         tail = Observation.from_columns(self.robot, columns, signals)
         memory = self.memory + tuple(item for item in tail.memory if item not in self.memory)
         runs = self.runs + tuple(item for item in tail.runs if item not in self.runs)
-        widths, picks = list(tail.program.widths), _pick_everything(len(tail.program.widths))
+        widths, selections = list(tail.program.widths), _select_everything(len(tail.program.widths))
         for place, together, own in ((_MEMORY, memory, tail.memory), (_RUNS, runs, tail.runs)):
             # The tail knows only its own hysteresis states and runs: it picks them from those of the whole.
             widths[place] = len(together)
-            picks[place] = np.array([together.index(item) for item in own], dtype=np.intp)
+            selections[place] = np.array([together.index(item) for item in own], dtype=np.intp)
         return Observation(
             robot=self.robot,
             columns=self.columns + tail.columns,
@@ -216,7 +216,7 @@ class Observation:
             entry_rows=np.concatenate([self.entry_rows, tail.entry_rows]),
             entry_columns=np.concatenate([self.entry_columns, self.n_columns + tail.entry_columns]),
             n_rows=self.n_rows,
-            program=ConcatenatedPrograms(self.program, tail.program, widths, picks),
+            program=ConcatenatedPrograms(self.program, tail.program, widths, selections),
             parts=(self, tail),
         )
 
@@ -338,5 +338,5 @@ def _collect_inputs(signals: Signals, memory: Sequence[MemorySignal], runs: Sequ
     ]
 
 
-def _pick_everything(count: int) -> list[IndexArray | slice]:
+def _select_everything(count: int) -> list[IndexArray | slice]:
     return [slice(None)] * count

@@ -147,7 +147,7 @@ class EquationAccumulator:
         The parameters that each equation contains.
     n_columns : int
         Number of all parameters.
-    stretch : float
+    block_length : float
         Length of the blocks of time that have a factor each, s.
     beside : bool
         Whether rows at rest are kept as well.
@@ -156,12 +156,12 @@ class EquationAccumulator:
     rows_of: Callable[[Recording], Iterable[EquationRows]]
     columns: tuple[IndexArray, ...]
     n_columns: int
-    stretch: float
+    block_length: float
     beside: bool
 
     def __call__(self, recording: Recording, progress: Progress) -> Reduction:
         """Return the factors of a recording."""
-        accumulator = FactorAccumulator(self.columns, self.n_columns, self.stretch)
+        accumulator = FactorAccumulator(self.columns, self.n_columns, self.block_length)
         rest_accumulators = [IntervalRowAccumulator(len(own)) for own in self.columns] if self.beside else []
         segment, start = -1, recording.segments[0].start_time
         duration = recording.n_samples * recording.period

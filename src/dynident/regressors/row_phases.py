@@ -15,9 +15,9 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import Column, Signals, get_effect
-from dynident.effects.usual_sizes import get_velocity_scale
+from dynident.effects.usual_effect_sizes import get_velocity_scale
 from dynident.recordings import Preprocessing, Recording
-from dynident.recordings.phases import (
+from dynident.recordings.joint_phases import (
     SLOW,
     Phase,
     PhaseArray,
@@ -27,7 +27,7 @@ from dynident.recordings.phases import (
     find_phases,
 )
 from dynident.regressors.observation_matrix import Observation
-from dynident.robot.model import Linkage, Robot
+from dynident.robot.robot_model import Linkage, Robot
 
 # A velocity of nothing but its direction.
 _TOUCH = 1e-9

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from dynident.array_types import FloatArray
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
-from dynident.identification.shape_constants import ShapeConstant, ShapeJudgement
-from dynident.identification.study.held_out_gain import BestStep
+from dynident.identification.identified_models.held_out_gain import BestStep
+from dynident.identification.shape_constant_intervals import ShapeConstant, ShapeJudgement
 from dynident.identification.thresholds import LARGEST_CONDITION_NUMBER, ParameterJudgement
 from dynident.reports.number_format import format_estimate, format_number
-from dynident.reports.report_tables import Mark
+from dynident.reports.table_cells import Mark
 from dynident.robot import Robot
 from dynident.robot.joint import join_joint_names
 from dynident.robot.json_fields import join_names
@@ -164,12 +164,12 @@ def get_effect_title(identifier: str) -> str:
     return CATALOGUE[identifier].title if identifier in CATALOGUE else identifier.replace("_", " ")
 
 
-def get_step_mark(best_rung: BestStep | None, index: int, count: int) -> str:
+def get_step_mark(best_step: BestStep | None, index: int, count: int) -> str:
     """Return the mark of one step of a ladder on held-out data: best, or with an error that rises again.
 
     Parameters
     ----------
-    best_rung : BestStep or None
+    best_step : BestStep or None
         Which model predicts held-out data best, where that is known.
     index : int
         Index of the step, from 0.
@@ -181,17 +181,17 @@ def get_step_mark(best_rung: BestStep | None, index: int, count: int) -> str:
     str
         "" where there is nothing to choose from.
     """
-    if best_rung is None or count < 2:
+    if best_step is None or count < 2:
         return ""
-    return "✓ best" if index == best_rung.best else "↑ rises" if index in best_rung.rises else ""
+    return "✓ best" if index == best_step.best else "↑ rises" if index in best_step.rises else ""
 
 
-def describe_best_step(best_rung: BestStep | None, count: int) -> str:
+def describe_best_step(best_step: BestStep | None, count: int) -> str:
     """Return the sentence that says which model of a ladder predicts held-out data best.
 
     Parameters
     ----------
-    best_rung : BestStep or None
+    best_step : BestStep or None
         Which model predicts held-out data best, where that is known.
     count : int
         Number of models of the ladder.
@@ -201,12 +201,12 @@ def describe_best_step(best_rung: BestStep | None, count: int) -> str:
     str
         "" where there is nothing to choose from.
     """
-    if best_rung is None or count < 2:
+    if best_step is None or count < 2:
         return ""
-    best = f"Model {best_rung.best + 1} predicts held-out data best"
-    if not best_rung.rises:
+    best = f"Model {best_step.best + 1} predicts held-out data best"
+    if not best_step.rises:
         return f"{best}."
-    rise = best_rung.rises[0] + 1
+    rise = best_step.rises[0] + 1
     return f"{best}; from model {rise} on the held-out error is larger: the effects added there do not help."
 
 

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.robot.collision import CollisionGeometry, collision_geometry
-    from dynident.robot.document import robot_from_description
+    from dynident.robot.bundled_arms import library_names, library_source, library_table, robot_from_library
+    from dynident.robot.collision_reader import CollisionGeometry, collision_geometry
+    from dynident.robot.description_and_json import robot_from_description
+    from dynident.robot.forward_kinematics import joint_frames, tool_path
     from dynident.robot.joint import Joint
-    from dynident.robot.kinematics import joint_frames, tool_path
-    from dynident.robot.library import library_names, library_source, library_table, robot_from_library
-    from dynident.robot.limits import Drive, Limits
-    from dynident.robot.mjcf import robot_from_mjcf
-    from dynident.robot.model import INERTIAL_NAMES, Description, Robot, coupling_matrix
+    from dynident.robot.limits_and_drives import Drive, Limits
+    from dynident.robot.mjcf_reader import robot_from_mjcf
     from dynident.robot.modified_dh import robot_from_modified_dh
-    from dynident.robot.pinocchio_model import to_pinocchio
-    from dynident.robot.urdf import robot_from_urdf
+    from dynident.robot.pinocchio_conversion import to_pinocchio
+    from dynident.robot.robot_model import INERTIAL_NAMES, Description, Robot, coupling_matrix
+    from dynident.robot.urdf_reader import robot_from_urdf
     from dynident.robot.urdf_writer import urdf_from_robot
 
 __all__ = [

@@ -29,9 +29,9 @@ from typing import Literal, NotRequired, TypedDict
 
 from dynident.errors import DynidentError
 from dynident.robot.json_fields import expect_number
-from dynident.robot.limits import Drive, Limits
-from dynident.robot.model import Robot
+from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.modified_dh import robot_from_modified_dh
+from dynident.robot.robot_model import Robot
 
 TITLE = "Unusable Denavit-Hartenberg table"
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from dynident.array_types import FloatArray
-from dynident.robot.limits import Limits
+from dynident.robot.limits_and_drives import Limits
 from dynident.text_encoding import escape_surrogates
 
 JointKind = Literal["revolute", "prismatic"]

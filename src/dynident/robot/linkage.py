@@ -17,9 +17,9 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.cut_joint import LOOP_TITLE, Loop
 from dynident.robot.json_fields import join_names
+from dynident.robot.loop_closure import Closure
 from dynident.robot.loop_equations import CLOSED
-from dynident.robot.loops import Closure
-from dynident.robot.model import Linkage, Robot, Tie
+from dynident.robot.robot_model import Linkage, Robot, Tie
 
 _POSTURES, _NEAR, _ROUNDS = 20, 0.1, 30
 _DEPENDENT = 1e-9

@@ -27,7 +27,7 @@ from dynident.robot.cut_joint import (
 )
 from dynident.robot.joint import Joint
 from dynident.robot.json_fields import join_names
-from dynident.robot.loop_numbers import Pivots, choose_pivots, compute_condition, group_equations, solve_sparse
+from dynident.robot.loop_numerics import Pivots, choose_pivots, compute_condition, group_equations, solve_sparse
 
 CLOSED = 1e-9
 """Largest gap of a closed loop (m, rad): rounding."""

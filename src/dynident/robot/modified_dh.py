@@ -66,6 +66,7 @@ import pinocchio as pin
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
+from dynident.robot.collision_shapes import Capsule
 from dynident.robot.cut_joint import EQUATIONS, FrameOnJoint, Loop, LoopKind
 from dynident.robot.joint import JointKind
 from dynident.robot.json_fields import (
@@ -77,10 +78,9 @@ from dynident.robot.json_fields import (
     make_pointer,
     parse_json,
 )
-from dynident.robot.limits import Drive, Limits
+from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.linkage import LoopCuts, link_joints, lock_followers
-from dynident.robot.model import INERTIAL_NAMES, Description, Robot, Tie
-from dynident.robot.pinocchio_model import (
+from dynident.robot.pinocchio_conversion import (
     ROUNDING_TOLERANCE,
     DescribedJoints,
     from_dynamic_parameters,
@@ -88,8 +88,8 @@ from dynident.robot.pinocchio_model import (
     mend_placement,
     to_dynamic_parameters,
 )
-from dynident.robot.settings import gravity_from, settings_from
-from dynident.robot.shapes import Capsule
+from dynident.robot.robot_model import INERTIAL_NAMES, Description, Robot, Tie
+from dynident.robot.stated_settings import gravity_from, settings_from
 from dynident.schema.fields import point_within
 
 _BASE_NAME = "base"

@@ -23,9 +23,9 @@ import casadi as ca
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.expressions.angles import AngleTerms, substitute_angles
+from dynident.expressions.sines_and_cosines import AngleTerms, substitute_angles
 from dynident.robot.loop_equations import LoopEquations
-from dynident.robot.loop_numbers import list_products
+from dynident.robot.loop_numerics import list_products
 
 # Postures of the other joints, and random angles of the two, at which the form of their equations is tried.
 _POSTURES, _TURNS = 3, 8

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.robot.model import INERTIAL_NAMES, Robot
+from dynident.robot.robot_model import INERTIAL_NAMES, Robot
 
 # Usual relative error of a description.
 DEFAULT_RELATIVE_ERROR = 0.2

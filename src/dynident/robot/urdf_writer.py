@@ -8,8 +8,8 @@ import pinocchio as pin
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.joint import Joint
-from dynident.robot.model import Robot, Tie
-from dynident.robot.pinocchio_model import to_dynamic_parameters
+from dynident.robot.pinocchio_conversion import to_dynamic_parameters
+from dynident.robot.robot_model import Robot, Tie
 from dynident.robot.xml_text import Element, format_numbers, write_xml
 
 _BASE = "base"

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.simulation.ground_truth import (
-        TrueEffect,
-        build_typical_effect,
-        list_drive_effects,
-        spread_over_joints,
-    )
     from dynident.simulation.reference_motion import Reference, add_warming
-    from dynident.simulation.request_resolution import (
+    from dynident.simulation.simulated_recording import (
+        SimulatedRecording,
+        Truth,
+        build_recording_table,
+        join_runs,
+        write_simulated_recording,
+    )
+    from dynident.simulation.simulation_from_request import (
         SimulationRequest,
         StandardParameters,
         build_simulation_request,
@@ -25,12 +26,11 @@ if TYPE_CHECKING:
         resolve_true_effects,
         simulate,
     )
-    from dynident.simulation.simulated_recording import (
-        SimulatedRecording,
-        Truth,
-        build_recording_table,
-        join_runs,
-        write_simulated_recording,
+    from dynident.simulation.true_effects import (
+        TrueEffect,
+        build_typical_effect,
+        list_drive_effects,
+        spread_over_joints,
     )
     from dynident.simulation.virtual_robot import Controller, VirtualRobot
     from dynident.simulation.virtual_robot_request import ActingEffect, Sensors, Session, Simulated, Warming

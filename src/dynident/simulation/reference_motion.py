@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 from dynident.simulation.virtual_robot_request import Warming
 
 _TITLE = "Unusable trajectory"

@@ -18,10 +18,10 @@ from dynident.effects import ReferenceParameters, get_effect
 from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.expressions import Program
-from dynident.robot.model import Robot
-from dynident.simulation.ground_truth import TrueEffect, build_reference, build_true_columns
-from dynident.simulation.signals import SensorSignals, SimulatedSignals
+from dynident.robot.robot_model import Robot
 from dynident.simulation.simulated_recording import Truth
+from dynident.simulation.simulated_signals import SensorSignals, SimulatedSignals
+from dynident.simulation.true_effects import TrueEffect, build_reference, build_true_columns
 from dynident.simulation.virtual_robot_request import Sensors
 
 # Hz: links behind elastic gears do not follow what is faster.

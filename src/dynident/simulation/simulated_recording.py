@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
-from dynident.recordings.arrow import table_from_arrays, to_csv
-from dynident.robot.model import Robot
+from dynident.recordings.arrow_tables import table_from_arrays, to_csv
+from dynident.robot.robot_model import Robot
 
 
 @dataclass(frozen=True, eq=False)

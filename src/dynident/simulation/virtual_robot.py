@@ -15,9 +15,7 @@ from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import get_effect
 from dynident.errors import DynidentError
 from dynident.progress import Progress, ignore_progress
-from dynident.robot.model import Robot, compute_currents
-from dynident.simulation.dynamics import Dynamics, Step, build_dynamics, build_first_state, build_step
-from dynident.simulation.ground_truth import TrueEffect, select_inertias
+from dynident.robot.robot_model import Robot, compute_currents
 from dynident.simulation.reference_motion import Reference, ReferencePath, check_reference
 from dynident.simulation.sensors import (
     SensorEffects,
@@ -27,6 +25,8 @@ from dynident.simulation.sensors import (
     quantise_positions,
 )
 from dynident.simulation.simulated_recording import SimulatedRecording, Truth
+from dynident.simulation.true_effects import TrueEffect, select_inertias
+from dynident.simulation.virtual_robot_dynamics import Dynamics, Step, build_dynamics, build_first_state, build_step
 from dynident.simulation.virtual_robot_request import FeedForward, Sensors
 
 # States of the trajectory that the gains are derived from.

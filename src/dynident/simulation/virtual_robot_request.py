@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from dynident.effects.choices import DEFAULT_EFFECTS, LINKS
+from dynident.effects.effect_choices import DEFAULT_EFFECTS, LINKS
 from dynident.schema.fields import LARGEST_SEED, Choice, OneOf, Request, declare_field
 
 if TYPE_CHECKING:

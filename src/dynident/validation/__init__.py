@@ -8,7 +8,13 @@ from dynident.identification.thresholds import LARGEST_ERROR
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.validation.bootstrap import BootstrapValidation, DrawnParameter, validate_bootstrap
+    from dynident.validation.bootstrap_validation import BootstrapValidation, DrawnParameter, validate_bootstrap
+    from dynident.validation.direct_and_cross_validation import (
+        RecordingErrors,
+        TorqueValidation,
+        validate_cross,
+        validate_direct,
+    )
     from dynident.validation.filter_choice import (
         FiltersBySimulation,
         FilterTrial,
@@ -17,12 +23,11 @@ if TYPE_CHECKING:
         sensor_noise,
     )
     from dynident.validation.inertia_matrix import InertiaMatrixValidation, validate_inertia_matrix
-    from dynident.validation.known_load import PayloadValidation, validate_payload
+    from dynident.validation.known_load_validation import PayloadValidation, validate_payload
     from dynident.validation.method_comparison import MethodResult, MethodsValidation, validate_methods
-    from dynident.validation.outcome import ValidationOutcome, Verdict, combine_verdicts
-    from dynident.validation.request import Method, available_methods, get_method
-    from dynident.validation.simulation import SimulationValidation, validate_simulation
-    from dynident.validation.torque_errors import RecordingErrors, TorqueValidation, validate_cross, validate_direct
+    from dynident.validation.simulated_response import SimulationValidation, validate_simulation
+    from dynident.validation.validation_outcome import ValidationOutcome, Verdict, combine_verdicts
+    from dynident.validation.validation_request import Method, available_methods, get_method
 
 __all__ = [
     "LARGEST_ERROR",

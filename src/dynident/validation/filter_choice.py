@@ -19,7 +19,12 @@ from dynident.errors import DynidentError
 from dynident.estimation import compute_relative_change, weighted
 from dynident.estimation.row_weights import estimate_robust_scale
 from dynident.identification import Identification
-from dynident.identification.estimators.simulator import RecordedMotion, Simulator, build_simulator, read_longest_piece
+from dynident.identification.estimators.identified_robot_simulator import (
+    RecordedMotion,
+    Simulator,
+    build_simulator,
+    read_longest_piece,
+)
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import (
     FurtherColumns,
@@ -31,7 +36,7 @@ from dynident.recordings import (
 )
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.simulation import SimulatedRecording
-from dynident.validation.outcome import ValidationOutcome
+from dynident.validation.validation_outcome import ValidationOutcome
 
 # Of a smooth signal nothing is left after so many differences; white noise of variance σ² leaves C(2k, k) σ².
 _DIFFERENCES = 6

@@ -16,13 +16,13 @@ from scipy.optimize import minimize
 from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.effects import get_effect
-from dynident.estimation.uncertainty import NORMAL_95
+from dynident.estimation.parameter_covariance import NORMAL_95
 from dynident.identification import Identification
 from dynident.identification.standard_parameters import draw_postures, get_joint_range
 from dynident.progress import Progress, ignore_progress
-from dynident.regressors.model import Model
-from dynident.robot.model import Robot
-from dynident.validation.outcome import ValidationOutcome
+from dynident.regressors.model_structure import Model
+from dynident.robot.robot_model import Robot
+from dynident.validation.validation_outcome import ValidationOutcome
 
 # Random postures, the worst of them that descents start from, and steps of a descent at most.
 _SAMPLES = 2000

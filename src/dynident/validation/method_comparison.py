@@ -13,16 +13,16 @@ from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, Reduction, compute_errors, compute_relative_change
 from dynident.identification import Identification
-from dynident.identification.choices import IdentificationChoices
-from dynident.identification.equations.reduce_data import Data, reduce_to_rows, reduce_torque
-from dynident.identification.problem import Problem
-from dynident.identification.problem_options import ModelName
-from dynident.identification.strategies.dispatch import solve_by_strategy
+from dynident.identification.equations.reduced_recordings import Data, reduce_to_rows, reduce_torque
+from dynident.identification.estimation_problem import Problem
+from dynident.identification.estimation_problem_options import ModelName
+from dynident.identification.identification_choices import IdentificationChoices
+from dynident.identification.strategies.solve_by_strategy import solve_by_strategy
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
-from dynident.regressors.phase_errors import compute_moving_errors, select_judged_errors
-from dynident.validation.outcome import ValidationOutcome
-from dynident.validation.request import Method, available_methods
+from dynident.regressors.errors_by_phase import compute_moving_errors, select_judged_errors
+from dynident.validation.validation_outcome import ValidationOutcome
+from dynident.validation.validation_request import Method, available_methods
 
 # A method agrees where its error is within this factor of the best one's …
 _AS_GOOD = 1.15

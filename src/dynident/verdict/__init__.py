@@ -1,8 +1,9 @@
 """State what a model is fit for, what not, and what to do about it."""
 
-from dynident.diagnosis.comparing.data_leakage import DataOverlap, find_overlaps
+from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlaps
 from dynident.verdict.detectable_loads import DetectableForce
-from dynident.verdict.evidence import Outcome
+from dynident.verdict.fitness_by_use import MARKS, State, Use, UseName
+from dynident.verdict.held_out_evidence import Outcome
 from dynident.verdict.model_verdict import ModelVerdict, explain_stop, is_stopped, verdict
 from dynident.verdict.momentum_observer import (
     ContactDetection,
@@ -11,7 +12,6 @@ from dynident.verdict.momentum_observer import (
     calibrate_contact_detection,
 )
 from dynident.verdict.stop_cause import Stop
-from dynident.verdict.use_findings import MARKS, State, Use, UseName
 
 __all__ = [
     "MARKS",

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.diagnosis.comparing.autocorrelation_and_spectra import count_independent_squares
-from dynident.diagnosis.comparing.compare import Comparison
-from dynident.estimation.uncertainty import NORMAL_95
-from dynident.recordings.phases import Phase
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison
+from dynident.diagnosis.comparison.residual_autocorrelation_and_spectra import count_independent_squares
+from dynident.estimation.parameter_covariance import NORMAL_95
+from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot, tool_path
 
 FALSE_ALARMS_AN_HOUR = 1.0

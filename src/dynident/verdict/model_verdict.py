@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from dynident.blas_threads import single_threaded
-from dynident.diagnosis.comparing.data_leakage import DataOverlap, find_overlaps
+from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlaps
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, find_outlying_spans
 from dynident.identification import Identification
@@ -14,12 +14,9 @@ from dynident.identification.recording_faults import VETOES
 from dynident.identification.thresholds import LARGEST_ERROR, OVERFIT, STOP, USUAL, USUAL_IN_FULL
 from dynident.recordings import Check, Recording
 from dynident.text_and_html_tables import join_html, render_list, render_paragraph
-from dynident.validation.simulation import Drift
+from dynident.validation.simulated_response import Drift
 from dynident.verdict.detectable_loads import DetectableForce, compute_detectable_force, compute_detectable_mass
-from dynident.verdict.evidence import HeldOutEvidence, Outcome
-from dynident.verdict.momentum_observer import ContactDetection, calibrate_contact_detection
-from dynident.verdict.stop_cause import Stop, find_stop_cause, is_hopeless
-from dynident.verdict.use_findings import (
+from dynident.verdict.fitness_by_use import (
     DIAGNOSE,
     USES,
     State,
@@ -35,6 +32,9 @@ from dynident.verdict.use_findings import (
     judge_simulation,
     judge_units,
 )
+from dynident.verdict.held_out_evidence import HeldOutEvidence, Outcome
+from dynident.verdict.momentum_observer import ContactDetection, calibrate_contact_detection
+from dynident.verdict.stop_cause import Stop, find_stop_cause, is_hopeless
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,10 +23,10 @@ from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.expressions import Program
 from dynident.identification import Estimate, Identification
-from dynident.identification.estimators.simulator import read_longest_piece
-from dynident.identification.study.equation_of_motion import build_equation_of_motion
+from dynident.identification.estimators.identified_robot_simulator import read_longest_piece
+from dynident.identification.identified_models.equation_of_motion import build_equation_of_motion
 from dynident.recordings import Recording
-from dynident.recordings.phases import SLOW
+from dynident.recordings.joint_phases import SLOW
 from dynident.robot import Robot
 from dynident.verdict.detectable_loads import (
     FALSE_ALARMS_AN_HOUR,
@@ -36,7 +36,7 @@ from dynident.verdict.detectable_loads import (
     compute_tool_jacobian,
     draw_unit_forces,
 )
-from dynident.verdict.evidence import LONGEST
+from dynident.verdict.held_out_evidence import LONGEST
 
 GAIN = 30.0
 """Bandwidth of the residual in 1/s: faster observers follow the noise of positions and torques."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.diagnosis.comparing.data_leakage import DataOverlap
+from dynident.diagnosis.comparison.data_leakage import DataOverlap
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.recording_faults import CAUSES, check_recording_faults

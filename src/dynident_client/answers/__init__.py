@@ -11,7 +11,7 @@ from dynident_client.answers.comparisons import (
     Series,
     SpectralPeak,
     Spectrum,
-    WorstStretch,
+    WorstInterval,
 )
 from dynident_client.answers.designs import (
     BaselineValues,
@@ -58,11 +58,11 @@ from dynident_client.answers.identifications import (
     EssentialStepView,
     EssentialView,
     IdentificationResult,
+    LadderStep,
+    LadderStepDifference,
     Lineage,
     ParameterView,
     ReportResult,
-    Rung,
-    RungDifference,
     SeenMeasurement,
     ShapeConstantView,
     StepView,
@@ -74,7 +74,6 @@ from dynident_client.answers.identifications import (
     UseView,
     VerdictView,
 )
-from dynident_client.answers.parts import DriftView, EffectChoice, ErrorFigures, ErrorsView, UsedPreprocessing
 from dynident_client.answers.resources import (
     CapsuleView,
     Catalogue,
@@ -108,6 +107,7 @@ from dynident_client.answers.resources import (
     SurfaceView,
     UsageView,
 )
+from dynident_client.answers.shared_answers import DriftView, EffectChoice, ErrorFigures, ErrorsView, UsedPreprocessing
 from dynident_client.answers.validations import (
     BootstrapView,
     DrawnParameterView,
@@ -177,6 +177,8 @@ __all__ = [
     "KnownRobot",
     "KnownRobots",
     "LackOfFit",
+    "LadderStep",
+    "LadderStepDifference",
     "Limits",
     "Lineage",
     "LinkClearances",
@@ -208,8 +210,6 @@ __all__ = [
     "ReportResult",
     "ResidualMap",
     "Run",
-    "Rung",
-    "RungDifference",
     "SeenMeasurement",
     "Separation",
     "Series",
@@ -239,5 +239,5 @@ __all__ = [
     "VerdictView",
     "WallPlane",
     "WeighedLoad",
-    "WorstStretch",
+    "WorstInterval",
 ]

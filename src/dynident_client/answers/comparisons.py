@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, TypedDict
 
-from dynident_client.answers.parts import ErrorFigures
+from dynident_client.answers.shared_answers import ErrorFigures
 
 
 class AutocorrelationView(TypedDict):
@@ -56,7 +56,7 @@ class ComparisonResult(TypedDict):
     """null if the motion is not repeated"""
     rms: list[float | None]
     start_time: float
-    worst: list[WorstStretch]
+    worst: list[WorstInterval]
 
 
 class LackOfFit(TypedDict):
@@ -164,10 +164,10 @@ class Spectrum(TypedDict):
     """Width of a peak, in the unit of the frequency"""
 
 
-_WorstStretch = TypedDict("_WorstStretch", {"from": float})
+_WorstInterval = TypedDict("_WorstInterval", {"from": float})
 
 
-class WorstStretch(_WorstStretch):
+class WorstInterval(_WorstInterval):
     """An interval of time in which a joint's residual is large."""
 
     joint: str

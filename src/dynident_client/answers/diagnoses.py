@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypedDict
 
-from dynident_client.answers.parts import EffectChoice
+from dynident_client.answers.shared_answers import EffectChoice
 
 
 class Candidate(TypedDict):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypedDict
 
-from dynident_client.answers.parts import DriftView, EffectChoice, ErrorsView, UsedPreprocessing
+from dynident_client.answers.shared_answers import DriftView, EffectChoice, ErrorsView, UsedPreprocessing
 
 
 class CommonView(TypedDict):
@@ -164,14 +164,63 @@ class IdentificationResult(TypedDict):
     warnings: list[str]
 
 
+class LadderStep(TypedDict):
+    """One step of the ladder."""
+
+    added: list[EffectChoice]
+    best: bool
+    """Whether it has the smallest validation error of the ladder where joints move (`validation.moving`). Less than 0.5
+    % of it is no difference, unless held-out data confirm what was added."""
+    confirmed_by: list[Literal["moving", "reversing", "starting"]] | None
+    """Held-out rows on which what was added surely lowers the error: where joints move; at reversals and at starts of
+    its joints, where the effect claims to explain these; [] if none do; null if not judged"""
+    effects: list[EffectChoice]
+    id: str
+    n_parameters: int | None
+    name: str | None
+    parent_id: str | None
+    part_of: str | None
+    """The identification that made this model as an intermediate step; null if the model is a resource itself"""
+    removed: list[EffectChoice]
+    residual: ErrorsView | None
+    rises: bool
+    """After the best step, with a larger validation error where joints move: the added effect makes the model worse"""
+    status: str
+    validation: ErrorsView | None
+
+
+class LadderStepDifference(TypedDict):
+    """The same step of two ladders: this ladder's error minus the other's; negative if this one is better."""
+
+    against_id: str | None
+    """null if the other ladder has ended"""
+    id: str | None
+    """null if this ladder has ended"""
+    n_parameters: int | None
+    residual: list[float | None] | None
+    """Relative error per joint"""
+    residual_moving: list[float | None] | None
+    """Where each joint moves"""
+    residual_moving_total: float | None
+    residual_total: float | None
+    rung: int
+    """Number of the step, from 1 for the first model"""
+    validation: list[float | None] | None
+    """Relative held-out error per joint"""
+    validation_moving: list[float | None] | None
+    """Where each joint moves"""
+    validation_moving_total: float | None
+    validation_total: float | None
+
+
 class Lineage(TypedDict):
     """The models that led to one, the first one first; if requested, compared with those that led to another."""
 
-    against: list[Rung] | None
+    against: list[LadderStep] | None
     common_ancestor: str | None
     """The last model that both ladders contain"""
-    differences: list[RungDifference] | None
-    items: list[Rung]
+    differences: list[LadderStepDifference] | None
+    items: list[LadderStep]
     same_data: bool | None
     """Whether all models of both ladders use the same measurements"""
 
@@ -210,55 +259,6 @@ class ReportResult(TypedDict):
     media_type: str
     size: int
     """Bytes"""
-
-
-class Rung(TypedDict):
-    """One step of the ladder."""
-
-    added: list[EffectChoice]
-    best: bool
-    """Whether it has the smallest validation error of the ladder where joints move (`validation.moving`). Less than 0.5
-    % of it is no difference, unless held-out data confirm what was added."""
-    confirmed_by: list[Literal["moving", "reversing", "starting"]] | None
-    """Held-out rows on which what was added surely lowers the error: where joints move; at reversals and at starts of
-    its joints, where the effect claims to explain these; [] if none do; null if not judged"""
-    effects: list[EffectChoice]
-    id: str
-    n_parameters: int | None
-    name: str | None
-    parent_id: str | None
-    part_of: str | None
-    """The identification that made this model as an intermediate step; null if the model is a resource itself"""
-    removed: list[EffectChoice]
-    residual: ErrorsView | None
-    rises: bool
-    """After the best step, with a larger validation error where joints move: the added effect makes the model worse"""
-    status: str
-    validation: ErrorsView | None
-
-
-class RungDifference(TypedDict):
-    """The same step of two ladders: this ladder's error minus the other's; negative if this one is better."""
-
-    against_id: str | None
-    """null if the other ladder has ended"""
-    id: str | None
-    """null if this ladder has ended"""
-    n_parameters: int | None
-    residual: list[float | None] | None
-    """Relative error per joint"""
-    residual_moving: list[float | None] | None
-    """Where each joint moves"""
-    residual_moving_total: float | None
-    residual_total: float | None
-    rung: int
-    """Number of the step, from 1 for the first model"""
-    validation: list[float | None] | None
-    """Relative held-out error per joint"""
-    validation_moving: list[float | None] | None
-    """Where each joint moves"""
-    validation_moving_total: float | None
-    validation_total: float | None
 
 
 class SeenMeasurement(TypedDict):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypedDict
 
-from dynident_client.answers.parts import DriftView, ErrorsView, UsedPreprocessing
+from dynident_client.answers.shared_answers import DriftView, ErrorsView, UsedPreprocessing
 
 
 class BootstrapView(TypedDict):

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from dynident_service.storage.backup import ArchiveSize
+    from dynident_service.storage.backup_and_restore import ArchiveSize
     from dynident_service.storage.database import Database
-    from dynident_service.storage.objects import ObjectStore
-    from dynident_service.storage.records import Resource
+    from dynident_service.storage.object_store import ObjectStore
+    from dynident_service.storage.repository_values import Resource
 
 
 UNSOUND = 1
@@ -37,7 +37,7 @@ def doctor(
     It reads every robot, recording, model and other result as the service does. The service may run at the same time.
     The exit code is 1 if there is a fault that is not repaired.
     """
-    from dynident_service.cli.stored_resource_checks import StoredFilesReader, show_resource
+    from dynident_service.cli.readability_checks import StoredFilesReader, show_resource
     from dynident_service.storage import integrity_check as examination
     from dynident_service.storage.database import migrate
 
@@ -85,7 +85,7 @@ def backup(
 
     The service may run at the same time. If the folder has a backup already, only new files are copied.
     """
-    from dynident_service.storage.backup import back_up
+    from dynident_service.storage.backup_and_restore import back_up
 
     with open_storage(data_dir, must_exist=True) as (database, objects, _):
         _print_amount("written", back_up(database, objects, target))
@@ -96,7 +96,7 @@ def restore(
     data_dir: DataDir = None,
 ) -> None:
     """Read a backup into an empty data directory; unfinished jobs are queued again."""
-    from dynident_service.storage.backup import restore as read_back
+    from dynident_service.storage.backup_and_restore import restore as read_back
 
     with open_storage(data_dir, must_exist=False) as (database, objects, scratch):
         _print_amount("restored", read_back(database, objects, source, scratch))
@@ -108,7 +108,7 @@ def export_robot(
     data_dir: DataDir = None,
 ) -> None:
     """Write a robot with its recordings, models, diagnoses and reports into one file for another service."""
-    from dynident_service.storage.bundle import export_robot as write
+    from dynident_service.storage.robot_bundle import export_robot as write
 
     with open_storage(data_dir, must_exist=True) as (database, objects, _):
         _print_amount("written", write(database, objects, robot_id, target))
@@ -119,8 +119,8 @@ def import_robot(
     data_dir: DataDir = None,
 ) -> None:
     """Read a robot with all that belongs to it, under the same ids; existing resources do not change."""
-    from dynident_service.cli.stored_resource_checks import check_stored_resource
-    from dynident_service.storage.bundle import import_robot as read
+    from dynident_service.cli.readability_checks import check_stored_resource
+    from dynident_service.storage.robot_bundle import import_robot as read
 
     with open_storage(data_dir, must_exist=False) as (database, objects, scratch):
         robot_id, amount = read(database, objects, source, scratch, check_stored_resource)
@@ -138,7 +138,7 @@ def open_storage(
     from dynident_service.settings import load_settings
     from dynident_service.storage.data_directory import prepare_data_directory, restrict_file_permissions
     from dynident_service.storage.database import Database, migrate
-    from dynident_service.storage.objects import ObjectStore
+    from dynident_service.storage.object_store import ObjectStore
 
     settings = load_settings() if data_dir is None else load_settings(data_dir=data_dir)
     if must_exist and not settings.database_url and not settings.data_dir.is_dir():

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident_service.cli.files import READABLE_FILE
-from dynident_service.cli.options import Json, ModelArgument, Out, Reading, repeatable_file_option
+from dynident_service.cli.input_checks_and_writes import READABLE_FILE
+from dynident_service.cli.shared_options import Json, ModelArgument, Out, Reading, repeatable_file_option
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -41,26 +41,28 @@ def compare(
     from dynident.identification import check_same_recordings
     from dynident.progress import scale_progress
     from dynident_service.adapters.comparisons import describe_comparison
-    from dynident_service.cli import inputs, output, result_tables, table_files
+    from dynident_service.cli import argument_loading, command_output, csv_and_parquet_output, printed_results
 
-    identification = inputs.load_model(model)
+    identification = argument_loading.load_model(model)
     if out is not None:
-        table_files.check_ending(out)
-    with inputs.read_recordings("compare", [measurement], identification.model.robot, reading, learnt) as data:
+        csv_and_parquet_output.check_ending(out)
+    with argument_loading.read_recordings(
+        "compare", [measurement], identification.model.robot, reading, learnt
+    ) as data:
         (recording,) = data.recordings
         if learnt:
             check_same_recordings(identification, data.other_recordings)
         comparison = compare_model(identification, recording, scale_progress(data.progress, 0.0, 0.8))
         judgement = judge(comparison, recording, identification.preprocessing, data.other_recordings)
     if out is not None:
-        table_files.write_table(table_files.build_comparison_table(comparison), out)
+        csv_and_parquet_output.write_table(csv_and_parquet_output.build_comparison_table(comparison), out)
 
     def print_comparison(console: Console) -> None:
-        result_tables.show_measurements(console, (), data.loaded)
-        result_tables.show_comparison(console, recording.name, comparison, judgement)
+        printed_results.show_measurements(console, (), data.loaded)
+        printed_results.show_comparison(console, recording.name, comparison, judgement)
 
     messages = () if out is None else (f"signals written to {out}",)
-    output.print_result(
+    command_output.print_result(
         as_json,
         lambda: describe_comparison(comparison, judgement, True if learnt else None),
         print_comparison,

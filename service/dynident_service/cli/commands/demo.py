@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dynident_service.cli.options import Json, Seed
+from dynident_service.cli.shared_options import Json, Seed
 
 
 def demo(
@@ -25,11 +25,11 @@ def demo(
 
     The exit code is 1 if the effect is not named.
     """
-    from dynident_service.cli import inputs, terminal
+    from dynident_service.cli import argument_loading, terminal
     from dynident_service.demo.demonstration import run_demonstration
     from dynident_service.demo.scenario import Scenario
 
-    scenario = Scenario.draw(inputs.load_robot_argument(robot), effect, joint, seed, quick)
+    scenario = Scenario.draw(argument_loading.load_robot_argument(robot), effect, joint, seed, quick)
     console = terminal.message_console() if as_json else terminal.result_console()
     story = run_demonstration(scenario, out, console)
     if as_json:

@@ -8,10 +8,11 @@ from typing import Annotated
 
 import typer
 
-from dynident.excitation.request import DesignRequest
+from dynident.excitation.design_request import DesignRequest
 from dynident.simulation.virtual_robot_request import Simulated
-from dynident_service.cli.files import READABLE_FOLDER
-from dynident_service.cli.options import (
+from dynident_service.cli.input_checks_and_writes import READABLE_FOLDER
+from dynident_service.cli.request_options import RequestOptions, TypedValues
+from dynident_service.cli.shared_options import (
     Effects,
     Json,
     RobotAdditions,
@@ -22,7 +23,6 @@ from dynident_service.cli.options import (
     file_option,
     repeatable_option,
 )
-from dynident_service.cli.request_options import RequestOptions, TypedValues
 
 
 def simulate(
@@ -63,10 +63,16 @@ def simulate(
     )
     from dynident.simulation import simulate as simulate_robot
     from dynident_service.adapters.designs import describe_simulation
-    from dynident_service.cli import design_and_simulation_files, inputs, output, table_files, terminal
+    from dynident_service.cli import (
+        argument_loading,
+        command_output,
+        csv_and_parquet_output,
+        design_and_simulation_files,
+        terminal,
+    )
 
-    table_files.check_ending(out)
-    machine = inputs.load_robot_argument(robot, additions)
+    csv_and_parquet_output.check_ending(out)
+    machine = argument_loading.load_robot_argument(robot, additions)
     request = request_options.build_request(Simulated)
     hidden = resolve_true_effects(design_and_simulation_files.parse_acting_effects(effects), machine)
     with terminal.show_progress_bar("simulate") as progress:
@@ -79,13 +85,13 @@ def simulate(
             replace(simulation, effects=replace_usual_effects(simulation.effects, hidden)),
             scale_progress(progress, 0.2, 1.0),
         )
-    table_files.write_table(build_recording_table(measurement), out)
+    csv_and_parquet_output.write_table(build_recording_table(measurement), out)
     rows = [
         [joint.name, f"{measurement.noise[j]:.3g} {joint.effort_unit}", f"{measurement.tracking_error[j]:.2g}"]
         for j, joint in enumerate(machine.joints)
     ]
     columns = ("joint", "torque noise, standard deviation", "largest distance from the trajectory (rad or m)")
-    output.print_result(
+    command_output.print_result(
         as_json,
         lambda: describe_simulation(measurement, rate),
         lambda console: console.print(terminal.build_table("", columns, rows)),
@@ -166,7 +172,7 @@ def design(
     """
     from dynident.excitation import design_experiment
     from dynident_service.adapters.designs import describe_design
-    from dynident_service.cli import inputs, output, table_files, terminal
+    from dynident_service.cli import argument_loading, command_output, csv_and_parquet_output, terminal
     from dynident_service.cli.design_and_simulation_files import (
         choose_mesh_folders,
         load_limits,
@@ -177,9 +183,11 @@ def design(
     )
 
     # Before the design, which takes minutes.
-    table_files.check_ending(out, table_files.TRAJECTORY_ENDINGS)
-    machine = inputs.load_robot_argument(robot, reading)
-    typed_request = request_options.build_request(DesignRequest, effects=inputs.read_effects(effects, machine) or None)
+    csv_and_parquet_output.check_ending(out, csv_and_parquet_output.TRAJECTORY_ENDINGS)
+    machine = argument_loading.load_robot_argument(robot, reading)
+    typed_request = request_options.build_request(
+        DesignRequest, effects=argument_loading.read_effects(effects, machine) or None
+    )
     request = replace(
         typed_request if files.diagnosis is None else load_proposed_design(files.diagnosis),
         limits=load_limits(files.limits),
@@ -188,11 +196,11 @@ def design(
             files.surroundings, choose_mesh_folders(machine, robot, files.meshes), floor=files.floor
         ),
     )
-    identified = None if files.identified is None else inputs.load_model(files.identified).estimate
-    with inputs.read_recordings("design", files.earlier or [], machine, reading, share=0.1) as data:
+    identified = None if files.identified is None else argument_loading.load_model(files.identified).estimate
+    with argument_loading.read_recordings("design", files.earlier or [], machine, reading, share=0.1) as data:
         experiment = design_experiment(machine, request, data.progress, data.recordings, identified=identified)
-    table_files.write_trajectory(experiment, out)
+    csv_and_parquet_output.write_trajectory(experiment, out)
     described, message = lambda: describe_design(experiment), f"trajectory written to {out}"
-    output.print_result(as_json, described, lambda console: show_design(console, experiment), message)
+    command_output.print_result(as_json, described, lambda console: show_design(console, experiment), message)
     # On stderr, so that they are seen where the result goes into a file or as JSON to a script.
     print_warnings(terminal.message_console(), experiment)

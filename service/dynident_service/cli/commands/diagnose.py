@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident.diagnosis.request import DiagnosisChoices
+from dynident.diagnosis.diagnosis_request import DiagnosisChoices
 from dynident.text_encoding import encode_text
-from dynident_service.cli.files import READABLE_FILE
-from dynident_service.cli.options import Json, Measurements, ModelArgument, OutputOptions, Reading, file_option
+from dynident_service.cli.input_checks_and_writes import READABLE_FILE
 from dynident_service.cli.request_options import RequestOptions, TypedValues
+from dynident_service.cli.shared_options import Json, Measurements, ModelArgument, OutputOptions, Reading, file_option
 
 if TYPE_CHECKING:
     from dynident.diagnosis import Diagnosis
@@ -54,26 +54,33 @@ def series(
     from dynident.progress import scale_progress
     from dynident.reports.figures.changes import draw_parameter_tracks
     from dynident_service.adapters.diagnoses import describe_series
-    from dynident_service.cli import files, inputs, output, result_tables, table_files, terminal
-    from dynident_service.cli.inputs import load_continued_days
+    from dynident_service.cli import (
+        argument_loading,
+        command_output,
+        csv_and_parquet_output,
+        input_checks_and_writes,
+        printed_results,
+        terminal,
+    )
+    from dynident_service.cli.argument_loading import load_continued_days
 
-    identification = inputs.load_model(model)
+    identification = argument_loading.load_model(model)
     if out is not None:
-        table_files.check_ending(out)
+        csv_and_parquet_output.check_ending(out)
     with terminal.show_progress_bar("compare the days") as progress:
         measure, measured = load_continued_days(identification, days, reading, keep, scale_progress(progress, 0.0, 0.5))
         monitored = series_of(measure, measured, scale_progress(progress, 0.5, 1.0))
     if keep is not None:
-        files.write_atomically(keep, days_to_bytes(measure, measured))
+        input_checks_and_writes.write_atomically(keep, days_to_bytes(measure, measured))
     if figure is not None:
-        files.write_atomically(figure, encode_text(str(draw_parameter_tracks(monitored))))
+        input_checks_and_writes.write_atomically(figure, encode_text(str(draw_parameter_tracks(monitored))))
     if out is not None:
-        table_files.write_table(table_files.build_courses_table(monitored), out)
+        csv_and_parquet_output.write_table(csv_and_parquet_output.build_courses_table(monitored), out)
     outputs = ((keep, f"{len(measured)} days stored in"), (figure, "plot written to"), (out, "parameters written to"))
-    output.print_result(
+    command_output.print_result(
         as_json,
         lambda: describe_series(monitored),
-        lambda console: result_tables.show_series(console, monitored, identification.model.robot),
+        lambda console: printed_results.show_series(console, monitored, identification.model.robot),
         *(f"{label} {path}" for path, label in outputs if path is not None),
     )
 
@@ -91,19 +98,19 @@ def changes(
     """
     from dynident.diagnosis import diagnose
     from dynident_service.adapters.diagnoses import describe_diagnosis
-    from dynident_service.cli import inputs, output, result_tables
+    from dynident_service.cli import argument_loading, command_output, printed_results
 
-    identification = inputs.load_model(model)
+    identification = argument_loading.load_model(model)
     robot = identification.model.robot
-    with inputs.read_recordings("compare the days", [*before, *after], robot, reading, share=0.3) as data:
+    with argument_loading.read_recordings("compare the days", [*before, *after], robot, reading, share=0.3) as data:
         # All files are read together, so that equal names are told apart.
         earlier, later = data.recordings[: len(before)], data.recordings[len(before) :]
         diagnosis = diagnose(identification, later, baseline=earlier, progress=data.progress)
-    output.write_result(
+    command_output.write_result(
         result,
         "diagnosis",
         lambda: describe_diagnosis(diagnosis, robot.name),
-        lambda console: result_tables.show_changes(console, diagnosis, robot),
+        lambda console: printed_results.show_changes(console, diagnosis, robot),
     )
 
 
@@ -139,13 +146,13 @@ def diagnose(
     """
     from dynident.diagnosis import examine
     from dynident_service.adapters.diagnoses import describe_diagnosis
-    from dynident_service.cli import inputs, output, parsing, result_tables
+    from dynident_service.cli import argument_loading, command_output, option_parsers, printed_results
 
-    identification = inputs.load_model(model)
+    identification = argument_loading.load_model(model)
     robot = identification.model.robot
-    questions = [parsing.parse_effect_place(text, robot.joint_names) for text in why or ()]
+    questions = [option_parsers.parse_effect_place(text, robot.joint_names) for text in why or ()]
     choices = request_options.build_request(DiagnosisChoices)
-    with inputs.read_recordings("diagnose", measurements, robot, reading, share=0.3) as data:
+    with argument_loading.read_recordings("diagnose", measurements, robot, reading, share=0.3) as data:
         examined = examine(
             identification,
             data.recordings,
@@ -164,11 +171,11 @@ def diagnose(
             diagnosis = examined.diagnosis
             n_open = len(examined.doubts)
     extend_command = _write_extend_command(diagnosis.recommended, model, measurements, reading, result.out)
-    output.write_result(
+    command_output.write_result(
         result,
         "diagnosis",
         lambda: describe_diagnosis(diagnosis, robot.name),
-        lambda console: result_tables.show_diagnosis(console, diagnosis, robot, extend_command, questions, n_open),
+        lambda console: printed_results.show_diagnosis(console, diagnosis, robot, extend_command, questions, n_open),
     )
 
 
@@ -176,7 +183,7 @@ def _write_extend_command(
     recommended: Sequence[EffectChoice], model: Path, measurements: Sequence[Path], reading: Reading, out: Path | None
 ) -> str:
     """Write the command that adds the recommended effects, with measurements read as they were here."""
-    from dynident.effects.text_format import format_effect
+    from dynident.effects.effect_text_format import format_effect
     from dynident_service.cli.request_options import list_option_words
 
     # Effects of some runs alone can only be given by the file of the diagnosis.
@@ -184,6 +191,6 @@ def _write_extend_command(
         added = ["--diagnosis", "FILE" if out is None else str(out)]
     else:
         added = ["--effects", ",".join(map(format_effect, recommended))]
-    files = [str(path) for path in (model, *measurements)]
-    command = shlex.join(["dynident", "extend", *files, *list_option_words(reading), *added])
+    input_checks_and_writes = [str(path) for path in (model, *measurements)]
+    command = shlex.join(["dynident", "extend", *input_checks_and_writes, *list_option_words(reading), *added])
     return command if "FILE" not in added else f"{command} (FILE: diagnose again with --out FILE)"

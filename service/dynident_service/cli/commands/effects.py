@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident_service.cli.options import Json
+from dynident_service.cli.shared_options import Json
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 def effects(as_json: Json = False) -> None:
     """List the effects that a model can contain."""
     from dynident.effects import CATALOGUE
-    from dynident_service.cli import output, terminal
+    from dynident_service.cli import command_output, terminal
 
     rows = [
         [
@@ -31,8 +31,8 @@ def effects(as_json: Json = False) -> None:
     table = terminal.build_table("", columns, rows, right_from=len(columns))
 
     def describe_catalogue() -> BaseModel:
-        from dynident_service.adapters.conversion import show_catalogue
+        from dynident_service.adapters.field_by_field import show_catalogue
 
         return show_catalogue()
 
-    output.print_result(as_json, describe_catalogue, lambda console: console.print(table))
+    command_output.print_result(as_json, describe_catalogue, lambda console: console.print(table))

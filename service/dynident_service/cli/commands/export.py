@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from dynident.export.request import ENDINGS, FORMATS, ExportChoices
-from dynident_service.cli.options import Json, ModelArgument
+from dynident.export.export_request import ENDINGS, FORMATS, ExportChoices
 from dynident_service.cli.request_options import RequestOptions, TypedValues
+from dynident_service.cli.shared_options import Json, ModelArgument
 
 
 def export(
@@ -28,14 +28,14 @@ def export(
     from dynident.errors import DynidentError
     from dynident.export import export_model
     from dynident.verdict import explain_stop
-    from dynident_service.cli import files, inputs, output
+    from dynident_service.cli import argument_loading, command_output, input_checks_and_writes
 
     format_name = format or ENDINGS.get(out.suffix.lower() if out is not None else "", "")
     if not format_name:
         detail = f"the format is missing; give --format, or --out with one of the endings {', '.join(ENDINGS)}"
         raise DynidentError(detail, pointer="--format", title="No such format")
     choices = request_options.build_request(ExportChoices)
-    identification = inputs.load_model(model)
+    identification = argument_loading.load_model(model)
     reason = explain_stop(identification)
     if reason and not choices.anyway:
         raise DynidentError(f"{reason}. To write it anyway, add --anyway", pointer=str(model), title="Not fit for use")
@@ -45,9 +45,9 @@ def export(
         detail = error.detail.replace("(nearest)", "(--nearest)")
         raise DynidentError(detail, pointer="--format", title=error.title) from error
     path = Path(file.name) if out is None else out
-    files.write_atomically(path, file.content)
+    input_checks_and_writes.write_atomically(path, file.content)
     document = {"path": str(path), "size": len(file.content), "media_type": file.media_type, "notes": list(file.notes)}
     notes, message = (f"note: {note}" for note in file.notes), f"{format_name} written to {path}"
-    output.print_result(
+    command_output.print_result(
         as_json, lambda: document, lambda _: None, *notes, f"{message} ({len(file.content) / 1e3:.1f} kB)"
     )

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from dynident.errors import DynidentError
-from dynident.identification.loads.known_load import KnownLoad
-from dynident_service.cli.files import READABLE_FILE
-from dynident_service.cli.options import (
+from dynident.identification.loads.drive_gain_request import KnownLoad
+from dynident_service.cli.input_checks_and_writes import READABLE_FILE
+from dynident_service.cli.request_options import RequestOptions, TypedValues
+from dynident_service.cli.shared_options import (
     Effects,
     Json,
     Measurements,
@@ -21,13 +22,12 @@ from dynident_service.cli.options import (
     file_option,
     repeatable_file_option,
 )
-from dynident_service.cli.request_options import RequestOptions, TypedValues
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from dynident.identification import CurrentModel
-    from dynident_service.cli.inputs import LoadedRecording
+    from dynident_service.cli.argument_loading import LoadedRecording
 
 
 def currents(
@@ -43,18 +43,18 @@ def currents(
     The parameters are in units of current, separate for each joint. --out writes them as JSON.
     """
     from dynident.identification import identify_currents
-    from dynident.identification.loads.payload_data import PLAIN_EFFECTS
-    from dynident_service.adapters.conversion import to_view as in_contract
-    from dynident_service.cli import inputs, output, result_tables
+    from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS
+    from dynident_service.adapters.field_by_field import to_view as in_contract
+    from dynident_service.cli import argument_loading, command_output, printed_results
     from dynident_service.wire_types.drive_gains import CurrentModelsResult
 
-    machine = inputs.load_robot_argument(robot, reading)
+    machine = argument_loading.load_robot_argument(robot, reading)
     unknown = all(drive.gain is None for drive in machine.drives)
     if unknown:
         # Then "torque" is the current itself.
-        machine = inputs.with_gains(machine, ",".join("1" * machine.n))
-    chosen_effects = inputs.read_effects(effects, machine) or PLAIN_EFFECTS
-    with inputs.read_recordings("currents", measurements, machine, reading, validation) as data:
+        machine = argument_loading.with_gains(machine, ",".join("1" * machine.n))
+    chosen_effects = argument_loading.read_effects(effects, machine) or PLAIN_EFFECTS
+    with argument_loading.read_recordings("currents", measurements, machine, reading, validation) as data:
         training, held_out = data.recordings, data.other_recordings
         models = identify_currents(machine, training, held_out, effects=chosen_effects, progress=data.progress)
     checked = (
@@ -64,10 +64,10 @@ def currents(
     )
 
     def print_models(console: Console) -> None:
-        result_tables.show_measurements(console, *checked)
+        printed_results.show_measurements(console, *checked)
         _print_current_models(console, models)
 
-    output.write_result(
+    command_output.write_result(
         result, "parameters", lambda: in_contract(CurrentModelsResult, None, joints=models), print_models
     )
 
@@ -146,17 +146,17 @@ def gains(
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import scale_progress
     from dynident_service.adapters.drive_gains import build_gain_tables, describe_gains
-    from dynident_service.cli import inputs, output, terminal
+    from dynident_service.cli import argument_loading, command_output, terminal
 
     if weigh_unloaded and not weigh:
         raise DynidentError("there is no load to weigh; give --weigh, too", pointer="--weigh-unloaded")
     load = request_options.build_request(KnownLoad)
     if load.mass is None and not reading.metadata:
         raise DynidentError("the mass of the load is missing; give it in kg", pointer="--mass", title="Missing option")
-    machine = inputs.load_robot_argument(robot, reading)
+    machine = argument_loading.load_robot_argument(robot, reading)
     # All files are read in one go, and are told apart by their places afterwards.
     others = [*loaded, *weigh, *weigh_unloaded]
-    with inputs.read_recordings("gains", measurements, machine, reading, others, share=0.6) as data:
+    with argument_loading.read_recordings("gains", measurements, machine, reading, others, share=0.6) as data:
         unloaded, rest = data.recordings, data.other_recordings
         heavy = [
             replace(recording, payload=load.override_payload(recording.payload)) for recording in rest[: len(loaded)]
@@ -177,4 +177,4 @@ def gains(
         for warning in drive_gains.warnings:
             console.print(f"! {warning}")
 
-    output.print_result(as_json, lambda: described, print_gains)
+    command_output.print_result(as_json, lambda: described, print_gains)

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident.identification.choices import EssentialChoices, IdentificationChoices
-from dynident.recordings.metadata import Filters
+from dynident.identification.identification_choices import EssentialChoices, IdentificationChoices
+from dynident.recordings.recording_metadata import Filters
 from dynident.schema.fields import get_description
-from dynident_service.cli.files import READABLE_FILE
-from dynident_service.cli.options import (
+from dynident_service.cli.input_checks_and_writes import READABLE_FILE
+from dynident_service.cli.request_options import RequestOptions, TypedValues
+from dynident_service.cli.shared_options import (
     Effects,
     Json,
     Measurements,
@@ -26,7 +27,6 @@ from dynident_service.cli.options import (
     file_option,
     repeatable_file_option,
 )
-from dynident_service.cli.request_options import RequestOptions, TypedValues
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,11 +44,11 @@ def ladder(
     """Show the models that led to one and their errors; which one predicts held-out data best, and which are worse."""
     from dynident.errors import DynidentError
     from dynident_service.adapters.identifications import build_steps, compare_ladders
-    from dynident_service.cli import inputs, output, result_tables
+    from dynident_service.cli import argument_loading, command_output, printed_results
     from dynident_service.wire_types.identifications import Lineage
 
-    identification = inputs.load_model(model)
-    other = None if against is None else inputs.load_model(against)
+    identification = argument_loading.load_model(model)
+    other = None if against is None else argument_loading.load_model(against)
     if other is not None and other.model.robot.joint_names != identification.model.robot.joint_names:
         raise DynidentError(f"{against} is a model of another robot", pointer="--against", title="Another robot")
 
@@ -62,11 +62,11 @@ def ladder(
 
     def print_ladder(console: Console) -> None:
         if other is None or against is None:
-            result_tables.show_ladder(console, identification)
+            printed_results.show_ladder(console, identification)
         else:
-            result_tables.show_ladders(console, (model.stem, identification), (against.stem, other))
+            printed_results.show_ladders(console, (model.stem, identification), (against.stem, other))
 
-    output.print_result(as_json, describe_ladder, print_ladder)
+    command_output.print_result(as_json, describe_ladder, print_ladder)
 
 
 def essential(
@@ -79,16 +79,18 @@ def essential(
     --out writes the model with the essential parameters estimated again, the others at zero.
     """
     from dynident.identification import to_bytes
-    from dynident.identification.study.correlated_and_essential_parameters import essential_parameters
+    from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
     from dynident_service.adapters.identifications import describe_essential
-    from dynident_service.cli import inputs, output, result_tables
+    from dynident_service.cli import argument_loading, command_output, printed_results
 
-    path = essential_parameters(inputs.load_model(model), request_options.build_request(EssentialChoices).ratio)
-    output.write_result(
+    path = essential_parameters(
+        argument_loading.load_model(model), request_options.build_request(EssentialChoices).ratio
+    )
+    command_output.write_result(
         result,
         "model",
         lambda: describe_essential(path),
-        lambda console: result_tables.show_essential(console, path),
+        lambda console: printed_results.show_essential(console, path),
         lambda: to_bytes(path.identification),
     )
 
@@ -100,14 +102,14 @@ def remove(model: ModelArgument, effects: Effects, result: OutputOptions) -> Non
     """
     from dynident.errors import DynidentError
     from dynident.identification import remove as remove_effects
-    from dynident_service.cli import inputs, output
+    from dynident_service.cli import argument_loading, command_output
 
-    identification = inputs.load_model(model)
-    removed = inputs.parse_unchecked_effects(effects)
+    identification = argument_loading.load_model(model)
+    removed = argument_loading.parse_unchecked_effects(effects)
     if not removed:
         raise DynidentError("the effects to remove are missing; give --effects", pointer="--effects")
     reduced_model = remove_effects(identification, removed)
-    output.write_extended_model(result, reduced_model, model.stem, identification)
+    command_output.write_extended_model(result, reduced_model, model.stem, identification)
 
 
 def extend(
@@ -128,29 +130,29 @@ def extend(
     from dynident.errors import DynidentError
     from dynident.identification import extend as extend_model
     from dynident.verdict import verdict
-    from dynident_service.cli import inputs, output, result_tables
+    from dynident_service.cli import argument_loading, command_output, printed_results
 
-    identification = inputs.load_model(model)
+    identification = argument_loading.load_model(model)
     robot = identification.model.robot
-    added = inputs.read_effects(effects, robot)
+    added = argument_loading.read_effects(effects, robot)
     if diagnosis is not None:
-        stored_diagnosis = inputs.load_diagnosis(diagnosis)
+        stored_diagnosis = argument_loading.load_diagnosis(diagnosis)
         added += stored_diagnosis.recommended
         if not added:
             why = f"Nothing was added, because the diagnosis recommends nothing. {stored_diagnosis.summary}"
-            output.write_unchanged_model(result, identification, why)
+            command_output.write_unchanged_model(result, identification, why)
             return
     if not added:
         raise DynidentError(
             "the effects to add are missing; give --effects, or --diagnosis with a file", pointer="--effects"
         )
-    with inputs.read_recordings("extend", measurements, robot, reading, validation) as data:
+    with argument_loading.read_recordings("extend", measurements, robot, reading, validation) as data:
         extended = extend_model(identification, added, data.recordings, data.other_recordings, data.progress)
         checks = {item.recording.name: item.checks for item in (*data.loaded, *data.others)}
         model_verdict = verdict(extended, data.recordings, data.other_recordings, checks)
-    output.write_extended_model(result, extended, model.stem, identification, model_verdict)
+    command_output.write_extended_model(result, extended, model.stem, identification, model_verdict)
     if model_verdict.stop is not None:
-        raise typer.Exit(result_tables.EXIT_STOPPED)
+        raise typer.Exit(printed_results.EXIT_STOPPED)
 
 
 _FILTERS = ", ".join(
@@ -197,15 +199,17 @@ def identify(
     from dynident.identification import to_bytes
     from dynident.recordings import preprocessing_from_request
     from dynident.verdict import verdict
-    from dynident_service.cli import inputs, output, parsing, result_tables
+    from dynident_service.cli import argument_loading, command_output, option_parsers, printed_results
 
-    machine = inputs.load_robot_argument(robot, reading)
-    chosen_effects = inputs.read_effects(further.effects, machine) or DEFAULT_EFFECTS
+    machine = argument_loading.load_robot_argument(robot, reading)
+    chosen_effects = argument_loading.read_effects(further.effects, machine) or DEFAULT_EFFECTS
     # Options are read before the recordings: a mistake shows at once.
     unfiltered = request_options.build_request(IdentificationChoices, effects=chosen_effects)
     everything = [*measurements, *further.friction]
-    with inputs.read_recordings("identify", everything, machine, reading, further.validation, further.friction) as data:
-        preprocessing = parsing.parse_preprocessing(further.preprocessing)
+    with argument_loading.read_recordings(
+        "identify", everything, machine, reading, further.validation, further.friction
+    ) as data:
+        preprocessing = option_parsers.parse_preprocessing(further.preprocessing)
         recordings, held_out = data.recordings, data.other_recordings
         filters = None if preprocessing == "auto" else preprocessing_from_request(preprocessing, recordings)
         choices = replace(unfiltered, preprocessing=filters)
@@ -216,7 +220,7 @@ def identify(
     def describe_result() -> dict[str, object]:
         from dynident_service.adapters.identifications import describe_identification, show_verdict
         from dynident_service.adapters.measurements import show_checks
-        from dynident_service.wire_types.common import to_plain_json
+        from dynident_service.wire_types.shared_types import to_plain_json
 
         return {
             **to_plain_json(describe_identification(identification, None)),
@@ -228,11 +232,11 @@ def identify(
         }
 
     def print_result(console: Console) -> None:
-        result_tables.show_measurements(console, data.loaded, data.others)
-        result_tables.show_identification(console, identification)
-        result_tables.show_verdict(console, model_verdict)
+        printed_results.show_measurements(console, data.loaded, data.others)
+        printed_results.show_identification(console, identification)
+        printed_results.show_verdict(console, model_verdict)
 
-    output.write_result(result, "model", describe_result, print_result, lambda: to_bytes(identification))
+    command_output.write_result(result, "model", describe_result, print_result, lambda: to_bytes(identification))
     # The model is written all the same: a script sees by the exit code that it must not be used.
     if model_verdict.stop is not None:
-        raise typer.Exit(result_tables.EXIT_STOPPED)
+        raise typer.Exit(printed_results.EXIT_STOPPED)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dynident.text_encoding import encode_text
-from dynident_service.cli.files import KNOWN_ROBOT, READABLE_FILE
-from dynident_service.cli.options import Json, Out, Rate, RobotAdditions
+from dynident_service.cli.input_checks_and_writes import KNOWN_ROBOT, READABLE_FILE
+from dynident_service.cli.shared_options import Json, Out, Rate, RobotAdditions
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,19 +44,19 @@ def inspect(
     --out writes the proposal as JSON, for `dynident identify --metadata`.
     """
     from dynident.identification.column_inference import inspect_file
-    from dynident_service.cli import files, inputs, metadata, output
+    from dynident_service.cli import argument_loading, command_output, input_checks_and_writes, metadata_files
 
-    machine = None if robot is None else inputs.load_robot_argument(robot, additions)
+    machine = None if robot is None else argument_loading.load_robot_argument(robot, additions)
     inspection = inspect_file(file, machine, rate)
     if inspection.proposal is not None:
         # An open question ends the command here, before anything is written.
         if as_proposed:
-            metadata.accept_proposal(file, inspection, has_gains=True)
+            metadata_files.accept_proposal(file, inspection, has_gains=True)
         if out is not None:
-            document = json.dumps(metadata.proposal_document(inspection, rate), indent=2, ensure_ascii=False)
-            files.write_atomically(out, encode_text(f"{document}\n"))
+            document = json.dumps(metadata_files.proposal_document(inspection, rate), indent=2, ensure_ascii=False)
+            input_checks_and_writes.write_atomically(out, encode_text(f"{document}\n"))
     messages = () if out is None or inspection.proposal is None else (f"proposal written to {out}",)
-    output.print_result(
+    command_output.print_result(
         as_json, lambda: _to_document(inspection), lambda console: _print_inspection(console, inspection), *messages
     )
 
@@ -69,7 +69,7 @@ def _to_document(inspection: Inspection) -> dict[str, Any]:
 
 def _print_inspection(console: Console, inspection: Inspection) -> None:
     from dynident.errors import word_remedies
-    from dynident_service.cli import metadata, terminal
+    from dynident_service.cli import metadata_files, terminal
     from dynident_service.cli.request_options import write_option
 
     console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows inspected")
@@ -87,7 +87,7 @@ def _print_inspection(console: Console, inspection: Inspection) -> None:
         choices = f" ({', '.join(question.choices[:8])})" if question.choices else ""
         detail = word_remedies(question.detail, question.remedies, write_option)
         console.print(f"? {question.field}: {detail}{choices}", soft_wrap=True)
-        if answer := metadata.describe_answer(question):
+        if answer := metadata_files.describe_answer(question):
             console.print(f"    → {answer}", soft_wrap=True, markup=False)
     if not inspection.proposal.questions:
         console.print("No question is open: identify with --as-proposed.")

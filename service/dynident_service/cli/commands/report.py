@@ -8,9 +8,10 @@ from typing import Annotated
 
 import typer
 
-from dynident.reports.request import MEDIA_TYPES, ReportChoices
+from dynident.reports.report_request import MEDIA_TYPES, ReportChoices
 from dynident.text_encoding import encode_text
-from dynident_service.cli.options import (
+from dynident_service.cli.request_options import RequestOptions, TypedValues
+from dynident_service.cli.shared_options import (
     Json,
     Measurements,
     ModelArgument,
@@ -20,7 +21,6 @@ from dynident_service.cli.options import (
     Validation,
     file_option,
 )
-from dynident_service.cli.request_options import RequestOptions, TypedValues
 
 
 @dataclass(frozen=True)
@@ -53,17 +53,17 @@ def report(
     from dynident.progress import scale_progress
     from dynident.reports import html_report, render_pdf
     from dynident_service.adapters.validations import build_reported_validation
-    from dynident_service.cli import files, inputs, output
-    from dynident_service.cli.model_validation import load_validation
-    from dynident_service.cli.output import build_reported_runs
+    from dynident_service.cli import argument_loading, command_output, input_checks_and_writes
+    from dynident_service.cli.command_output import build_reported_runs
+    from dynident_service.cli.typed_validations import load_validation
 
     prints = out.suffix.lower() == ".pdf"
     choices = request_options.build_request(ReportChoices, format="pdf" if prints else "html")
-    identification = inputs.load_model(model)
-    diagnosis = inputs.load_diagnosis(extras.diagnosis) if extras.diagnosis is not None else None
+    identification = argument_loading.load_model(model)
+    diagnosis = argument_loading.load_diagnosis(extras.diagnosis) if extras.diagnosis is not None else None
     joints = identification.model.robot.joint_names
     validations = [build_reported_validation(load_validation(path), joints) for path in extras.validated or []]
-    with inputs.read_recordings(
+    with argument_loading.read_recordings(
         "report", measurements, identification.model.robot, reading, validation, share=0.4
     ) as data:
         # Other recordings would be shown as those that the model was identified from.
@@ -72,7 +72,7 @@ def report(
         data.progress(0.5, "drawing")
         page = html_report(identification, runs, diagnosis=diagnosis, validations=validations, title=choices.name)
         content = render_pdf(page) if prints else encode_text(page)
-    files.write_atomically(out, content)
+    input_checks_and_writes.write_atomically(out, content)
     document = {"path": str(out), "size": len(content), "media_type": MEDIA_TYPES[choices.format]}
     message = f"report written to {out} ({len(content) / 1e6:.2f} MB)"
-    output.print_result(as_json, lambda: document, lambda _: None, message)
+    command_output.print_result(as_json, lambda: document, lambda _: None, message)

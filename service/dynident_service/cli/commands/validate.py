@@ -8,10 +8,17 @@ from typing import Annotated, Any
 
 import typer
 
-from dynident.validation.request import TRIALS, Stated, build_trial
-from dynident_service.cli.files import READABLE_FILE
-from dynident_service.cli.options import ModelArgument, OutputOptions, Reading, SomeFiles, Validation, file_option
+from dynident.validation.validation_request import TRIALS, Stated, build_trial
+from dynident_service.cli.input_checks_and_writes import READABLE_FILE
 from dynident_service.cli.request_options import RequestOptions, TypedValues, find_option
+from dynident_service.cli.shared_options import (
+    ModelArgument,
+    OutputOptions,
+    Reading,
+    SomeFiles,
+    Validation,
+    file_option,
+)
 
 
 @dataclass(frozen=True)
@@ -56,10 +63,10 @@ def validate(
     --out writes the result as JSON.
     """
     from dynident.errors import DynidentError
-    from dynident_service.cli import inputs, model_validation, output
+    from dynident_service.cli import argument_loading, command_output, typed_validations
 
-    identification = inputs.load_model(model)
-    options: Any = request_options.build_request(Stated, methods=model_validation.parse_methods(further.methods or []))
+    identification = argument_loading.load_model(model)
+    options: Any = request_options.build_request(Stated, methods=typed_validations.parse_methods(further.methods or []))
     try:
         trial = build_trial(
             kind, {option_field.name: getattr(options, option_field.name) for option_field in fields(options)}
@@ -70,17 +77,17 @@ def validate(
         raise DynidentError(error.detail, pointer=place, title="Unusable option") from error
     paths = measurements or []
     others = [*further.validation, *(further.unloaded or [])]
-    model_validation.check_recording_counts(trial, len(paths), len(others))
+    typed_validations.check_recording_counts(trial, len(paths), len(others))
     robot = identification.model.robot
-    with inputs.read_recordings("validate", paths, robot, reading, others, share=0.3) as data:
-        outcome = model_validation.run_validation(
+    with argument_loading.read_recordings("validate", paths, robot, reading, others, share=0.3) as data:
+        outcome = typed_validations.run_validation(
             identification, trial, data.recordings, data.other_recordings, data.progress
         )
-    output.write_result(
+    command_output.write_result(
         result,
         "result",
         lambda: outcome,
-        lambda console: model_validation.show_validation(console, outcome, robot),
+        lambda console: typed_validations.show_validation(console, outcome, robot),
     )
     if outcome.verdict == "fail":
         raise typer.Exit(1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from alembic import context
 
-from dynident_service.storage.tables import Table
+from dynident_service.storage.database_tables import Table
 
 connection = context.config.attributes["connection"]
 context.configure(connection=connection, target_metadata=Table.metadata)

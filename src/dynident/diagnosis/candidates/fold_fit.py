@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.candidates.candidate_pool import Candidate
 
 # Candidates at once: what their projections take of memory stays in the cache.
 _CHUNK = 128

@@ -15,13 +15,13 @@ import numpy as np
 from scipy.special import stdtrit
 
 from dynident.array_types import FloatArray
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.scoring import Score
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.request import DEFAULT_SIGNIFICANCE
-from dynident.diagnosis.residuals.time_blocks import compute_median_error
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.candidates.held_out_scores import Score
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.diagnosis_request import DEFAULT_SIGNIFICANCE
+from dynident.diagnosis.residuals.time_blocks_and_bursts import compute_median_error
 from dynident.effects import CATALOGUE
-from dynident.estimation.errors import compute_evenness, compute_signed_roots, compute_t
+from dynident.estimation.residual_errors import compute_evenness, compute_signed_roots, compute_t
 
 DRAWS = 2000
 """Turns of the signs: a p of 0.01 is then known to within a fifth of itself."""
@@ -74,12 +74,12 @@ def run_familywise_test(
     (c,), FamilywiseLevels
         p-value of each candidate, and what the statistics have to exceed for a p-value of `level`.
     """
-    count, n_stretches = gains.shape
+    count, n_blocks = gains.shape
     # With a single block there is nothing whose signs could be changed: nothing is significant.
-    if not count or n_stretches < 2:
+    if not count or n_blocks < 2:
         return np.ones(count), FamilywiseLevels(np.inf, np.inf)
     # The same random signs for all candidates: those that resemble each other stay alike in every draw.
-    signs = _draw_signs(n_stretches)
+    signs = _draw_signs(n_blocks)
     (by_gains, largest_gains), (by_scores, largest_scores) = _test_gains(gains, signs), _test_scores(scores, signs)
     # Half of the level for each statistic.
     quantile = 1.0 - (ALPHA if level is None else level) / 2.0
@@ -92,10 +92,10 @@ def compute_single_p(gains: FloatArray) -> float:
     return float(_test_gains(gains[None], _draw_signs(len(gains)))[0][0])
 
 
-def _draw_signs(n_stretches: int) -> FloatArray:
+def _draw_signs(n_blocks: int) -> FloatArray:
     """Return random signs (draws, s), of which the first row changes none."""
     # A fixed seed: the same data give the same p-values.
-    signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(DRAWS, n_stretches))
+    signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(DRAWS, n_blocks))
     # The observed signs count as one of the draws, so that no p is zero.
     signs[0] = 1.0
     return signs
@@ -104,11 +104,11 @@ def _draw_signs(n_stretches: int) -> FloatArray:
 def _test_gains(gains: FloatArray, signs: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (c,): the share of draws in which any candidate gains as evenly; and the most even of each draw."""
     values = compute_signed_roots(gains)
-    n_stretches = values.shape[1]
-    mean = signs @ values.T / n_stretches
+    n_blocks = values.shape[1]
+    mean = signs @ values.T / n_blocks
     # Signs change the mean of the values and leave their squares: the variance follows without another product.
-    variance = np.maximum((values**2).mean(axis=1) - mean**2, np.finfo(float).tiny) * n_stretches / (n_stretches - 1)
-    largest = (mean / np.sqrt(variance / n_stretches)).max(axis=1)
+    variance = np.maximum((values**2).mean(axis=1) - mean**2, np.finfo(float).tiny) * n_blocks / (n_blocks - 1)
+    largest = (mean / np.sqrt(variance / n_blocks)).max(axis=1)
     return _compute_share_reached(compute_evenness(gains), largest), largest
 
 

@@ -1,6 +1,8 @@
 """Monitor a robot over many days: each parameter day by day, and the day from which something differs."""
 
-from dynident.diagnosis.monitoring.days import (
+from dynident.diagnosis.monitoring.changes_over_days import monitor_days
+from dynident.diagnosis.monitoring.parameter_tracks import ParameterTrack, Series, SeriesChange
+from dynident.diagnosis.monitoring.reduced_days import (
     Day,
     Measure,
     build_measure,
@@ -10,8 +12,6 @@ from dynident.diagnosis.monitoring.days import (
     load_days,
     reduce_day,
 )
-from dynident.diagnosis.monitoring.monitor import monitor_days
-from dynident.diagnosis.monitoring.parameter_tracks import ParameterTrack, Series, SeriesChange
 
 __all__ = [
     "Day",

@@ -8,14 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from dynident.diagnosis.comparing.compare import Comparison
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison
 from dynident.diagnosis.residuals.spectral_peaks import (
     AngleLines,
     find_angle_lines,
     find_base_vibration,
     find_motion_lines,
 )
-from dynident.diagnosis.residuals.time_blocks import find_bursts
+from dynident.diagnosis.residuals.time_blocks_and_bursts import find_bursts
 from dynident.identification import Identification
 from dynident.recordings import Recording
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.diagnosis.comparing.compare import Comparison
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison
 from dynident.effects import ReferenceParameters, Signals
 from dynident.expressions import Program
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 # Range (Hz) in which a line is refined, and steps within the width of a line.
 _AROUND, _STEPS_A_WIDTH = 0.3, 4

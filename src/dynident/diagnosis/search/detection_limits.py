@@ -18,20 +18,20 @@ from typing import NamedTuple
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
-from dynident.diagnosis.candidates.joint_products import JointBlocks
-from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.products import Products, split_data_folds
-from dynident.diagnosis.candidates.scoring import compute_block_products
+from dynident.diagnosis.candidates.held_out_scores import compute_block_products
+from dynident.diagnosis.candidates.inner_products_and_folds import Products, split_data_folds
+from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, compute_least_t, standardise_size
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.reasons import CandidateOutcome, Reason
-from dynident.diagnosis.result import DetectionLimit, Invisible
-from dynident.diagnosis.search.acceptance import find_least_drops, get_least_gain
-from dynident.diagnosis.search.outcomes import FinalScores
-from dynident.diagnosis.search.state import KINDS, find_acting_columns, may_use_scores
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.diagnosis_result import DetectionLimit, Invisible
+from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
+from dynident.diagnosis.search.acceptance_rules import find_least_drops, get_least_gain
+from dynident.diagnosis.search.candidate_outcomes import FinalScores
+from dynident.diagnosis.search.search_state import KINDS, find_acting_columns, may_use_scores
 from dynident.effects import EffectChoice, get_effect
-from dynident.estimation.errors import compute_evenness
+from dynident.estimation.residual_errors import compute_evenness
 
 SURE, HALF = 0.95, 0.5
 """Shares of the draws in which an effect of the size of the limit, and of the half limit, is accepted."""
@@ -77,7 +77,7 @@ def compute_detection_limits(
     sets: dict[tuple[bool, bool], list[Candidate]] = {}
     named = [
         ({choice.effect, *(scored.candidate.effect for scored in finding.equal)}, set(choice.joints))
-        for finding, choice in zip(final.state.picks, choices, strict=True)
+        for finding, choice in zip(final.state.findings, choices, strict=True)
     ]
     for (effect, joints), (_, candidate) in best.items():
         # What was found, by whichever name, is no longer hidden.
@@ -406,7 +406,7 @@ def _list_planted(
                 unit[place],
                 float(separability[place]),
                 final.levels,
-                max(compute_least_t(rows.n_stretches, state.level), RULES.staying_finding_t),
+                max(compute_least_t(rows.n_blocks, state.level), RULES.staying_finding_t),
             )
 
 
@@ -440,14 +440,14 @@ def _hold_out(
     Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
     seen, and held-out errors show an effect by that.
     """
-    s, c, n = blocks.n_stretches, blocks.n_extra, len(blocks.joints)
+    s, c, n = blocks.n_blocks, blocks.n_extra, len(blocks.joints)
     errors, scores = [np.zeros(s) for _ in range(n)], [np.zeros((s, c)) for _ in range(n)]
     squares = [
         [np.zeros((len(portion.members), s, portion.width, portion.width)) for portion in blocks.portions]
         for _ in range(n)
     ]
     for fold in folds:
-        here = blocks.select_stretches(fold)
+        here = blocks.select_blocks(fold)
         fit = FoldFit(total.subtract(here.sum_products(noise)), blocks.portions)
         for j, block in enumerate(here.joints):
             joint_errors = block.compute_errors(fit)

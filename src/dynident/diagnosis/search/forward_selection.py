@@ -9,22 +9,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from dynident.diagnosis.candidates.accumulate import PhasedProducts
-from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.reasons import Reason
-from dynident.diagnosis.search.identifiability import is_determined, is_main_explanation
-from dynident.diagnosis.search.model_comparison import build_finer_pool, compare_names, explains_as_much, list_starts
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.outcome_reasons import Reason
+from dynident.diagnosis.search.comparison_of_rivals import (
+    build_finer_pool,
+    compare_names,
+    explains_as_much,
+    list_starts,
+)
+from dynident.diagnosis.search.finding_refinement import changes_prediction, split_groups
+from dynident.diagnosis.search.identifiability_and_invisible_effects import is_determined, is_main_explanation
 from dynident.diagnosis.search.next_finding import select_candidate
-from dynident.diagnosis.search.physical_constraints import is_physically_possible
+from dynident.diagnosis.search.physical_plausibility import is_physically_possible
 from dynident.diagnosis.search.pruning import prune_findings
-from dynident.diagnosis.search.refine import changes_prediction, split_groups
-from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import get_effect
 from dynident.identification.shape_search import list_between
 from dynident.progress import Progress
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 
 
 def merge_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
@@ -41,18 +46,18 @@ def merge_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state:
     state : State
         The model so far and what was found.
     """
-    for several in _group_by_joint(state.picks):
+    for several in _group_by_joint(state.findings):
         state = _merge_group(rows, data, pool, state, several)
     return state
 
 
-def _group_by_joint(picks: Sequence[Finding]) -> list[list[Finding]]:
+def _group_by_joint(findings: Sequence[Finding]) -> list[list[Finding]]:
     """Group findings that are functions of the position of the same joint, in the same runs."""
     places: dict[object, list[Finding]] = {}
-    for pick in picks:
-        mine = pick.judged.candidate
-        if is_of_position(pick) and len(mine.joints) == 1:
-            places.setdefault((mine.joints, mine.runs), []).append(pick)
+    for finding in findings:
+        mine = finding.judged.candidate
+        if is_of_position(finding) and len(mine.joints) == 1:
+            places.setdefault((mine.joints, mine.runs), []).append(finding)
     return [findings for findings in places.values() if len(findings) > 1]
 
 
@@ -60,8 +65,8 @@ def _merge_group(
     rows: ProductSource, data: PhasedProducts, pool: Pool, state: State, several: Sequence[Finding]
 ) -> State:
     removed = {column for finding in several for column in finding.columns}
-    others = tuple(pick for pick in state.picks if pick not in several)
-    without_them = replace(state, base=tuple(k for k in state.base if k not in removed), picks=others)
+    others = tuple(finding for finding in state.findings if finding not in several)
+    without_them = replace(state, base=tuple(k for k in state.base if k not in removed), findings=others)
     # One effect is the better explanation only if it has no more parameters and constants than all of them together.
     most = sum(finding.judged.freedom for finding in several)
     judged = score_all(data, pool, without_them.base, _list_single_curves(pool, without_them, several), state.noise)
@@ -94,9 +99,9 @@ def _merge_group(
     # That something is there was tested for each of them; the new name takes over the surest test.
     p = min(finding.p for finding in several)
     new = Finding(replace(parents[best.candidate.choice], p=p), (), p)
-    picks = [new if pick is several[0] else pick for pick in state.picks]
-    remaining = tuple(pick for pick in picks if pick is new or pick not in several)
-    return replace(state, base=without_them.base + new.columns, picks=remaining)
+    findings = [new if finding is several[0] else finding for finding in state.findings]
+    remaining = tuple(finding for finding in findings if finding is new or finding not in several)
+    return replace(state, base=without_them.base + new.columns, findings=remaining)
 
 
 def _list_single_curves(pool: Pool, beside: State, several: Sequence[Finding]) -> list[Candidate]:
@@ -140,8 +145,8 @@ def revisit_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, stat
     state : State
         The model so far and what was found.
     """
-    for number, finding in enumerate(state.picks):
-        later = state.picks[number + 1 :]
+    for number, finding in enumerate(state.findings):
+        later = state.findings[number + 1 :]
         # Another function of the position says what its constants are off by, until they are refined.
         others = [other for other in later if not is_of_position(other)]
         if _may_be_a_wave(finding) and any(_share_a_joint(finding, other) for other in others):
@@ -150,10 +155,10 @@ def revisit_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, stat
 
 
 def _rename_finding(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State, number: int) -> State:
-    finding = state.picks[number]
+    finding = state.findings[number]
     mine = finding.judged.candidate
-    others = (*state.picks[:number], *state.picks[number + 1 :])
-    without_it = replace(state, base=tuple(k for k in state.base if k not in finding.columns), picks=others)
+    others = (*state.findings[:number], *state.findings[number + 1 :])
+    without_it = replace(state, base=tuple(k for k in state.base if k not in finding.columns), findings=others)
     # The same joint in the same runs: only the name is in question.
     free = [
         candidate for candidate in pool.candidates if candidate.joints == mine.joints and candidate.runs == mine.runs
@@ -171,8 +176,8 @@ def _rename_finding(rows: ProductSource, data: PhasedProducts, pool: Pool, state
         return state
     chosen, equal = compare_names(rows.model, pool, without_it, choice, judged, rows.gather_products)
     new = Finding(chosen, equal, finding.p)
-    picks = (*state.picks[:number], new, *state.picks[number + 1 :])
-    return replace(state, base=without_it.base + new.columns, picks=picks)
+    findings = (*state.findings[:number], new, *state.findings[number + 1 :])
+    return replace(state, base=without_it.base + new.columns, findings=findings)
 
 
 def is_of_position(finding: Finding) -> bool:
@@ -223,7 +228,7 @@ class SearchRecord:
 
     Parameters
     ----------
-    picks : tuple of Finding
+    findings : tuple of Finding
         The findings.
     data : PhasedProducts
         Products of all columns, with the torque that the last model predicts.
@@ -237,7 +242,7 @@ class SearchRecord:
         Which finding took most of each candidate's gain.
     """
 
-    picks: tuple[Finding, ...]
+    findings: tuple[Finding, ...]
     data: PhasedProducts
     is_undetermined: bool = False
     rejections: dict[Candidate, Reason] = field(default_factory=dict)
@@ -307,12 +312,12 @@ def search_findings(
     SearchRecord
         The findings, and what became of the other candidates.
     """
-    record = SearchRecord(state.picks, data)
+    record = SearchRecord(state.findings, data)
     firm = is_determined(data.select_for_model(state.base), state)
-    judged, contacts = first, state.picks
+    judged, contacts = first, state.findings
     remaining, asleep = [scored.candidate for scored in first], pool.faint
     # Contacts are events of a recording, not effects of the arm: they do not count.
-    while (number := len(state.picks) - len(contacts)) < most:
+    while (number := len(state.findings) - len(contacts)) < most:
         progress(number / most, f"{number} effects found, {len(remaining)} candidates")
         record.rejections.clear()
         choice = select_candidate(data, pool, state, judged, record.rejections)
@@ -323,19 +328,21 @@ def search_findings(
         finding = Finding(chosen, equal, chosen.p, _list_neighbour_columns(pool, chosen.candidate, state.base))
         base = state.base + finding.columns
         if changes_prediction(chosen.candidate.choice):
-            rows = rows.add_findings((*state.picks, finding))
+            rows = rows.add_findings((*state.findings, finding))
             data = rows.gather_products(pool)
         # What one run has and the others have not keeps the plain model from predicting a part of it, too.
-        grown = replace(state, base=base, noise=estimate_residual_noise(data, base), picks=contacts)
+        grown = replace(state, base=base, noise=estimate_residual_noise(data, base), findings=contacts)
         firm = firm or is_determined(data.select_for_model(base), grown)
         if not firm and not is_main_explanation(data, state, chosen):
             record.is_undetermined = True
             record.rejections[chosen.candidate] = Reason.build("undetermined_model")
             break
-        state = replace(grown, picks=(*state.picks, finding))
+        state = replace(grown, findings=(*state.findings, finding))
         reached = [pool.observation.robot.joint_names[j] for j in chosen.joints]
         # What the constants of a function of the position are off by looks like a wave, too: that is no trace of one.
-        known = {name for pick in state.picks if is_of_position(pick) for name in pick.judged.candidate.joints}
+        known = {
+            name for finding in state.findings if is_of_position(finding) for name in finding.judged.candidate.joints
+        }
         hidden = set(reached) - known
         awake = [candidate for candidate in pool.candidates if candidate in asleep and set(candidate.joints) <= hidden]
         remaining, asleep = remaining + awake, asleep.difference(awake)
@@ -349,10 +356,10 @@ def search_findings(
     # split.
     state = merge_findings(rows, data, pool, revisit_findings(rows, data, pool, state))
     pruned = prune_findings(data, pool, state)
-    lasting = {finding.judged.candidate for finding in pruned.picks}
-    superfluous = {finding.judged.candidate for finding in state.picks} - lasting
+    lasting = {finding.judged.candidate for finding in pruned.findings}
+    superfluous = {finding.judged.candidate for finding in state.findings} - lasting
     record.dropped.update(dict.fromkeys(superfluous, Reason.build("superfluous")))
-    record.picks, record.data = split_groups(data, pool, pruned).picks, data
+    record.findings, record.data = split_groups(data, pool, pruned).findings, data
     return record
 
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dynident.array_types import IndexArray
-from dynident.diagnosis.candidates.accumulate import PhasedProducts
-from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate, has_larger_gain, select_simplest
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.reasons import Reason, describe_choice
-from dynident.diagnosis.search.acceptance import (
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.outcome_reasons import Reason, describe_choice
+from dynident.diagnosis.search.acceptance_rules import (
     compute_stability,
     find_rejection,
     has_gain_on_joint,
@@ -19,11 +19,11 @@ from dynident.diagnosis.search.acceptance import (
     is_too_small,
     is_too_small_for_runs,
 )
-from dynident.diagnosis.search.physical_constraints import find_impossibility, is_physically_possible
-from dynident.diagnosis.search.state import State, score_all
+from dynident.diagnosis.search.physical_plausibility import find_impossibility, is_physically_possible
+from dynident.diagnosis.search.search_state import State, score_all
 from dynident.effects import get_effect
 from dynident.effects.effect_columns import is_lasting_change
-from dynident.estimation.errors import compute_t
+from dynident.estimation.residual_errors import compute_t
 
 # Of what gains more, so many are asked whether they explain the chosen one away.
 _SHADOWS = 3

@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.diagnosis.candidates.accumulate import PhasedProducts
-from dynident.diagnosis.candidates.pool import Candidate, Pool, select_columns_on
-from dynident.diagnosis.candidates.products import can_leave_out_runs
-from dynident.diagnosis.candidates.scoring import compute_held_out_errors
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, select_columns_on
+from dynident.diagnosis.candidates.held_out_scores import compute_held_out_errors
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.inner_products_and_folds import can_leave_out_runs
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.decision_rules import RULES
-from dynident.diagnosis.search.acceptance import compute_gain_over_floor, get_least_gain, is_shadowed
-from dynident.diagnosis.search.physical_constraints import is_physically_possible
-from dynident.diagnosis.search.state import Finding, State, score_one
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.search.acceptance_rules import compute_gain_over_floor, get_least_gain, is_shadowed
+from dynident.diagnosis.search.physical_plausibility import is_physically_possible
+from dynident.diagnosis.search.search_state import Finding, State, score_one
 from dynident.effects import get_effect
-from dynident.estimation.errors import compute_evenness
-from dynident.identification.study.held_out_gain import IN_PASSING
+from dynident.estimation.residual_errors import compute_evenness
+from dynident.identification.identified_models.held_out_gain import IN_PASSING
 
 
 def select_harmless(
@@ -100,16 +100,16 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
     State
         The state without the superfluous findings.
     """
-    around = {k for finding in state.picks for k in finding.around}
+    around = {k for finding in state.findings for k in finding.around}
     state = replace(
         state,
-        picks=tuple(replace(finding, around=()) for finding in state.picks),
+        findings=tuple(replace(finding, around=()) for finding in state.findings),
         base=tuple(k for k in state.base if k not in around),
     )
-    while len(state.picks) > 1:
+    while len(state.findings) > 1:
         judged = [
             (_rescore_finding(data, pool, state, finding), finding)
-            for finding in state.picks
+            for finding in state.findings
             # A contact happened once and cannot be held out.
             if not finding.is_transient
         ]
@@ -118,7 +118,7 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
             for scored, finding in judged
             if not scored.is_still_helpful(state.rules.joint_drop, state.rules.staying_finding_t)
             or not _is_still_possible(data, pool, state, scored)
-            or any(is_shadowed(scored, other, state.floor) for other, pick in judged if pick is not finding)
+            or any(is_shadowed(scored, other, state.floor) for other, rival in judged if rival is not finding)
         ]
         if not weak:
             break
@@ -126,7 +126,7 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
         _, superfluous = min(weak, key=lambda pair: pair[0].total_gain)
         state = replace(
             state,
-            picks=tuple(finding for finding in state.picks if finding is not superfluous),
+            findings=tuple(finding for finding in state.findings if finding is not superfluous),
             base=tuple(k for k in state.base if k not in superfluous.columns),
         )
     return state
@@ -161,7 +161,7 @@ def trim_joints(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[st
     """
     base = state.base
     joints = []
-    for finding in state.picks:
+    for finding in state.findings:
         members, base = _select_members(data, pool, replace(state, base=base), finding.judged.candidate)
         joints.append(members)
     return joints

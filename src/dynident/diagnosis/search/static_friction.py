@@ -14,20 +14,20 @@ import numpy as np
 from scipy import special
 
 from dynident.array_types import FloatArray
-from dynident.diagnosis.candidates.accumulate import PhasedProducts, gather_products
-from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool_of_choices
-from dynident.diagnosis.candidates.scoring import compute_fitted_errors, score_candidates
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, build_pool_of_choices
+from dynident.diagnosis.candidates.held_out_scores import compute_fitted_errors, score_candidates
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, compute_single_p
-from dynident.diagnosis.comparing.compare import Comparison, compare
-from dynident.diagnosis.decision_rules import RULES
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison, compare
+from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.search.pruning import select_harmless
-from dynident.diagnosis.search.state import KINDS, Finding
+from dynident.diagnosis.search.search_state import KINDS, Finding
 from dynident.effects import CATALOGUE, Effect, EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation.errors import compute_evenness
+from dynident.estimation.residual_errors import compute_evenness
 from dynident.identification import Identification, extend
 from dynident.recordings import Recording
-from dynident.recordings.phases import Phase
+from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
 
 # `benchmarks/held_at_rest.py` calibrates the first five.

@@ -11,14 +11,14 @@ from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
-from dynident.excitation.criteria.criterion_values import (
+from dynident.excitation.criteria.optimality_criteria import (
     Criterion,
     CriterionValues,
     build_smooth_criterion,
     compute_true_values,
 )
 from dynident.excitation.criteria.parameter_variances import ParameterSelection
-from dynident.excitation.design_model import DesignModel
+from dynident.excitation.design_observation_matrix import DesignModel
 from dynident.robot.json_fields import join_names, make_pointer
 
 # Of the largest parameter of the same unit: smaller ones cannot be told from zero anyway, and must not rule.

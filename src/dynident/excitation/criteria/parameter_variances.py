@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.excitation.design_model import DesignModel
-from dynident.excitation.row_models import RowModel
+from dynident.excitation.design_observation_matrix import DesignModel
+from dynident.excitation.equation_type_rows import RowModel
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,16 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.excitation.criteria.criterion_values import Baseline, CriterionValues
 from dynident.excitation.criteria.design_criterion import DesignCriterion, compute_row_weights
+from dynident.excitation.criteria.optimality_criteria import Baseline, CriterionValues
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter, predict_uncertainties
-from dynident.excitation.design_model import DesignModel
-from dynident.excitation.request import DesignRequest
-from dynident.excitation.result import Run
-from dynident.excitation.row_models import DYNAMIC_ROWS, RowModel
+from dynident.excitation.design_observation_matrix import DesignModel
+from dynident.excitation.design_request import DesignRequest
+from dynident.excitation.design_result import Run
+from dynident.excitation.equation_type_rows import DYNAMIC_ROWS, RowModel
 from dynident.motion.joint_trajectories import Motion, Piece, check_length, sample_pieces
 from dynident.motion.limits.bounds import Bounds
-from dynident.motion.limits.margins import Margin, compute_margins
+from dynident.motion.limits.limit_margins import Margin, compute_margins
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.regressors.filtered_rows import reduce_recordings

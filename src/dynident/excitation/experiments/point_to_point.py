@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.excitation.criteria.criterion_values import compute_baseline
-from dynident.excitation.design_model import DesignModel
+from dynident.excitation.criteria.optimality_criteria import compute_baseline
+from dynident.excitation.design_observation_matrix import DesignModel
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask
-from dynident.excitation.optimising.design_problem import Budget
+from dynident.excitation.optimisation.design_problem import Budget
 from dynident.excitation.point_sequence import (
     EvaluatedSequence,
     FreePoints,
@@ -21,12 +21,12 @@ from dynident.excitation.point_sequence import (
     evaluate_moves,
     improve_sequence,
 )
+from dynident.motion.collision_free_paths import plan_home_moves
 from dynident.motion.jerk_limited_moves import move_within_torque
 from dynident.motion.joint_trajectories import Piece, Rest
 from dynident.motion.limits.bounds import ImpossibleLimitsError
-from dynident.motion.limits.margins import Margin, are_limits_kept, build_limit_error, find_tightest
-from dynident.motion.limits.postures import draw_holdable_postures
-from dynident.motion.move_paths import plan_home_moves
+from dynident.motion.limits.limit_margins import Margin, are_limits_kept, build_limit_error, find_tightest
+from dynident.motion.limits.postures_within_limits import draw_holdable_postures
 from dynident.progress import scale_progress
 
 # Variations that are tried per point of the sequence.

@@ -17,11 +17,11 @@ from dynident.excitation.criteria.criterion_choice import CriterionChoice
 from dynident.excitation.criteria.design_criterion import DesignCriterion
 from dynident.excitation.criteria.parameter_variances import ParameterSelection
 from dynident.excitation.experiments.design_task import DesignTask
-from dynident.excitation.experiments.named_sets import BetweenTwoPoints, FreeMotion, PlannedRun
-from dynident.excitation.experiments.periodic import build_family, fit_within_limits
+from dynident.excitation.experiments.periodic_trajectories import build_family, fit_within_limits
 from dynident.excitation.experiments.point_to_point import select_first_fitting
-from dynident.excitation.optimising.augmented_lagrangian import optimise_trajectories
-from dynident.excitation.optimising.design_problem import Budget, CandidateEvaluator, DesignProblem, draw_candidates
+from dynident.excitation.experiments.test_motion_sets import BetweenTwoPoints, FreeMotion, PlannedRun
+from dynident.excitation.optimisation.augmented_lagrangian import optimise_trajectories
+from dynident.excitation.optimisation.design_problem import Budget, CandidateEvaluator, DesignProblem, draw_candidates
 from dynident.excitation.point_sequence import (
     FreePoints,
     MovePlanner,
@@ -34,8 +34,8 @@ from dynident.excitation.point_sequence import (
 )
 from dynident.motion.joint_trajectories import Piece
 from dynident.motion.limits.bounds import ImpossibleLimitsError, lock_bounds
-from dynident.motion.limits.margins import AmplitudeScaler
-from dynident.motion.limits.postures import draw_holdable_postures
+from dynident.motion.limits.limit_margins import AmplitudeScaler
+from dynident.motion.limits.postures_within_limits import draw_holdable_postures
 from dynident.progress import Progress, scale_progress
 
 _KNOWN_BEFORE = 0.02

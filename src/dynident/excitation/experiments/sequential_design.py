@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.excitation.criteria.criterion_values import Baseline, CriterionValues, compute_baseline
+from dynident.excitation.criteria.optimality_criteria import Baseline, CriterionValues, compute_baseline
+from dynident.excitation.design_result import Run
+from dynident.excitation.equation_type_rows import DYNAMIC_ROWS
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, MotionValues
-from dynident.excitation.experiments.named_sets import BetweenTwoPoints, PlannedRun, plan_runs
 from dynident.excitation.experiments.point_to_point import check_no_path, verify_pieces
 from dynident.excitation.experiments.run_search import RunMotion, RunSearch, factor_information
-from dynident.excitation.optimising.design_problem import Budget
-from dynident.excitation.result import Run
-from dynident.excitation.row_models import DYNAMIC_ROWS
+from dynident.excitation.experiments.test_motion_sets import BetweenTwoPoints, PlannedRun, plan_runs
+from dynident.excitation.optimisation.design_problem import Budget
+from dynident.motion.collision_free_paths import list_home_candidates, note_home, plan_path
 from dynident.motion.joint_trajectories import Motion, Piece, sample_pieces
 from dynident.motion.limits.bounds import ImpossibleLimitsError
-from dynident.motion.move_paths import list_home_candidates, note_home, plan_path
 from dynident.progress import Progress, scale_progress
 from dynident.robot.json_fields import join_names
 

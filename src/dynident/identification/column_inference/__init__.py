@@ -1,7 +1,7 @@
 """Inference of the columns of an unknown file: guesses with reasons, and questions where the data do not decide."""
 
-from dynident.identification.column_inference.inspection import Inspection, inspect_file
-from dynident.identification.column_inference.proposal import Guess, Proposal, Question
-from dynident.recordings.metadata import EffortKind
+from dynident.identification.column_inference.file_inspection import Inspection, inspect_file
+from dynident.identification.column_inference.metadata_proposal import Guess, Proposal, Question
+from dynident.recordings.recording_metadata import EffortKind
 
 __all__ = ["EffortKind", "Guess", "Inspection", "Proposal", "Question", "inspect_file"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.identification.column_inference.column_names import ColumnName, Signal, get_signal_of_unit
-from dynident.identification.column_inference.proposal import Question
+from dynident.identification.column_inference.metadata_proposal import Question
 from dynident.recordings.position_checks import MOVED
 from dynident.robot import Robot
 

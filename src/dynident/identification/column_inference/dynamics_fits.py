@@ -14,17 +14,17 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError, Remedy
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_statistics import Sample, fill_gaps
-from dynident.identification.column_inference.proposal import Guess, Question
+from dynident.identification.column_inference.metadata_proposal import Guess, Question
+from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.fault_checks import DESCRIPTION_UNITS, GRAVITY, SCALE
 from dynident.identification.recording_faults.fault_search import measure_unexplained_share
-from dynident.identification.recording_faults.filtered_motion import filter_motion
-from dynident.identification.study.poses import measure_unexplained_at_rest
+from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.recordings import JointLimits, RecordedJoints, Recording, recording_from_arrays
-from dynident.recordings.columns import NOT_RECORDED
-from dynident.recordings.importing import condition_arrays
-from dynident.recordings.metadata import COMMANDED, Check, RecordingError
+from dynident.recordings.columns_to_signals import NOT_RECORDED
+from dynident.recordings.recording_import import condition_arrays
+from dynident.recordings.recording_metadata import COMMANDED, Check, RecordingError
 from dynident.recordings.time_columns import RunLabels
 from dynident.robot import Robot
 

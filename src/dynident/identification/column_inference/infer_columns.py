@@ -9,13 +9,6 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.identification.column_inference import dynamics_fits
 from dynident.identification.column_inference import unit_inference as of_units
-from dynident.identification.column_inference.clock import (
-    TOGETHER,
-    columns_are_poses,
-    guess_clock,
-    guess_clock_of_poses,
-    guess_efforts_at_poses,
-)
 from dynident.identification.column_inference.column_groups import (
     ColumnGroup,
     ask_for_missing_joints,
@@ -35,8 +28,16 @@ from dynident.identification.column_inference.column_statistics import (
     find_changing_columns,
 )
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits, condition_sample
-from dynident.identification.column_inference.effort_kind import NO_MEASUREMENT, ask_for_gains, classify_effort
-from dynident.identification.column_inference.proposal import Proposal, Question
+from dynident.identification.column_inference.metadata_proposal import Proposal, Question
+from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
+from dynident.identification.column_inference.time_and_pose_columns import (
+    TOGETHER,
+    columns_are_poses,
+    guess_clock,
+    guess_clock_of_poses,
+    guess_efforts_at_poses,
+)
+from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT, ask_for_gains, classify_effort
 from dynident.identification.column_inference.unnamed_columns import (
     UnnamedColumns,
     assign_torques,
@@ -45,11 +46,10 @@ from dynident.identification.column_inference.unnamed_columns import (
     select_whole_signals,
     sort_by_number,
 )
-from dynident.identification.column_inference.working_proposal import WorkingProposal
-from dynident.identification.recording_faults.description_fit import find_description_units
-from dynident.recordings.columns import NOT_RECORDED
-from dynident.recordings.conditioning.registers import decode_registers
-from dynident.recordings.metadata import EffortKind
+from dynident.identification.recording_faults.description_units import find_description_units
+from dynident.recordings.columns_to_signals import NOT_RECORDED
+from dynident.recordings.conditioning.signed_registers import decode_registers
+from dynident.recordings.recording_metadata import EffortKind
 from dynident.recordings.units import find_conversion
 from dynident.robot import Robot
 

@@ -19,6 +19,8 @@ from dynident.errors import DynidentError
 from dynident.estimation import Reduction, Solution, compute_errors, compute_noise_levels, statistics, weighted
 from dynident.estimation.constrained_least_squares import ConstrainedSolution
 from dynident.estimation.least_squares import are_weights_settled, build_weighted_factor, compute_correlated_noise
+from dynident.identification.estimation_problem import Fit, Problem
+from dynident.identification.estimation_problem_options import DescriptionTrust
 from dynident.identification.estimators.feasible_problem import (
     WEAK,
     FeasibleProblem,
@@ -26,10 +28,8 @@ from dynident.identification.estimators.feasible_problem import (
     build_problem,
     build_standard_prior,
 )
-from dynident.identification.problem import Fit, Problem
-from dynident.identification.problem_options import DescriptionTrust
 from dynident.identification.standard_parameters import StandardParameters, find_bodies
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 
 _ROUNDS = 20
 """Rounds of weighing by the residual, at most."""

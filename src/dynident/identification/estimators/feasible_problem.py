@@ -17,7 +17,7 @@ from dynident.estimation.constrained_least_squares import (
     solve_constrained,
 )
 from dynident.estimation.least_squares import build_weighted_factor, compute_correlated_noise
-from dynident.estimation.uncertainty import compute_null_space, compute_standard_deviations
+from dynident.estimation.parameter_covariance import compute_null_space, compute_standard_deviations
 from dynident.identification.description_prior import (
     EntropicPrior,
     NormalPrior,
@@ -25,9 +25,9 @@ from dynident.identification.description_prior import (
     build_normal_prior,
     split_prior,
 )
-from dynident.identification.problem_options import DescriptionTrust
+from dynident.identification.estimation_problem_options import DescriptionTrust
 from dynident.identification.standard_parameters import Body, StandardParameters, find_bodies
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
 
 # Smallest eigenvalue of a pseudo-inertia, in units of the usual error of a description: exported bodies must not be

@@ -14,7 +14,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.effects import Signals, build_columns
-from dynident.effects.usual_sizes import get_slowest_velocity
+from dynident.effects.usual_effect_sizes import get_slowest_velocity
 from dynident.errors import DynidentError
 from dynident.estimation import (
     EstimationError,
@@ -38,13 +38,13 @@ from dynident.estimation.kalman_filter import (
     compute_recursive_statistics,
 )
 from dynident.estimation.prior_information import invert_information
-from dynident.estimation.qr import compute_r_factor
-from dynident.identification.equations.reduce_data import Data
-from dynident.identification.problem import Fit, Problem
+from dynident.estimation.qr_decomposition import compute_r_factor
+from dynident.identification.equations.reduced_recordings import Data
+from dynident.identification.estimation_problem import Fit, Problem
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing, filtered_blocks
-from dynident.recordings.spectra import estimate_spectra
+from dynident.recordings.signal_spectra import estimate_spectra
 from dynident.regressors.filtered_rows import reduce_recordings
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 from dynident.regressors.qr_accumulation import EquationRows, accumulate_equations
 from dynident.regressors.row_phases import RowPhases
 

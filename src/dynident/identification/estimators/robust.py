@@ -19,11 +19,11 @@ from dynident.errors import DynidentError
 from dynident.estimation import PriorInformation, Reduction, compute_noise_levels, solve, statistics, weighted
 from dynident.estimation.least_squares import compute_correlated_noise, floor_noise
 from dynident.estimation.row_weights import BISQUARE, HUBER, Influence, estimate_robust_scale
-from dynident.identification.equations.reduce_data import Data
-from dynident.identification.problem import Fit, Problem
+from dynident.identification.equations.reduced_recordings import Data
+from dynident.identification.estimation_problem import Fit, Problem
 from dynident.recordings import Recording
 from dynident.regressors.filtered_rows import FilteredSamples, reduce_recordings, stream_filtered_samples
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 from dynident.regressors.row_phases import RowPhases
 
 _MOST_ROUNDS = 15

@@ -18,16 +18,16 @@ from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, Reduction, Solution, Statistics, compute_errors, statistics, weighted
-from dynident.identification.equations.checks import check_recordings, check_temperature
+from dynident.identification.equations.model_and_data_checks import check_recordings, check_temperature
 from dynident.identification.loads.drive_gains import get_stated_gains, refuse_coupled_drives
-from dynident.identification.loads.payload_data import PLAIN_EFFECTS, scale_torque
+from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS, scale_torque
 from dynident.identification.strategies.sequential import select_joints
 from dynident.identification.thresholds import ParameterJudgement, judge_parameter
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.base_parameters import BaseParameters, evaluate_at_random_states, select_base
 from dynident.regressors.filtered_rows import reduce_recordings
-from dynident.regressors.model import Model, build_model
+from dynident.regressors.model_structure import Model, build_model
 from dynident.robot import Robot
 
 _STATES = 400

@@ -19,9 +19,9 @@ from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, get_role
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics, weighted
+from dynident.estimation.parameter_covariance import NORMAL_95
 from dynident.estimation.prior_information import extract_deviations
-from dynident.estimation.uncertainty import NORMAL_95
-from dynident.identification.loads.payload_data import (
+from dynident.identification.loads.payloads_of_recordings import (
     PLAIN_EFFECTS,
     read_known_payload,
     reduce_with_payloads,

@@ -15,9 +15,9 @@ from math import hypot
 
 from dynident.effects import JOINT_FRICTION, EffectChoice
 from dynident.estimation import EstimationError
-from dynident.estimation.uncertainty import NORMAL_95
+from dynident.estimation.parameter_covariance import NORMAL_95
 from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, payload_mass
-from dynident.identification.loads.payload_data import PLAIN_EFFECTS
+from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
 

@@ -63,7 +63,7 @@ class Delay:
     ----------
     seconds : float
         The delay in s; below zero where the torque is early.
-    is_mistake : bool
+    is_fault : bool
         Whether it is a fault of the log, and more than drives delay.
     left_with : float
         Unexplained share of an average joint's torque as it is.
@@ -72,7 +72,7 @@ class Delay:
     """
 
     seconds: float
-    is_mistake: bool
+    is_fault: bool
     left_with: float
     left_without: float
 
@@ -276,11 +276,11 @@ class ColumnFault:
         return Motion(q, dq, ddq, tau, motion.block)
 
 
-def _uncouple(signal: FloatArray, mistake: ColumnFault) -> FloatArray:
-    own, other = mistake.joints
+def _uncouple(signal: FloatArray, fault: ColumnFault) -> FloatArray:
+    own, other = fault.joints
     # The signals belong to the motion as it was recorded, which other trials still need.
     changed = signal.copy()
-    changed[:, own] -= mistake.factor * signal[:, other]
+    changed[:, own] -= fault.factor * signal[:, other]
     return changed
 
 

@@ -15,7 +15,7 @@ from dynident.identification.recording_faults.column_faults import (
     Motion,
     is_possible_delay,
 )
-from dynident.identification.recording_faults.description_fit import DescriptionUnits, find_description_units
+from dynident.identification.recording_faults.description_units import DescriptionUnits, find_description_units
 from dynident.identification.recording_faults.fault_search import (
     ALIKE,
     CURED,
@@ -28,7 +28,6 @@ from dynident.identification.recording_faults.fault_search import (
     find_excess_of_motion,
     search_faults,
 )
-from dynident.identification.recording_faults.filtered_motion import thin_out
 from dynident.identification.recording_faults.gravity_in_torque import (
     Mounting,
     StaticTorque,
@@ -36,11 +35,12 @@ from dynident.identification.recording_faults.gravity_in_torque import (
     find_other_mounting,
     find_static_torque,
 )
-from dynident.identification.recording_faults.held_out_fit import UnexplainedTorque
+from dynident.identification.recording_faults.rows_for_fault_search import thin_out
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
-from dynident.recordings.metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Check, Revision
+from dynident.identification.recording_faults.unexplained_torque import UnexplainedTorque
 from dynident.recordings.recording import ModelChecks, Recording
-from dynident.robot.model import Robot
+from dynident.recordings.recording_metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Check, Revision
+from dynident.robot.robot_model import Robot
 
 _CHECK: dict[FaultKind, str] = {
     "torques swapped": "torque_order",
@@ -144,15 +144,15 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     search_result = search_faults(machine, motion, judges)
     if search_result is None:
         return DynamicsCheck(described, None)
-    mistakes, now = search_result
+    faults, now = search_result
     as_is = judges.plain_fit.measure_unexplained(motion)
-    mounted = None if _is_explained_by_one(mistakes, now) else find_other_mounting(machine, motion, as_is)
+    mounted = None if _is_explained_by_one(faults, now) else find_other_mounting(machine, motion, as_is)
     # One cause for the whole robot is more likely than several for some joints.
-    if mounted is not None and (len(mistakes) > 1 or mounted.explains.score <= now.score + ALIKE):
-        mistakes = ()
-    elif mistakes:
+    if mounted is not None and (len(faults) > 1 or mounted.explains.score <= now.score + ALIKE):
+        faults = ()
+    elif faults:
         mounted = None
-    wrong = {_CHECK[finding.mistake.kind] for finding in mistakes}
+    wrong = {_CHECK[finding.fault.kind] for finding in faults}
     fine = (
         f"No other order or sign of the columns explains the torque clearly better: {now.average_share:.0%} of it is "
         "unexplained."
@@ -160,8 +160,8 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _SILENT]
     if mounted is not None:
         findings: tuple[Check, ...] = (_report_mounting(mounted, machine),)
-    elif mistakes:
-        findings = tuple(_report_fault(finding, recording, q, tau) for finding in mistakes)
+    elif faults:
+        findings = tuple(_report_fault(finding, recording, q, tau) for finding in faults)
     else:
         # Sizes are looked at only where order and signs are right: a wrong column has any size.
         findings = _check_scales(machine, motion, recording, tau, judges)
@@ -173,9 +173,9 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     return DynamicsCheck((*passed, *findings, *described), as_is)
 
 
-def _is_explained_by_one(mistakes: Sequence[DetectedFault], now: UnexplainedTorque) -> bool:
+def _is_explained_by_one(faults: Sequence[DetectedFault], now: UnexplainedTorque) -> bool:
     """Tell whether one fault of the columns explains all that was unexplained, so that no other cause is looked for."""
-    return len(mistakes) == 1 and mistakes[0].certain and now.worst_share < WORST_EXPLAINED
+    return len(faults) == 1 and faults[0].certain and now.worst_share < WORST_EXPLAINED
 
 
 def _report_description_units(units: DescriptionUnits) -> Check:
@@ -204,7 +204,7 @@ def _report_commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
 
 
 def _report_fault(finding: DetectedFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Check:
-    description = describe_fault(finding.mistake, recording, q, tau)
+    description = describe_fault(finding.fault, recording, q, tau)
     twins = "; or ".join(describe_fault(twin, recording, q, tau) for twin in finding.alike[:2])
     doubt = f" (These data fit equally well: {twins}.)" if twins else ""
     known, otherwise = ("It seems that", "") if finding.certain else ("Possibly", _OTHER_CAUSES)
@@ -214,18 +214,18 @@ def _report_fault(finding: DetectedFault, recording: Recording, q: Sequence[str]
     )
     if finding.left_with < _HARDLY_BETTER * finding.left_without:
         why = "friction would drive the joint, which is impossible"
-    columns, is_scaled = tau if "torque" in finding.mistake.kind else q, finding.mistake.kind == "torque scaled"
-    cure, remedies = _describe_cure(finding.mistake, q, tau)
+    columns, is_scaled = tau if "torque" in finding.fault.kind else q, finding.fault.kind == "torque scaled"
+    cure, remedies = _describe_cure(finding.fault, q, tau)
     return Check(
-        _CHECK[finding.mistake.kind],
+        _CHECK[finding.fault.kind],
         "error" if finding.certain else "warning",
         f"{known} {description}: with the columns as they are, {why}. {cure}{doubt}{otherwise}",
-        columns[finding.mistake.joints[0]],
+        columns[finding.fault.joints[0]],
         # A cure is applied without asking only where it is the only one. Between cures that explain alike the user
         # has to choose, and a ratio is only as good as the masses of the description.
         apply=None
         if finding.certain and (_is_ambiguous(finding) or is_scaled)
-        else build_revision(finding.mistake, recording.n),
+        else build_revision(finding.fault, recording.n),
         remedies=remedies,
     )
 
@@ -235,9 +235,9 @@ def _is_ambiguous(finding: DetectedFault) -> bool:
 
     Two legs may exchange their torques as well as their positions, which gives the same robot with other names.
     """
-    mistake = finding.mistake
-    is_of_legs = mistake.is_swap and len(mistake.joints) > 2
-    return any(not is_of_legs or set(twin.joints) != set(mistake.joints) for twin in finding.alike)
+    fault = finding.fault
+    is_of_legs = fault.is_swap and len(fault.joints) > 2
+    return any(not is_of_legs or set(twin.joints) != set(fault.joints) for twin in finding.alike)
 
 
 def _report_compensated(robot: Robot, motion: Motion, tau: Sequence[str]) -> tuple[Check, ...]:
@@ -293,7 +293,7 @@ def _check_delay(
             "The delay between torque and position cannot be determined: the torque is poorly explained with any delay."
         )
         return (Check(DELAY, "ok", nothing),)
-    if not delay.is_mistake:
+    if not delay.is_fault:
         shown = f"By the robot's dynamics the torque is {1e3 * abs(delay.seconds):.1f} ms {word}"
         usual = "which is usual" if is_possible_delay(delay.seconds) else "but the recording does not show this surely"
         return (Check(DELAY, "ok", f"{shown}, {usual}."),)
@@ -345,49 +345,49 @@ def _check_scales(
     )
 
 
-def build_revision(mistake: ColumnFault, n: int) -> Revision | None:
+def build_revision(fault: ColumnFault, n: int) -> Revision | None:
     """Return the correction of a file's metadata that mends a fault; None where no metadata can.
 
     Parameters
     ----------
-    mistake : ColumnFault
+    fault : ColumnFault
         The fault.
     n : int
         Number of joints.
     """
-    if mistake.kind == "joint coupled":
+    if fault.kind == "joint coupled":
         return None
-    sides: tuple[tuple[Axis, bool], ...] = (("q", mistake.is_of_positions), ("tau", mistake.is_of_torques))
+    sides: tuple[tuple[Axis, bool], ...] = (("q", fault.is_of_positions), ("tau", fault.is_of_torques))
     kinds = [kind for kind, is_wrong in sides if is_wrong]
-    if mistake.kind == "torque scaled":
-        return Revision(scale={f"tau{joint + 1}": mistake.factor for joint in mistake.joints})
-    if not mistake.is_swap:
-        return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in mistake.joints})
+    if fault.kind == "torque scaled":
+        return Revision(scale={f"tau{joint + 1}": fault.factor for joint in fault.joints})
+    if not fault.is_swap:
+        return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in fault.joints})
     # Permutations of a request count from one.
     order = list(range(1, n + 1))
-    for joint, source in mistake.places:
+    for joint, source in fault.places:
         order[joint] = source + 1
     return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
 
 
-def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
+def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
     """Describe a fault in words, with the user's names of position and torque columns.
 
     Parameters
     ----------
-    mistake : ColumnFault
+    fault : ColumnFault
         The fault.
     recording : Recording
         The recording.
     q, tau : sequence of str
         What the user calls the columns.
     """
-    names = [recording.joint_names[j] for j in mistake.joints]
-    if mistake.is_swap:
-        return _describe_exchange(mistake, recording, q, tau)
-    if mistake.kind == "joint coupled":
-        own, other = (q[joint] for joint in mistake.joints)
-        sign, counted = ("-", "plus") if mistake.factor > 0 else ("+", "minus")
+    names = [recording.joint_names[j] for j in fault.joints]
+    if fault.is_swap:
+        return _describe_exchange(fault, recording, q, tau)
+    if fault.kind == "joint coupled":
+        own, other = (q[joint] for joint in fault.joints)
+        sign, counted = ("-", "plus") if fault.factor > 0 else ("+", "minus")
         return (
             f"the position of {names[0]} ({own}) is measured from the base, or the horizon, not from {names[1]}: it "
             f"is the joint angle {counted} the angle of {names[1]}, and the description needs {own} {sign} {other}"
@@ -400,9 +400,9 @@ def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str],
             ),
             "position turned": f"all positions ({q[0]} … {q[-1]}) have the opposite sign",
         }
-        return whole[mistake.kind]
+        return whole[fault.kind]
     of = " and ".join((", ".join(names[:-1]), names[-1])) if len(names) > 1 else names[0]
-    columns = tuple(", ".join(kind[joint] for joint in mistake.joints) for kind in (q, tau))
+    columns = tuple(", ".join(kind[joint] for joint in fault.joints) for kind in (q, tau))
     verb = ("has", "is") if len(names) == 1 else ("have", "are")
     plural = "" if len(names) == 1 else "s"
     descriptions = {
@@ -410,55 +410,53 @@ def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str],
         "position turned": f"the position{plural} of {of} ({columns[0]}) {verb[0]} the opposite sign",
         "joint turned": f"position and torque of {of} ({columns[0]}, {columns[1]}) have the opposite sign",
         "torque scaled": (
-            f"the torque{plural} of {of} ({columns[1]}) {verb[1]} {1.0 / mistake.factor:.3g} times the value that "
+            f"the torque{plural} of {of} ({columns[1]}) {verb[1]} {1.0 / fault.factor:.3g} times the value that "
             "fits the other joints"
         ),
     }
-    return descriptions[mistake.kind]
+    return descriptions[fault.kind]
 
 
-def _describe_cure(mistake: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> tuple[str, tuple[Remedy, ...]]:
-    if mistake.kind == "joint coupled":
-        own, other = (q[joint] for joint in mistake.joints)
-        word = "Subtract" if mistake.factor > 0 else "Add"
-        preposition = "from" if mistake.factor > 0 else "to"
+def _describe_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> tuple[str, tuple[Remedy, ...]]:
+    if fault.kind == "joint coupled":
+        own, other = (q[joint] for joint in fault.joints)
+        word = "Subtract" if fault.factor > 0 else "Add"
+        preposition = "from" if fault.factor > 0 else "to"
         return f"{word} {other} {preposition} {own}, and their velocities, before the file is read.", ()
-    if mistake.kind == "torque scaled":
+    if fault.kind == "torque scaled":
         which = (
             "its unit and its drive gain, or multiply it"
-            if len(mistake.joints) == 1
+            if len(fault.joints) == 1
             else "their units and drive gains, or multiply them"
         )
-        remedy = Remedy("scale", {f"tau{joint + 1}": float(f"{mistake.factor:.3g}") for joint in mistake.joints})
-        return f"Check {which} by {mistake.factor:.3g}: {remedy}.", (remedy,)
-    if not mistake.is_swap:
-        side = "tau" if mistake.kind == "torque turned" else "q"
-        remedy = Remedy("signs", {f"{side}{joint + 1}": -1 for joint in mistake.joints})
+        remedy = Remedy("scale", {f"tau{joint + 1}": float(f"{fault.factor:.3g}") for joint in fault.joints})
+        return f"Check {which} by {fault.factor:.3g}: {remedy}.", (remedy,)
+    if not fault.is_swap:
+        side = "tau" if fault.kind == "torque turned" else "q"
+        remedy = Remedy("signs", {f"{side}{joint + 1}": -1 for joint in fault.joints})
         alternative = (
-            "the joint's axis in the description" if mistake.kind != "torque turned" else "the sign of its drive gain"
+            "the joint's axis in the description" if fault.kind != "torque turned" else "the sign of its drive gain"
         )
-        plural = "" if len(mistake.joints) == 1 else "s"
+        plural = "" if len(fault.joints) == 1 else "s"
         return f"Change the sign of the column{plural} ({remedy}), or {alternative}.", (remedy,)
     pairs = []
-    for joint, source in mistake.places:
-        if mistake.is_of_positions:
+    for joint, source in fault.places:
+        if fault.is_of_positions:
             pairs.append((f"q{joint + 1}", q[source]))
-        if mistake.is_of_torques:
+        if fault.is_of_torques:
             pairs.append((f"tau{joint + 1}", tau[source]))
     remedy = Remedy("columns", dict(pairs))
     return f"Map the columns: {remedy}.", (remedy,)
 
 
-def _describe_exchange(mistake: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
-    names = [recording.joint_names[joint] for joint in mistake.joints]
-    if mistake.sources:
-        kind, columns = ("torques", tau) if mistake.kind == "torques swapped" else ("positions", q)
-        elsewhere = ", ".join(
-            f"{name} in {columns[source]}" for name, source in zip(names, mistake.sources, strict=True)
-        )
+def _describe_exchange(fault: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
+    names = [recording.joint_names[joint] for joint in fault.joints]
+    if fault.sources:
+        kind, columns = ("torques", tau) if fault.kind == "torques swapped" else ("positions", q)
+        elsewhere = ", ".join(f"{name} in {columns[source]}" for name, source in zip(names, fault.sources, strict=True))
         return f"the {kind} of whole legs, or arms, are in another order than the joints ({elsewhere})"
     first, second = (", ".join(side) for side in (names[::2], names[1::2]))
-    pairs = list(zip(mistake.joints[::2], mistake.joints[1::2], strict=True))
+    pairs = list(zip(fault.joints[::2], fault.joints[1::2], strict=True))
     torques, positions = ("; ".join(f"{kind[a]}, {kind[b]}" for a, b in pairs) for kind in (tau, q))
     if len(pairs) > 1:
         second = f"those of {second}"
@@ -467,4 +465,4 @@ def _describe_exchange(mistake: ColumnFault, recording: Recording, q: Sequence[s
         "positions swapped": f"the positions of {first} and {second} ({positions})",
         "joints swapped": f"{first} and {second} (both positions and torques)",
     }
-    return f"{descriptions[mistake.kind]} are exchanged"
+    return f"{descriptions[fault.kind]} are exchanged"

@@ -21,14 +21,7 @@ from dynident.identification.recording_faults.column_faults import (
     list_possible_faults,
     silence_others,
 )
-from dynident.identification.recording_faults.description_fit import DescriptionFit
-from dynident.identification.recording_faults.filtered_motion import filter_whole_motion, thin_out
-from dynident.identification.recording_faults.held_out_fit import (
-    CLEARLY,
-    HeldOutFit,
-    UnexplainedTorque,
-    find_moving_joints,
-)
+from dynident.identification.recording_faults.rows_for_fault_search import filter_whole_motion, thin_out
 from dynident.identification.recording_faults.torque_scale import (
     compute_described_load,
     find_driving_joints,
@@ -40,8 +33,15 @@ from dynident.identification.recording_faults.torque_scale import (
     refine_factor_by_masses,
 )
 from dynident.identification.recording_faults.tree_fit import find_parallel_axes, list_chains
+from dynident.identification.recording_faults.unexplained_torque import (
+    CLEARLY,
+    DescriptionFit,
+    HeldOutFit,
+    UnexplainedTorque,
+    find_moving_joints,
+)
 from dynident.recordings import Recording
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 MOST_JOINTS = 12
 """Longer chains have too many pairs to be tried while somebody waits."""
@@ -92,7 +92,7 @@ class DetectedFault:
 
     Parameters
     ----------
-    mistake : ColumnFault
+    fault : ColumnFault
         The fault.
     alike : tuple of ColumnFault
         Faults that it cannot be told from.
@@ -104,7 +104,7 @@ class DetectedFault:
         False where another cause may look the same.
     """
 
-    mistake: ColumnFault
+    fault: ColumnFault
     alike: tuple[ColumnFault, ...]
     left_with: float
     left_without: float
@@ -183,19 +183,19 @@ def search_faults(
         if step is None:
             break
         fall, summed = now.score - step.unexplained.score, now.compute_summed_fall_to(step.unexplained)
-        mended = step.mistake.mend(motion)
+        mended = step.fault.mend(motion)
         if judge is judges.plain_fit and _compute_fall(judges.offset_fit, motion, mended) < BESIDE_OFFSETS * fall:
             # A constant torque explains the same, so the search goes on with constant torques in the model.
             judge = judges.offset_fit
             now = judge.measure_unexplained(motion)
             continue
-        least = _CERTAIN_OF_JOINTS if step.mistake.is_of_whole_joints else _CERTAIN
+        least = _CERTAIN_OF_JOINTS if step.fault.is_of_whole_joints else _CERTAIN
         # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
         # several joints at once this is not so.
-        may_be_sure = step.mistake.kind != "torque scaled" or len(step.mistake.joints) > 1
+        may_be_sure = step.fault.kind != "torque scaled" or len(step.fault.joints) > 1
         certain = may_be_sure and summed >= least and step.unexplained.average_share <= SOUND
         findings.append(
-            DetectedFault(step.mistake, step.alike, now.average_share, step.unexplained.average_share, certain)
+            DetectedFault(step.fault, step.alike, now.average_share, step.unexplained.average_share, certain)
         )
         motion, now = mended, step.unexplained
     return tuple(findings), now
@@ -237,7 +237,7 @@ _Trial = tuple[ColumnFault, UnexplainedTorque]
 class _FaultStep(NamedTuple):
     """A fault, those that cannot be told from it, and what is unexplained without it."""
 
-    mistake: ColumnFault
+    fault: ColumnFault
     alike: tuple[ColumnFault, ...]
     unexplained: UnexplainedTorque
 
@@ -259,11 +259,9 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         *list_possible_faults(now.moving, find_parallel_axes(robot), has_torque),
     ]
     off = _find_drives_off(sizes.frictions)
-    possible = [
-        mistake for mistake in among if mistake.joints not in off and _is_possible_fault(mistake, robot, motion, sizes)
-    ]
+    possible = [fault for fault in among if fault.joints not in off and _is_possible_fault(fault, robot, motion, sizes)]
     # One small solution for each of some hundred faults; rows of W are kept where only torques change.
-    trials = [(mistake, judge.measure_unexplained(mistake.mend(motion))) for mistake in possible]
+    trials = [(fault, judge.measure_unexplained(fault.mend(motion))) for fault in possible]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)
     for best, unexplained in sorted(trials, key=lambda pair: pair[1].score):
@@ -281,7 +279,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
             continue
         near = [trial for trial in trials if trial[1].score - unexplained.score < ALIKE]
         best, unexplained = _choose_among_alike((best, unexplained), near, described)
-        alike = [mistake for mistake, _ in near if mistake != best]
+        alike = [fault for fault, _ in near if fault != best]
         if best.kind == "torque scaled":
             # A power of ten was tried; the masses may say a gain in between.
             best = replace(best, factor=refine_factor_by_masses(robot, motion, best.joints, best.factor))
@@ -290,7 +288,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
                 continue
             unexplained = judge.measure_unexplained(best.mend(motion))
         return _FaultStep(
-            best, tuple(mistake for mistake in alike if not _is_distinguished(best, mistake, described)), unexplained
+            best, tuple(fault for fault in alike if not _is_distinguished(best, fault, described)), unexplained
         )
     return None
 
@@ -344,22 +342,22 @@ class _TorqueEvidence:
     driving: BoolArray
 
 
-def _is_possible_fault(mistake: ColumnFault, robot: Robot, motion: Motion, sizes: _TorqueEvidence) -> bool:
+def _is_possible_fault(fault: ColumnFault, robot: Robot, motion: Motion, sizes: _TorqueEvidence) -> bool:
     """Tell whether neither masses nor friction refute a fault.
 
     Where the friction of some joints is too large, a scaled torque has to be among them.
     """
-    if mistake.kind != "torque scaled":
+    if fault.kind != "torque scaled":
         return True
     # A torque that is too small still drives its joint, unless the motor is off.
-    if mistake.factor > 1.0 and not sizes.driving[list(mistake.joints)].all():
+    if fault.factor > 1.0 and not sizes.driving[list(fault.joints)].all():
         return False
-    if sizes.excess and (not set(sizes.excess) <= set(mistake.joints) or mistake.factor > 1.0):
+    if sizes.excess and (not set(sizes.excess) <= set(fault.joints) or fault.factor > 1.0):
         return False
     return all(
-        is_nearer_to_masses(sizes.load, motion, joint, mistake.factor)
-        and is_nearer_to_others(robot, sizes.frictions, joint, mistake.factor)
-        for joint in mistake.joints
+        is_nearer_to_masses(sizes.load, motion, joint, fault.factor)
+        and is_nearer_to_others(robot, sizes.frictions, joint, fault.factor)
+        for joint in fault.joints
     )
 
 
@@ -453,7 +451,7 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
     # A log that is late is late for all joints. Where the motors of all others are off, one joint alone may look late
     # by the way in which it breaks loose.
     one_alone = find_moving_joints(motion).sum() > 1 and find_driving_joints(thin_out(motion), surely=False).sum() < 2
-    return replace(delay, is_mistake=False) if delay is not None and one_alone else delay
+    return replace(delay, is_fault=False) if delay is not None and one_alone else delay
 
 
 def measure_gain_by_other_scales(robot: Robot, motion: Motion, factor: float) -> float:

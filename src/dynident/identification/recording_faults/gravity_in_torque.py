@@ -10,13 +10,17 @@ from scipy.optimize import minimize
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.description_fit import measure_left_by_description
 from dynident.identification.recording_faults.fault_search import measure_unexplained_share
-from dynident.identification.recording_faults.held_out_fit import CLEARLY, HeldOutFit, UnexplainedTorque
 from dynident.identification.recording_faults.torque_scale import KNOWN
 from dynident.identification.recording_faults.tree_fit import BLOCKS
-from dynident.robot.model import Robot
-from dynident.robot.pinocchio_model import compute_described_torque
+from dynident.identification.recording_faults.unexplained_torque import (
+    CLEARLY,
+    HeldOutFit,
+    UnexplainedTorque,
+    measure_left_by_description,
+)
+from dynident.robot.pinocchio_conversion import compute_described_torque
+from dynident.robot.robot_model import Robot
 
 _STATIC_ROWS = 800
 """Rows that are used: a load of gravity has a few parameters a joint."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.robot.model import Robot
-from dynident.robot.pinocchio_model import compute_described_torque
+from dynident.robot.pinocchio_conversion import compute_described_torque
+from dynident.robot.robot_model import Robot
 
 LARGE_SHARE, HUGE_SHARE, MORE = 0.3, 0.7, 1.1
 """Share of a joint's limit of effort that friction does not take: 0.02 to 0.21 on the open recordings. Between the two

@@ -13,7 +13,7 @@ from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.effects import ReferenceParameters, get_effect, get_role
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.regressors.observation_matrix import Observation
-from dynident.robot.model import Robot
+from dynident.robot.robot_model import Robot
 
 _PARALLEL = 0.999
 """Cosine of the angle between axes, 2.6 degrees, up to which they count as parallel: calibrated robots differ less."""

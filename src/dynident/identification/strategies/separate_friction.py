@@ -17,13 +17,13 @@ from dynident.array_types import FloatArray
 from dynident.effects import ReferenceParameters, get_effect
 from dynident.errors import DynidentError, Remedy
 from dynident.estimation import EquationFactors, Reduction
-from dynident.identification.methods.bases import StrategyChoices
-from dynident.identification.problem import Fit, Problem
+from dynident.identification.estimation_problem import Fit, Problem
+from dynident.identification.methods.base_classes import StrategyChoices
 from dynident.identification.strategies.sequential import StepEstimates, check_estimator, conclude_steps, take_step
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, filtered_blocks
-from dynident.recordings.phases import find_sole_mover
+from dynident.recordings.joint_phases import find_sole_mover
 from dynident.regressors.filtered_rows import SampleFunction
-from dynident.regressors.model import Model
+from dynident.regressors.model_structure import Model
 
 # Seconds: the longest piece, which is a block of the covariance, and the shortest one that is used.
 _PIECE, _SHORTEST = 1.0, 0.1

@@ -30,10 +30,10 @@ from dynident.estimation import (
     compute_row_freedom,
     count_effective_rows,
 )
-from dynident.identification.equations.reduce_data import Data
-from dynident.identification.methods.bases import ESTIMATORS, MODELS, Estimator, StepsName, StrategyChoices
-from dynident.identification.problem import Fit, Problem
-from dynident.robot.model import Robot
+from dynident.identification.equations.reduced_recordings import Data
+from dynident.identification.estimation_problem import Fit, Problem
+from dynident.identification.methods.base_classes import ESTIMATORS, MODELS, Estimator, StepsName, StrategyChoices
+from dynident.robot.robot_model import Robot
 
 # Share of the largest singular value, columns of equal size, below which a direction is rounding alone.
 _ROUNDING_SHARE = 1e-8

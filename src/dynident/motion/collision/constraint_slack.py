@@ -13,9 +13,9 @@ from typing import Protocol
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.robot.limits import Limits
+from dynident.robot.limits_and_drives import Limits
 from dynident.robot.loop_equations import FAR_FROM_SINGULAR
-from dynident.robot.model import Linkage, Robot
+from dynident.robot.robot_model import Linkage, Robot
 
 
 class Slack(Protocol):

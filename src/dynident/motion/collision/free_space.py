@@ -11,22 +11,15 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
-from dynident.motion.collision.clearance import (
-    Ball,
-    CapsulePart,
-    ClearanceConstraints,
-    ClearancePairs,
-    cover_with_balls,
-)
 from dynident.motion.collision.constraint_slack import Constraints, JoinedConstraints, LoopConstraints
-from dynident.motion.collision.contacts import (
+from dynident.motion.collision.exact_distances import (
     ContactCheck,
     SolidPair,
     build_half_space_solid,
     build_pair,
     build_solid,
 )
-from dynident.motion.collision.obstacles import (
+from dynident.motion.collision.obstacle_geometry import (
     FLOOR_ASSUMED,
     HalfSpace,
     Surroundings,
@@ -35,11 +28,18 @@ from dynident.motion.collision.obstacles import (
     build_block,
     list_half_spaces,
 )
-from dynident.robot.collision import BASE, Body, CollisionGeometry, collision_geometry
+from dynident.motion.collision.smooth_clearance import (
+    Ball,
+    CapsulePart,
+    ClearanceConstraints,
+    ClearancePairs,
+    cover_with_balls,
+)
+from dynident.robot.collision_reader import BASE, Body, CollisionGeometry, collision_geometry
+from dynident.robot.collision_shapes import drop_contained, enclose_shape
+from dynident.robot.forward_kinematics import tool_path
 from dynident.robot.json_fields import join_names
-from dynident.robot.kinematics import tool_path
-from dynident.robot.model import Robot
-from dynident.robot.shapes import drop_contained, enclose_shape
+from dynident.robot.robot_model import Robot
 
 # Random postures from which it is judged which pairs come near each other.
 _POSTURES = 200

@@ -12,11 +12,11 @@ from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.motion.collision.constraint_slack import FollowerRates, LoopConstraints
 from dynident.motion.collision.free_space import FreeSpace, build_free_space
-from dynident.motion.collision.obstacles import Surroundings, check_surroundings
+from dynident.motion.collision.obstacle_geometry import Surroundings, check_surroundings
 from dynident.robot import Limits, Robot
 from dynident.robot.joint import WIDEST_RANGE, Joint
 from dynident.robot.json_fields import join_names, make_pointer
-from dynident.robot.limits import LARGEST
+from dynident.robot.limits_and_drives import LARGEST
 
 
 def select_moving_joints(selected: Sequence[str], names: Sequence[str]) -> BoolArray:
@@ -332,7 +332,7 @@ def _require_position(limits: Limits) -> tuple[float, float]:
 def _complete_limits(joint: Joint, stated: Limits, assumed: _Assumptions, at: str) -> Limits:
     """Return the tighter of the robot's and the stated limits of one joint, with assumptions where neither is known."""
     own = joint.limits
-    position = _pick_tighter_range(joint, stated, at)
+    position = _choose_tighter_range(joint, stated, at)
     limitless = joint.has_limitless_range if position is None else _is_limitless(position, joint)
     if position is None or limitless:
         # A turn is a natural range of a revolute joint. A sliding joint has none, and a guess could hit its end stop.
@@ -346,19 +346,19 @@ def _complete_limits(joint: Joint, stated: Limits, assumed: _Assumptions, at: st
         # A range that was stated but is wider than any machine's is no range: the same assumption, another note.
         position = (-np.pi, np.pi)
         (assumed.limitless if limitless else assumed.position).append(joint.name)
-    velocity = _pick_tighter(own.velocity, stated.velocity)
+    velocity = _choose_tighter(own.velocity, stated.velocity)
     if velocity is None:
         velocity = _REVOLUTE_VELOCITY if joint.kind == "revolute" else _PRISMATIC_VELOCITY
         assumed.velocity.append(joint.name)
-    acceleration = _pick_tighter(own.acceleration, stated.acceleration)
+    acceleration = _choose_tighter(own.acceleration, stated.acceleration)
     if acceleration is None:
         acceleration = min(_ACCELERATION_PER_VELOCITY * velocity, LARGEST)
         assumed.acceleration.append(joint.name)
-    jerk = _pick_tighter(own.jerk, stated.jerk)
+    jerk = _choose_tighter(own.jerk, stated.jerk)
     if jerk is None:
         jerk = min(_JERK_PER_ACCELERATION * acceleration, LARGEST)
         assumed.jerk.append(joint.name)
-    effort, power = _pick_tighter(own.effort, stated.effort), _pick_tighter(own.power, stated.power)
+    effort, power = _choose_tighter(own.effort, stated.effort), _choose_tighter(own.power, stated.power)
     return Limits(position, velocity, acceleration, jerk, effort, power)
 
 
@@ -401,12 +401,12 @@ class _Assumptions:
         return notes
 
 
-def _pick_tighter(own: float | None, stated: float | None) -> float | None:
+def _choose_tighter(own: float | None, stated: float | None) -> float | None:
     known = [value for value in (own, stated) if value is not None]
     return min(known) if known else None
 
 
-def _pick_tighter_range(joint: Joint, stated: Limits, at: str) -> tuple[float, float] | None:
+def _choose_tighter_range(joint: Joint, stated: Limits, at: str) -> tuple[float, float] | None:
     own = joint.reach
     if own is None or stated.position is None:
         return own if stated.position is None else stated.position

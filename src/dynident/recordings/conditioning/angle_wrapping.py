@@ -8,7 +8,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.conditioning.windows_and_changed_rows import ChangedRows, Signals, Window
-from dynident.recordings.metadata import Check
+from dynident.recordings.recording_metadata import Check
 
 TURN = 2.0 * pi
 

@@ -12,8 +12,8 @@ from dynident.recordings.conditioning.windows_and_changed_rows import (
     Window,
     find_run_edges,
 )
-from dynident.recordings.metadata import Check
 from dynident.recordings.recording import are_readings
+from dynident.recordings.recording_metadata import Check
 
 SHORTEST = 0.5
 """s for which all torques have to be 0: no log loses frames for so long, and brakes take some tenths of a second."""

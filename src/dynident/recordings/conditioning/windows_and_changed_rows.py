@@ -9,11 +9,11 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray, IntArray
 from dynident.errors import Remedy
-from dynident.recordings.columns import Layout
+from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_source import RawRows
-from dynident.recordings.metadata import Check, Status
 from dynident.recordings.recording import JointLimits
-from dynident.recordings.timebase import TimeBase
+from dynident.recordings.recording_metadata import Check, Status
+from dynident.recordings.sampling_clock import TimeBase
 
 CHUNK_ROWS = 64
 """Rows whose statistics are formed together. Windows begin at multiples of it: how a file is read changes nothing."""

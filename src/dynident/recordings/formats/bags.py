@@ -18,8 +18,8 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.array_types import FloatArray, IntArray
-from dynident.recordings.arrow import batch_from_arrays
-from dynident.recordings.file_limits import (
+from dynident.recordings.arrow_tables import batch_from_arrays
+from dynident.recordings.file_size_limits import (
     BLOCK_VALUES,
     DEEPEST,
     LARGEST_DEFINITION,
@@ -44,8 +44,8 @@ from dynident.recordings.formats.packed_messages import (
     normalise_type,
 )
 from dynident.recordings.formats.ros_bags import read_ros1_messages, read_ros2_messages
-from dynident.recordings.metadata import RecordingError
-from dynident.recordings.series_join import JoinedSamples, SampleSeries, TimeJoin
+from dynident.recordings.recording_metadata import RecordingError
+from dynident.recordings.sample_series_join import JoinedSamples, SampleSeries, TimeJoin
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict

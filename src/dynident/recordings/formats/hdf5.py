@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.recordings.file_limits import (
+from dynident.recordings.file_size_limits import (
     DEEPEST,
     LARGEST_CHUNK,
     MOST_OBJECTS,
@@ -25,8 +25,8 @@ from dynident.recordings.file_limits import (
     check_columns,
     check_unpacked,
 )
-from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
-from dynident.recordings.metadata import RecordingError
+from dynident.recordings.formats.array_files import ArrayFileSource, StoredArray
+from dynident.recordings.recording_metadata import RecordingError
 
 if TYPE_CHECKING:
     import h5py

@@ -16,8 +16,9 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.array_types import FloatArray
-from dynident.recordings.arrow import from_numbers
-from dynident.recordings.file_limits import (
+from dynident.recordings.arrow_tables import from_numbers
+from dynident.recordings.cells_without_numbers import make_counted_names
+from dynident.recordings.file_size_limits import (
     DEEPEST,
     LARGEST_MESSAGE,
     LARGEST_OBJECT,
@@ -27,10 +28,9 @@ from dynident.recordings.file_limits import (
     choose_block_rows,
 )
 from dynident.recordings.file_source import FileSource
-from dynident.recordings.formats.arrays import FEWEST_ROWS, ArrayFileSource, StoredArray
+from dynident.recordings.formats.array_files import FEWEST_ROWS, ArrayFileSource, StoredArray
 from dynident.recordings.formats.text_streams import TextContent
-from dynident.recordings.metadata import RecordingError
-from dynident.recordings.text_cells import make_counted_names
+from dynident.recordings.recording_metadata import RecordingError
 from dynident.text_encoding import escape_surrogates
 
 START = re.compile(rb"^(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")

@@ -14,10 +14,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pyarrow as pa
 
-from dynident.recordings.arrow import from_numbers
-from dynident.recordings.file_limits import TITLE, check_columns, choose_block_rows
+from dynident.recordings.arrow_tables import from_numbers
+from dynident.recordings.file_size_limits import TITLE, check_columns, choose_block_rows
 from dynident.recordings.file_source import FileSource
-from dynident.recordings.metadata import RecordingError
+from dynident.recordings.recording_metadata import RecordingError
 
 _BEGIN = b"<Rob"
 START = re.compile(rb"<Rob[\s>]")

@@ -15,9 +15,9 @@ from typing import IO
 
 import numpy as np
 
-from dynident.recordings.file_limits import DEEPEST, TITLE, check_columns, check_unpacked
-from dynident.recordings.formats.arrays import ArrayFileSource, ArrayPlace, StoredArray, UnpackedParts
-from dynident.recordings.metadata import RecordingError
+from dynident.recordings.file_size_limits import DEEPEST, TITLE, check_columns, check_unpacked
+from dynident.recordings.formats.array_files import ArrayFileSource, ArrayPlace, StoredArray, UnpackedParts
+from dynident.recordings.recording_metadata import RecordingError
 
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """How numbers are stored, by the code of their element; MATLAB keeps whole numbers in fewer bytes."""

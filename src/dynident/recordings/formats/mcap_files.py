@@ -10,8 +10,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from dynident.recordings.file_limits import UnpackedSize, check_chunk
-from dynident.recordings.formats.arrays import BoundedFile
+from dynident.recordings.file_size_limits import UnpackedSize, check_chunk
+from dynident.recordings.formats.array_files import BoundedFile
 from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, normalise_type
 
 _FOOTER = 9 + 8 + 8 + 4

@@ -14,14 +14,14 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.array_types import FloatArray
-from dynident.recordings.arrow import batch_from_arrays
-from dynident.recordings.file_limits import MOST_TEXT, TITLE, check_columns, check_unpacked, choose_block_rows
+from dynident.recordings.arrow_tables import batch_from_arrays
+from dynident.recordings.cells_without_numbers import make_counted_names
+from dynident.recordings.file_names_and_digests import MOST_FILES
+from dynident.recordings.file_size_limits import MOST_TEXT, TITLE, check_columns, check_unpacked, choose_block_rows
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.formats.text_streams import ProducedStream, TextContent
-from dynident.recordings.metadata import RecordingError
-from dynident.recordings.recording_files import MOST_FILES
-from dynident.recordings.series_join import JoinedSamples, SampleSeries, TimeJoin
-from dynident.recordings.text_cells import make_counted_names
+from dynident.recordings.recording_metadata import RecordingError
+from dynident.recordings.sample_series_join import JoinedSamples, SampleSeries, TimeJoin
 from dynident.recordings.time_columns import is_time_name
 
 _LOOKED_AT = 1000

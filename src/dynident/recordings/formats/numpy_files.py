@@ -10,9 +10,9 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 from numpy.lib import format as numpy_format
 
-from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked
-from dynident.recordings.formats.arrays import ArrayFileSource, ArrayPlace, BoundedFile, StoredArray, UnpackedParts
-from dynident.recordings.metadata import RecordingError
+from dynident.recordings.file_size_limits import TITLE, check_columns, check_unpacked
+from dynident.recordings.formats.array_files import ArrayFileSource, ArrayPlace, BoundedFile, StoredArray, UnpackedParts
+from dynident.recordings.recording_metadata import RecordingError
 
 _HEADERS = {(1, 0): numpy_format.read_array_header_1_0, (2, 0): numpy_format.read_array_header_2_0}
 _NUMBERS = "fiub"

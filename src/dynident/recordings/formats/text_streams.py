@@ -12,8 +12,8 @@ from typing import IO, TYPE_CHECKING
 
 import pyarrow as pa
 
-from dynident.recordings.file_limits import LARGEST_MESSAGE, MOST_TEXT, TITLE, UnpackedSize
-from dynident.recordings.metadata import RecordingError
+from dynident.recordings.file_size_limits import LARGEST_MESSAGE, MOST_TEXT, TITLE, UnpackedSize
+from dynident.recordings.recording_metadata import RecordingError
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer

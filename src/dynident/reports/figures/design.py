@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
 from dynident.excitation import Design
-from dynident.reports.figures.signals import find_extremes
+from dynident.reports.figures.signals_over_time import find_extremes
 from dynident.reports.figures.svg import Margins, make_panels, set_panel_title, shorten_name, to_svg
 from dynident.robot import Robot
-from dynident.robot.kinematics import tool_path
+from dynident.robot.forward_kinematics import tool_path
 
 # Okabe and Ito's palette without yellow, which paper does not show.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d")

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
 from dynident.diagnosis import Evidence, RankedEffect
-from dynident.diagnosis.result import DetectionLimit
+from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.effects import get_effect
 from dynident.reports.figures.svg import (
     BAND,
@@ -27,7 +27,7 @@ from dynident.reports.figures.svg import (
 )
 from dynident.reports.labels import get_effect_title
 from dynident.reports.number_format import format_percent
-from dynident.reports.result_rows import format_share
+from dynident.reports.result_tables import format_share
 from dynident.robot import Robot
 
 _EVIDENCE_HEIGHT, _LABEL_HEIGHT = 2.1, 0.44

@@ -122,10 +122,10 @@ def _draw_joints(
     values = 100 * np.array(per_joint)
     # A grey line joins the errors of one joint.
     axes.hlines(places, values.min(axis=0), values.max(axis=0), color="#cccccc", linewidth=2.5, zorder=1)
-    for k, rung in enumerate(values):
+    for k, value in enumerate(values):
         last = k == len(values) - 1
         colour = HELD_OUT if last else STEP_COLOURS[k % 4]
-        axes.scatter(rung, places, s=42 if last else 30, color=colour, zorder=3, label=f"model {k + 1}")
+        axes.scatter(value, places, s=42 if last else 30, color=colour, zorder=3, label=f"model {k + 1}")
     if floor is not None:
         axes.scatter(100 * floor, places, s=90, marker="|", color=FLOOR, linewidths=2.2, zorder=4, label="noise floor")
     axes.set_yticks(places, [shorten_name(name) for name in joint_names], parse_math=False)

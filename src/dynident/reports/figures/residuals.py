@@ -11,7 +11,7 @@ from matplotlib.colors import LogNorm
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis import Comparison, ResidualSpectrum, angle_spectrum, time_spectrum
-from dynident.diagnosis.comparing.autocorrelation_and_spectra import HIGHEST_IN_A_METRE, HIGHEST_IN_A_RADIAN
+from dynident.diagnosis.comparison.residual_autocorrelation_and_spectra import HIGHEST_IN_A_METRE, HIGHEST_IN_A_RADIAN
 from dynident.errors import DynidentError
 from dynident.reports.figures.svg import PREDICTED, RESIDUAL, make_panels, set_panel_title, to_svg
 

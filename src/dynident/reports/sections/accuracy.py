@@ -8,14 +8,14 @@ from math import nan
 
 from markupsafe import Markup
 
-from dynident.diagnosis import Diagnosis, WorstStretch
+from dynident.diagnosis import Diagnosis, WorstInterval
 from dynident.estimation import Errors
 from dynident.identification import Identification
-from dynident.recordings.phases import Phase
+from dynident.recordings.joint_phases import Phase
 from dynident.reports.figures.residuals import draw_residuals, draw_spectra
-from dynident.reports.figures.signals import JOINTS_PER_FIGURE, draw_torque
+from dynident.reports.figures.signals_over_time import JOINTS_PER_FIGURE, draw_torque
 from dynident.reports.number_format import format_number, format_percent
-from dynident.reports.report_data import ReportedRecording, ReportedValidation, Section
+from dynident.reports.reported_data import ReportedRecording, ReportedValidation, Section
 
 _VERDICT_TEXTS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not evaluated"}
 _VERDICT_MARKS = {"pass": "ok", "fail": "error", "not_evaluated": "warning"}
@@ -129,7 +129,7 @@ class RunFigures:
     role: str
     folded: bool
     figures: tuple[Markup, ...]
-    worst: tuple[WorstStretch, ...]
+    worst: tuple[WorstInterval, ...]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dynident.identification import Identification
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.reports.labels import format_standstill_shares
 from dynident.reports.number_format import format_count, format_number
-from dynident.reports.report_data import ReportedRecording, Section
+from dynident.reports.reported_data import ReportedRecording, Section
 
 
 @dataclass(frozen=True)

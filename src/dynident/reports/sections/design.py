@@ -13,7 +13,7 @@ from dynident.identification import Identification
 from dynident.motion import Margin
 from dynident.reports.figures.design import draw_design
 from dynident.reports.number_format import format_count, format_number, format_percent
-from dynident.reports.report_data import Section
+from dynident.reports.reported_data import Section
 from dynident.robot import Robot
 
 

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment
 from dynident.diagnosis import Change, Diagnosis, FailureSpot, RankedEffect, evidence
-from dynident.diagnosis.summary import group_patterns
+from dynident.diagnosis.diagnosis_summary import group_patterns
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import Identification
 from dynident.recordings import Recording
@@ -17,8 +17,8 @@ from dynident.reports.figures.changes import draw_changes, draw_friction_differe
 from dynident.reports.figures.diagnosis import draw_candidates, draw_detection_limits, draw_evidence
 from dynident.reports.labels import format_joints, format_shape_constants, get_effect_title
 from dynident.reports.number_format import format_number, format_p_value, format_percent, format_range
-from dynident.reports.report_data import Section
-from dynident.reports.result_rows import (
+from dynident.reports.reported_data import Section
+from dynident.reports.result_tables import (
     FRICTION_COLUMNS,
     LIMIT_COLUMNS,
     ChangeCells,

@@ -16,15 +16,15 @@ from dynident.effects import EffectChoice, get_effect
 from dynident.effects.effect_columns import find_joints
 from dynident.estimation import CovarianceName, Errors
 from dynident.identification import Identification
-from dynident.identification.study.correlated_and_essential_parameters import parameter_dependence
-from dynident.identification.study.held_out_gain import find_best_step
+from dynident.identification.identified_models.correlated_and_essential_parameters import parameter_dependence
+from dynident.identification.identified_models.held_out_gain import find_best_step
 from dynident.reports.figures.ladder import draw_models
 from dynident.reports.figures.svg import draw_formula
 from dynident.reports.labels import describe_best_step, format_joints, format_shape_constants, get_step_mark
 from dynident.reports.number_format import format_number, format_percent, format_range
-from dynident.reports.report_data import Section
-from dynident.reports.report_tables import ReportedTable
-from dynident.reports.result_rows import GROUPING, build_parameter_table, build_shape_table
+from dynident.reports.reported_data import Section
+from dynident.reports.result_tables import GROUPING, build_parameter_table, build_shape_table
+from dynident.reports.table_cells import ReportedTable
 from dynident.robot import Joint, Robot
 
 
@@ -231,7 +231,7 @@ def build_model_section(identification: Identification) -> Section:
     choices = identification.choices
     strategy = choices.strategy if choices.strategy != "sequential" else f"sequential, {choices.steps}"
     # What a step of the ladder added is marked: those effects were found, and not assumed.
-    added = {choice for rung in identification.ladder() for choice in rung.step.added}
+    added = {choice for ladder_model in identification.ladder() for choice in ladder_model.step.added}
     content = ModelContent(
         tuple(_build_effect_row(choice, robot, choice in added) for choice in choices.effects),
         (
@@ -290,7 +290,7 @@ class JointErrorRow:
 class LadderContent:
     """The content of the section: the models, their errors per joint, and both as a figure."""
 
-    rungs: tuple[StepRow, ...]
+    steps: tuple[StepRow, ...]
     joints: tuple[JointErrorRow, ...]
     kind: str
     best: str

@@ -14,13 +14,13 @@ from types import MappingProxyType
 from typing import Any
 
 from dynident.effects import EffectChoice
-from dynident.effects.text_format import format_effect
+from dynident.effects.effect_text_format import format_effect
 from dynident.identification import Identification, IdentificationChoices
 from dynident.recordings import Preprocessing, Recording, RecordingMetadata
-from dynident.recordings.metadata import Windows
-from dynident.reports.report_data import ReportedRecording, Section
+from dynident.recordings.recording_metadata import Windows
+from dynident.reports.reported_data import ReportedRecording, Section
 from dynident.robot import Robot
-from dynident.robot.settings import GRAVITY
+from dynident.robot.stated_settings import GRAVITY
 from dynident.schema.fields import get_default, get_description
 from dynident.schema.registry import RegistryEntry
 from dynident.text_encoding import encode_text
@@ -92,13 +92,16 @@ def build_commands(
     """
     command_lines = []
     windows = {recording.name: recording.windows for recording in recordings}
-    for number, rung in enumerate(identification.ladder(), 1):
-        files = [*rung.data.measurement_names, *(part for name in rung.data.validation_names for part in ("-v", name))]
-        names = [*rung.data.measurement_names, *rung.data.validation_names]
+    for number, ladder_model in enumerate(identification.ladder(), 1):
+        files = [
+            *ladder_model.data.measurement_names,
+            *(part for name in ladder_model.data.validation_names for part in ("-v", name)),
+        ]
+        names = [*ladder_model.data.measurement_names, *ladder_model.data.validation_names]
         files += [*_list_window_options(names, windows), *_list_metadata_options(names, said)]
         before, out = f"model{number - 1}.npz", ["-o", f"model{number}.npz"]
         # An extension or a removal starts from the model of the step before, so that its file has to be named.
-        step = rung.step
+        step = ladder_model.step
         if step.added:
             texts = ",".join(format_effect(choice, _DIGITS) for choice in step.added)
             words = ["extend", before, *files, "--effects", texts, *out]
@@ -107,12 +110,12 @@ def build_commands(
             words = ["remove", before, "--effects", texts, *out]
         else:
             options = [
-                *_list_robot_options(rung.model.robot),
-                *_list_choice_options(rung.choices),
-                *_list_filter_options(rung.preprocessing),
+                *_list_robot_options(ladder_model.model.robot),
+                *_list_choice_options(ladder_model.choices),
+                *_list_filter_options(ladder_model.preprocessing),
             ]
             words = ["identify", ROBOT, *files, *options, *out]
-        step_effects = step.added or step.removed or rung.choices.effects
+        step_effects = step.added or step.removed or ladder_model.choices.effects
         command_lines.append(shlex.join(["dynident", *words]) + _comment_on_segments(step_effects))
     return tuple(command_lines)
 

@@ -10,7 +10,7 @@ from dynident.diagnosis import Diagnosis
 from dynident.identification import Identification
 from dynident.reports.labels import CONDITION_MEANING, format_joints, get_effect_title
 from dynident.reports.number_format import format_count, format_number, format_percent
-from dynident.reports.report_data import ReportedRecording, ReportedValidation, Section
+from dynident.reports.reported_data import ReportedRecording, ReportedValidation, Section
 from dynident.reports.sections.model import (
     LadderFigure,
     build_ladder_figure,

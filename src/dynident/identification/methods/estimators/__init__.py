@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dynident.identification.methods.bases import Estimator
+from dynident.identification.methods.base_classes import Estimator
 
 if TYPE_CHECKING:
-    from dynident.identification.problem import Fit, Problem
+    from dynident.identification.estimation_problem import Fit, Problem
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Ordinary(Estimator):
     def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
         from dynident.estimation import ordinary, statistics
-        from dynident.identification.problem import Fit
+        from dynident.identification.estimation_problem import Fit
 
         solution = ordinary(problem.data.equations, problem.known)
         return Fit(solution, statistics(problem.data.equations, solution, problem.covariance))
@@ -94,7 +94,7 @@ class Weighted(Estimator):
     def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
         from dynident.estimation import statistics, weighted
-        from dynident.identification.problem import Fit
+        from dynident.identification.estimation_problem import Fit
 
         solution = weighted(problem.data.equations, problem.known)
         return Fit(solution, statistics(problem.data.equations, solution, problem.covariance))
@@ -147,7 +147,7 @@ class OutputError(Estimator):
         """Solve the equations of the data."""
         # Imported late, here and in its neighbours: the command line lists all estimators without loading the
         # numerics.
-        from dynident.identification.estimators.simulated_regressors import estimate_by_output_error
+        from dynident.identification.estimators.instrumental_variables_and_output_error import estimate_by_output_error
 
         return estimate_by_output_error(problem)
 
@@ -166,6 +166,8 @@ class InstrumentalVariables(Estimator):
 
     def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
-        from dynident.identification.estimators.simulated_regressors import estimate_by_instrumental_variables
+        from dynident.identification.estimators.instrumental_variables_and_output_error import (
+            estimate_by_instrumental_variables,
+        )
 
         return estimate_by_instrumental_variables(problem)

@@ -1,0 +1,31 @@
+"""Functions of jobs: they read the inputs, call the science and return the results. Child processes import them ahead.
+
+The queue stores these functions as "module:name". A function or module that is renamed must stay importable by its old
+name while a database may hold jobs with it.
+"""
+
+from dynident_service.job_functions import (
+    comparisons,
+    current_models,
+    designs,
+    diagnoses,
+    drive_gains,
+    identifications,
+    reports,
+    series,
+    simulations,
+    validations,
+)
+
+__all__ = [
+    "comparisons",
+    "current_models",
+    "designs",
+    "diagnoses",
+    "drive_gains",
+    "identifications",
+    "reports",
+    "series",
+    "simulations",
+    "validations",
+]

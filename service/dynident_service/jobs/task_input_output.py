@@ -1,0 +1,190 @@
+"""Input and output of a job's function, and parts of a job that another worker computes."""
+
+from __future__ import annotations
+
+import io
+import logging
+import pickle
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress
+from dynident_service.lru_cache import LruCache
+from dynident_service.storage.job_transitions import Claim
+from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.repository_values import NewResource, OwnedObject, Resource
+from dynident_service.storage.resource_repository import Resources
+from dynident_service.storage.retry_while_away import retry_while_away
+
+T = TypeVar("T")
+CACHED_OBJECTS = 16
+"""Number of objects that a child process caches."""
+PATIENCE = 15 * 60.0
+"""Seconds that a result waits for a database or an object store that is away or full."""
+
+
+@dataclass(frozen=True)
+class ClusterAddresses:
+    """Addresses of a Dask scheduler and of the worker that runs a job; other workers may compute parts of it."""
+
+    scheduler: str
+    own: str
+
+
+@dataclass(frozen=True)
+class JobEnvironment:
+    """Where a child process finds the database, the object store and other workers."""
+
+    database_url: str
+    object_store_url: str
+    cache_dir: Path
+    max_attempts: int
+    deadline: float
+    """Seconds that one attempt at a job may take."""
+    memory: int
+    """Bytes that a job may allocate, besides what is loaded."""
+    colleagues: ClusterAddresses | None = None
+
+
+class ObjectCache:
+    """Cache of the most recently used objects, for the next jobs of this process."""
+
+    def __init__(self) -> None:
+        self._kept: LruCache[object] = LruCache(CACHED_OBJECTS)
+
+    def get_or_make(self, kind: type[T], identifier: str, make: Callable[[], T]) -> T:
+        """Return the cached object of an id, or make it.
+
+        Parameters
+        ----------
+        kind : type
+            Class of the object.
+        identifier : str
+            Id of the resource that it belongs to.
+        make : callable
+            Makes the object if it is not cached.
+        """
+        value = self._kept.get(f"{kind.__qualname__} {identifier}")
+        if not isinstance(value, kind):
+            value = make()
+        self.put(kind, identifier, value)
+        return value
+
+    def put(self, kind: type[T], identifier: str, value: T) -> None:
+        """Cache an object; the least recently used ones are dropped."""
+        self._kept.put(f"{kind.__qualname__} {identifier}", value)
+
+
+@dataclass(frozen=True)
+class Task:
+    """Job as its function sees it: what to compute, and the means to do so."""
+
+    resource: Resource | None
+    arguments: Mapping[str, Any]
+    resources: Resources
+    objects: ObjectStore
+    memory: ObjectCache
+    progress: Progress
+    checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
+
+    @property
+    def subject(self) -> Resource:
+        """Resource that the job computes."""
+        if self.resource is None:
+            raise ValueError("this job belongs to no resource")
+        return self.resource
+
+    def store_file(self, role: str, content: bytes | Path, media_type: str = "application/octet-stream") -> OwnedObject:
+        """Put bytes or a file into the object store, to be owned by the resource.
+
+        A store that is full or away is waited for, so that the result need not be computed again.
+        """
+        return retry_while_away(lambda: self.resources.put_with_role(role, content, media_type), PATIENCE)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Result of a job; it is stored in one transaction with the end of the job."""
+
+    result: Mapping[str, Any] = field(default_factory=dict)
+    objects: tuple[OwnedObject, ...] = ()
+    creates: NewResource | None = None
+    """Further resource that the job creates (a simulation creates a measurement); its id is put into the result under
+    the name of its kind with `_id`.
+    """
+
+
+JobFunction = Callable[[Task], Outcome]
+
+
+def pack_value(value: object, objects: ObjectStore) -> bytes:
+    """Pickle a value; raise whatever exception a value causes that cannot leave its process."""
+    content = io.BytesIO()
+    _Packer(content, objects).dump(value)
+    return content.getvalue()
+
+
+def unpack_value(content: bytes, objects: ObjectStore) -> object:
+    """Unpickle a value and fetch its files from the object store; raise what `ObjectStore.path` raises."""
+    value: object = _Unpacker(io.BytesIO(content), objects).load()
+    return value
+
+
+class _Packer(pickle.Pickler):
+    def __init__(self, content: io.BytesIO, objects: ObjectStore) -> None:
+        super().__init__(content, pickle.HIGHEST_PROTOCOL)
+        self._objects = objects
+
+    def persistent_id(self, value: object) -> str | None:
+        """Return the key if a value is the path of a file in the object store."""
+        return self._objects.find_key(value) if isinstance(value, Path) else None
+
+
+class _Unpacker(pickle.Unpickler):
+    def __init__(self, content: io.BytesIO, objects: ObjectStore) -> None:
+        super().__init__(content)
+        self._objects = objects
+
+    def persistent_load(self, key: object) -> Path:
+        """Return the local path of the file with a key."""
+        return self._objects.fetch_file(str(key))
+
+
+log = logging.getLogger("dynident.job")
+
+
+class PartFailed(Exception):
+    """A part was not done: its process died, its computation failed, or nobody waits for it any more."""
+
+
+@dataclass(frozen=True)
+class JobPart:
+    """Part of a job: a function and its argument, pickled by `_Packer`."""
+
+    claim: Claim
+    place: JobEnvironment
+    work: bytes
+    item: bytes
+
+
+def compute_part(job_id: str, url: str, cache_dir: Path, work: bytes, item: bytes) -> bytes:
+    """Compute a part; the function is cached for the next part, with the machine code that it contains."""
+    began = time.monotonic()
+    function, objects = _get_function(work, url, cache_dir), _get_store(url, cache_dir)
+    result = pickle.dumps(function(unpack_value(item, objects), ignore_progress), pickle.HIGHEST_PROTOCOL)
+    log.info("did a part of job %s in %.1f s", job_id, time.monotonic() - began)
+    return result
+
+
+@lru_cache(maxsize=1)
+def _get_store(url: str, cache_dir: Path) -> ObjectStore:
+    return ObjectStore(url, cache_dir)
+
+
+@lru_cache(maxsize=2)
+def _get_function(content: bytes, url: str, cache_dir: Path) -> Callable[[object, Progress], object]:
+    return cast(Callable[[object, Progress], object], unpack_value(content, _get_store(url, cache_dir)))

@@ -1,0 +1,257 @@
+"""Tables with named columns and rows, and their conversion to data frames of pandas or polars.
+
+This library needs neither package: a table prints itself and is indexed by name.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import DynidentError
+from dynident.optional_dependencies import format_install_hint
+from dynident.reports.number_format import format_number
+from dynident.text_and_html_tables import format_text_table, join_html, render_paragraph, render_table
+
+if TYPE_CHECKING:
+    # For type checkers and editors alone: users have one of them, or none.
+    import pandas
+    import polars
+
+FrameLibrary = Literal["pandas", "polars"]
+_LIBRARIES: tuple[FrameLibrary, ...] = ("pandas", "polars")
+_SHOWN_ROWS, _WIDTH = 30, 98
+"""Rows and characters of a table that is printed: a screen of a terminal or a notebook."""
+
+
+class Framed(ABC):
+    """Base class of results that are tables; each subclass states its columns and rows."""
+
+    @overload
+    def to_frame(self, library: Literal["pandas"]) -> pandas.DataFrame: ...
+    @overload
+    def to_frame(self, library: Literal["polars"]) -> polars.DataFrame: ...
+    @overload
+    def to_frame(self, library: FrameLibrary | None = None) -> pandas.DataFrame | polars.DataFrame: ...
+    def to_frame(self, library: FrameLibrary | None = None) -> pandas.DataFrame | polars.DataFrame:
+        """Return a data frame of pandas or polars, with the columns that the class states.
+
+        Parameters
+        ----------
+        library : "pandas", "polars" or None
+            None: pandas where it is installed, else polars.
+
+        Returns
+        -------
+        data frame
+            With pandas the units are in `frame.attrs["units"]`, where columns have one each; polars has no place for
+            them.
+
+        Raises
+        ------
+        DynidentError
+            Where the library, or any of the two, is not installed. `to_table` needs neither.
+        """
+        return _build_frame(self._columns(), library)
+
+    def to_table(self) -> Table:
+        """Return the same columns as a table of this library, which needs neither pandas nor polars.
+
+        Returns
+        -------
+        Table
+            It is indexed by the names of columns: `table["t"]`.
+        """
+        return self._columns()
+
+    @abstractmethod
+    def _columns(self) -> Table: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Table(Framed):
+    """Named columns of the same length; the rows may have names, too.
+
+    `table["name"]` is a column as an array (m,), or else the row of this name: an array, or a number where the table
+    has one column. `table["row", "column"]` is one entry. NumPy takes a table as an array: `numpy.asarray(table)`.
+
+    Parameters
+    ----------
+    columns : mapping of column name to values
+        The columns, each of the same length.
+    units : mapping of name to unit
+        Units of columns that have one for all their rows, or of rows by their names.
+    labels : sequence of str
+        Names of the rows; empty where they have none.
+    label_name : str
+        What the names of the rows are, as the head of their column.
+    title : str
+        What the table holds.
+
+    Examples
+    --------
+    >>> from dynident.api.named_tables import Table
+    >>> table = Table({"value": [2.0, 0.5]}, labels=("Fc1", "Fv1"))
+    >>> table["Fc1"]
+    2.0
+    >>> dict(table.items())
+    {'Fc1': 2.0, 'Fv1': 0.5}
+    """
+
+    columns: Mapping[str, Sequence[object] | NDArray[np.generic]]
+    units: Mapping[str, str] = field(default_factory=dict)
+    labels: Sequence[str] = ()
+    label_name: str = "name"
+    title: str = ""
+
+    def keys(self) -> tuple[str, ...]:
+        """Return the names of the rows; where rows have none, those of the columns."""
+        return tuple(self.labels) or tuple(self.columns)
+
+    def items(self) -> Iterator[tuple[str, object]]:
+        """Yield each of `keys` with its row, or its column."""
+        return ((name, self[name]) for name in self.keys())
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns or name in self.labels
+
+    def __getitem__(self, name: str | tuple[str, str]) -> Any:
+        if isinstance(name, tuple):
+            row, column = name
+            return _to_python(self._get_column(column)[self._find_row(row)])
+        if name in self.columns:
+            return self._get_column(name)
+        row_number = self._find_row(name)
+        row_values = [self._get_column(column)[row_number] for column in self.columns]
+        return _to_python(row_values[0]) if len(row_values) == 1 else np.array(row_values)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        arrays = [self._get_column(name) for name in self.columns]
+        array = arrays[0] if len(arrays) == 1 else np.column_stack(arrays)
+        return array if dtype is None else array.astype(dtype)
+
+    def _columns(self) -> Table:
+        return self
+
+    def _get_column(self, name: str) -> Any:
+        if name not in self.columns:
+            raise KeyError(f"there is no column {name!r}; the columns are: {', '.join(self.columns)}")
+        values = self.columns[name]
+        return values if isinstance(values, np.ndarray) else np.array(values)
+
+    def _find_row(self, name: object) -> int:
+        if name not in self.labels:
+            raise KeyError(f"there is no {name!r}; there are: {', '.join(self.keys())}")
+        return tuple(self.labels).index(str(name))
+
+    def __repr__(self) -> str:
+        heads, rows = self._format_rows(_SHOWN_ROWS)
+        n_columns = _count_fitting(heads, rows)
+        left_out = len(heads) - n_columns
+        title = self.title or f"Table({len(self)} rows)"
+        if left_out:
+            title += f"; {left_out} more columns (.columns)"
+        return format_text_table(
+            title, heads[:n_columns], [row[:n_columns] for row in rows], len(self), right_from=bool(self.labels)
+        )
+
+    def _repr_html_(self) -> str:
+        heads, rows = self._format_rows(_SHOWN_ROWS)
+        left_out = len(self) - len(rows)
+        return join_html(
+            render_paragraph(self.title, strong=True) if self.title else "",
+            render_table(heads, rows, right_from=bool(self.labels)),
+            render_paragraph(f"… and {left_out} more rows") if left_out else "",
+        )
+
+    def _format_rows(self, most: int) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        heads = tuple(f"{name} ({self.units[name]})" if name in self.units else name for name in self.columns)
+        columns = [self._get_column(name)[:most] for name in self.columns]
+        rows = [tuple(_format_cell(value) for value in row) for row in zip(*columns, strict=True)]
+        if not self.labels:
+            return heads, rows
+        heads, named = (self.label_name, *heads), list(zip(self.labels, rows, strict=False))
+        # Units of columns stand in their heads, those of rows in a column of their own.
+        if set(self.units) <= set(self.columns):
+            return heads, [(label, *row) for label, row in named]
+        return (*heads, "unit"), [(label, *row, self.units.get(label, "")) for label, row in named]
+
+
+def build_columns(names: Sequence[str], rows: Sequence[Sequence[object]]) -> Table:
+    """Return rows as named columns.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the columns.
+    rows : sequence of sequences
+        One sequence a row, each as long as `names`.
+
+    Returns
+    -------
+    Table
+        The same values, column by column; without units.
+    """
+    return Table({name: [row[k] for row in rows] for k, name in enumerate(names)})
+
+
+def _to_python(value: object) -> object:
+    """Return a number of NumPy as one of Python, which prints itself as a number alone."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _format_cell(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, (float, np.floating)):
+        return "–" if np.isnan(value) else format_number(float(value))
+    return str(value)
+
+
+def _count_fitting(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> int:
+    """Return how many leading columns fit on a line; at least two."""
+    widths = np.cumsum([2 + max(len(row[k]) for row in (heads, *rows)) for k in range(len(heads))])
+    return max(2, int(np.searchsorted(widths, _WIDTH, side="right")))
+
+
+def _build_frame(table: Table, library: FrameLibrary | None) -> pandas.DataFrame | polars.DataFrame:
+    if library is not None and library not in _LIBRARIES:
+        raise DynidentError(f"data frames of {library!r} are not supported; choose pandas or polars", pointer="library")
+    for name in (library,) if library else _LIBRARIES:
+        # Imported by name and only now, as the library works without both.
+        try:
+            module = import_module(name)
+        except ModuleNotFoundError as missing:
+            # The library is installed but lacks a package of its own: that is another fault.
+            if missing.name != name:
+                raise
+            continue
+        if name == "pandas":
+            frame: pandas.DataFrame = module.DataFrame(dict(table.columns))
+            if table.labels:
+                frame.index = module.Index(list(table.labels), name=table.label_name)
+            if table.units:
+                frame.attrs["units"] = dict(table.units)
+            return frame
+        # Rows of polars have no names: they become the first column.
+        labelled = {table.label_name: list(table.labels)} if table.labels else {}
+        columns: polars.DataFrame = module.DataFrame({**labelled, **table.columns})
+        return columns
+    wanted = library or "pandas or polars"
+    hint = "install it with: pip install polars" if library == "polars" else format_install_hint("pandas")
+    raise DynidentError(
+        f"a data frame needs {wanted}, which is not installed; {hint}. to_table() gives the same columns without it",
+        title="Not installed",
+    )

@@ -1,0 +1,299 @@
+"""Measured torque compared with predicted torque."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.api.argument_checks import check_arguments, require
+from dynident.api.figure import Figure, join_figures
+from dynident.api.model import Model
+from dynident.api.model_identification import as_model
+from dynident.api.named_tables import Framed, Table
+from dynident.api.recording_collection import CheckedRecording, SomeRecordings, as_recordings
+from dynident.diagnosis import Comparison, Judgement, judge
+from dynident.diagnosis import compare as compare_recording
+from dynident.errors import DynidentError
+from dynident.identification import Identification, check_same_recordings
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings.joint_phases import Phase
+from dynident.reports.number_format import format_number, format_percent
+from dynident.text_and_html_tables import format_text_table, join_html, render_list, render_paragraph, render_table
+
+_SHOWN = 5
+_PHASES = np.array([phase.name.lower() for phase in Phase])
+_COLUMNS = ("joint", "error, moving", "rms", "all rows", "noise floor", "over noise")
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedRecording(Framed):
+    """One recording compared with the prediction of a model.
+
+    `to_frame` has a row for each joint and time, joint after joint: joint, unit (N m or N), t (s), segment (of the
+    recording, from 0 on), measured, predicted, residual, lower, upper, all five in `unit`, and phase (moving,
+    reversing, standing, passive_halt). Torque is filtered and decimated. Where a joint stands its residual is the
+    distance to what static friction may hold, from lower to upper.
+
+    Parameters
+    ----------
+    recording : CheckedRecording
+        The recording that was compared.
+    comparison : Comparison
+        Measured and predicted signals over time.
+    judgement : Judgement
+        The error in comparison with the noise.
+    """
+
+    recording: CheckedRecording
+    comparison: Comparison
+    judgement: Judgement
+
+    @property
+    def name(self) -> str:
+        """The name of the recording."""
+        return self.recording.name
+
+    def _columns(self) -> Table:
+        return Table(self._build_arrays())
+
+    def plot(self, joints: str | Sequence[str] = ()) -> Figure:
+        """Draw measured and predicted torque, and the residual, over time.
+
+        Parameters
+        ----------
+        joints : names of joints
+            All of them where none is named.
+
+        Returns
+        -------
+        Figure
+            A panel for each joint, with torque and residual over time.
+
+        Raises
+        ------
+        DynidentError
+            For a joint that the robot does not have.
+        """
+        from dynident.reports.figures.signals_over_time import JOINTS_PER_FIGURE, draw_torque
+
+        names = self.comparison.joint_names
+        joints = [joints] if isinstance(joints, str) else joints
+        # A misspelt joint is refused: leaving it out would look as if all had been drawn.
+        strangers = [name for name in joints if name not in names]
+        if strangers:
+            raise DynidentError(f"there is no joint {strangers[0]!r}; the joints are: {', '.join(names)}")
+        indices = [names.index(name) for name in joints or names]
+        parts = [
+            draw_torque(self.comparison, indices[first : first + JOINTS_PER_FIGURE], self.name)
+            for first in range(0, len(indices), JOINTS_PER_FIGURE)
+        ]
+        return join_figures(parts, f"measured and predicted torque of {self.name}")
+
+    def _build_arrays(self) -> dict[str, NDArray[np.generic]]:
+        comparison = self.comparison
+        m, n = comparison.measured.shape
+        signals = {
+            # All five in the joint's unit, each (m, n).
+            "measured": comparison.measured,
+            "predicted": comparison.predicted,
+            "residual": comparison.residual,
+            "lower": comparison.lower,
+            "upper": comparison.upper,
+        }
+        return {
+            "joint": np.repeat(comparison.joint_names, m),
+            "unit": np.repeat(comparison.units, m),
+            "t": np.tile(comparison.t, n),
+            "segment": np.tile(comparison.segment.astype(np.int64), n),
+            # Column by column, as the joints are repeated: joint after joint.
+            **{name: values.ravel("F") for name, values in signals.items()},
+            "phase": _PHASES[comparison.phase.ravel("F")],
+        }
+
+    def __repr__(self) -> str:
+        rows = [self._format_row(j) for j in range(len(self.comparison.joint_names))]
+        return format_text_table(f"ComparedRecording({self._format_head()})", _COLUMNS, rows, len(rows))
+
+    def _repr_html_(self) -> str:
+        rows = [self._format_row(j) for j in range(len(self.comparison.joint_names))]
+        worst = [
+            f"{interval.joint}, {interval.start:.2f} to {interval.end:.2f} s: "
+            f"{interval.ratio:.1f} times the rms of the joint"
+            for interval in self.comparison.worst[:_SHOWN]
+        ]
+        return join_html(
+            render_paragraph(self._format_head(), strong=True),
+            render_table(_COLUMNS, rows),
+            render_list(self.judgement.notes),
+            render_paragraph("Worst:") + render_list(worst) if worst else "",
+        )
+
+    def _format_head(self) -> str:
+        comparison = self.comparison
+        moving, everywhere = comparison.moving_errors.relative_total, comparison.errors.relative_total
+        return (
+            f"{self.name}: error {format_percent(moving)} where joints move, {format_percent(everywhere)} on all rows"
+        )
+
+    def _format_row(self, joint: int) -> tuple[str, ...]:
+        comparison, judgement = self.comparison, self.judgement
+        moving, unit = comparison.moving_errors, comparison.units[joint]
+        moves = bool(moving.counts[joint])
+        return (
+            comparison.joint_names[joint],
+            format_percent(float(moving.relative[joint])) if moves else "never",
+            f"{format_number(float(moving.rms[joint]))} {unit}" if moves else "–",
+            format_percent(float(comparison.errors.relative[joint])),
+            f"{format_number(float(judgement.noise.values[joint]))} {unit}",
+            f"{judgement.over_noise[joint]:.1f} x" if moving.counts[joint] else "–",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Comparisons(Sequence[ComparedRecording], Framed):
+    """Recordings compared with the prediction of one model; by number, or by the recording's name.
+
+    `to_frame` has one below the other: recording (its name), then the columns of `ComparedRecording`.
+
+    Parameters
+    ----------
+    model : Model
+        The model that predicted the torque.
+    items : tuple of ComparedRecording
+        The comparisons, in the order of the recordings.
+    """
+
+    model: Model
+    items: tuple[ComparedRecording, ...]
+
+    def _columns(self) -> Table:
+        arrays = [item._build_arrays() for item in self.items]
+        counts = [len(recording_arrays["t"]) for recording_arrays in arrays]
+        columns: dict[str, NDArray[np.generic]] = {"recording": np.repeat([item.name for item in self.items], counts)}
+        columns |= {
+            name: np.concatenate([recording_arrays[name] for recording_arrays in arrays])
+            for name in (arrays[0] if arrays else ())
+        }
+        return Table(columns)
+
+    def plot(self, joints: str | Sequence[str] = ()) -> Figure:
+        """Draw all of them, one below the other.
+
+        Parameters
+        ----------
+        joints : names of joints
+            All of them where none is named.
+
+        Returns
+        -------
+        Figure
+            A panel for each joint, with torque and residual over time.
+
+        Raises
+        ------
+        DynidentError
+            For a joint that the robot does not have.
+        """
+        # One <svg> per recording, each under the recording's name.
+        names = [item.name for item in self.items]
+        parts = [item.plot(joints) for item in self.items]
+        return join_figures(parts, f"measured and predicted torque of {', '.join(names)}", names)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[ComparedRecording]:
+        return iter(self.items)
+
+    @overload
+    def __getitem__(self, index: int | str) -> ComparedRecording: ...
+    @overload
+    def __getitem__(self, index: slice) -> Comparisons: ...
+    def __getitem__(self, index: int | str | slice) -> ComparedRecording | Comparisons:
+        if isinstance(index, slice):
+            return Comparisons(self.model, self.items[index])
+        if isinstance(index, str):
+            item_of_name = next((item for item in self.items if item.name == index), None)
+            if item_of_name is None:
+                raise KeyError(f"there is no {index!r}; there are: {', '.join(item.name for item in self.items)}")
+            return item_of_name
+        return self.items[index]
+
+    def __repr__(self) -> str:
+        lines = [f"  {item._format_head()}" for item in self.items[:_SHOWN]]
+        rest = [f"  … and {len(self.items) - _SHOWN} more"] if len(self.items) > _SHOWN else []
+        return "\n".join([f"Comparisons({len(self.items)})", *lines, *rest])
+
+    def _repr_html_(self) -> str:
+        return join_html(*(item._repr_html_() for item in self.items))
+
+
+@check_arguments
+def compare(
+    model: Model | Identification,
+    recordings: SomeRecordings,
+    *,
+    learnt: SomeRecordings | None = None,
+    progress: Progress = ignore_progress,
+) -> Comparisons:
+    """Compare measured with predicted torque, joint by joint.
+
+    Parameters
+    ----------
+    model : Model
+        The identified model, with or without its recordings.
+    recordings : recordings
+        Those whose torque is to be predicted; of the same robot.
+    learnt : recordings, optional
+        Those that the model was identified from, where the model does not hold them. They tell whether a motion only
+        repeats one of theirs.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Comparisons
+        One comparison for each recording, in their order.
+
+    Raises
+    ------
+    DynidentError
+        Where there is no recording, it is another robot's, or no row is left after filtering.
+
+    Examples
+    --------
+    >>> model = dy.identify(robot, runs[:1])
+    >>> (comparison,) = dy.compare(model, runs[1])
+    >>> comparison.name
+    'run2'
+    """
+    desk_model = as_model(model)
+    require(
+        not isinstance(recordings, (Model, Identification)),
+        recordings,
+        "recordings",
+        "a model is compared with recordings; dy.Ladder((a, b)) shows the errors of two models",
+    )
+    checked_recordings = as_recordings(recordings)
+    if not checked_recordings:
+        raise DynidentError("give at least one recording for the comparison", title="Recordings needed")
+    # Only with the recordings of the fit can it be told whether a recording was fitted to, or repeats one of these.
+    fit_recordings = (desk_model.recordings if learnt is None else as_recordings(learnt)).recordings
+    if learnt is not None:
+        check_same_recordings(desk_model.identification, fit_recordings)
+    compared = []
+    for index, item in enumerate(checked_recordings):
+        share = scale_progress(progress, index / len(checked_recordings), (index + 1) / len(checked_recordings))
+        comparison = compare_recording(desk_model.identification, item.recording, share)
+        # A recording that the model was identified from is fit data, and no repetition is looked for.
+        others = [recording for recording in fit_recordings if recording.source is not item.recording.source]
+        is_fit_data = len(others) < len(fit_recordings)
+        judgement = judge(
+            comparison, item.recording, desk_model.identification.preprocessing, () if is_fit_data else others
+        )
+        compared.append(ComparedRecording(item, comparison, judgement))
+    return Comparisons(desk_model, tuple(compared))

@@ -1,0 +1,308 @@
+"""How much better a model with one more effect predicts data that it was not fitted to: small algebra on factors.
+
+All candidates are projected on the complement of the model (Frisch, Waugh and Lovell) within every fold, so that the
+model's own parameters adapt to each of them; the squared error of every stretch of time that was left out follows from
+inner products that are computed once. Candidates with equally many columns are scored together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
+from dynident.diagnosis.candidates.inner_products_and_folds import Products, split_data_folds, sum_by_block
+from dynident.diagnosis.candidates.inner_products_by_joint import JointBlock, JointBlocks, ProductBlock, RowBlock
+
+# Difference from one below which a direction lies in the span of others.
+_SPANNED = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """Squared errors on held-out data before and after adding a candidate.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        The candidate.
+    before : (s, n)
+        Squared errors of the model alone, held out, N² m².
+    after : (s, n)
+        Squared errors with the candidate, held out, N² m².
+    separability : float
+        Share of the candidate's column that is left beside the model, by norm, the largest of its columns.
+    amplitudes : (k,)
+        Parameters of the candidate, fitted to all data.
+    measured : (n,)
+        Sum of the squared torque of every joint.
+    """
+
+    candidate: Candidate
+    before: FloatArray
+    after: FloatArray
+    separability: float
+    amplitudes: FloatArray
+    measured: FloatArray
+
+
+def compute_held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
+    """Return the squared error (s, n) of the model alone in every block, fitted without the fold of the block.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    kind : str
+        Kind of folds, see `split_data_folds`.
+    """
+    return score_candidates(data, base, (), noise, kind)[0]
+
+
+def score_candidates(
+    data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray, kind: str
+) -> tuple[FloatArray, list[Score]]:
+    """Score every candidate beside a model.
+
+    Parameters
+    ----------
+    noise : (n,)
+        Standard deviation of every joint's residual, the weight of its rows.
+    kind : {"interleaved", "contiguous", "runs", "parts"}
+        Kind of folds, see `split_data_folds`.
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    candidates : sequence of Candidate
+        Candidates to score.
+
+    Returns
+    -------
+    tuple of (s, n), list of Score
+        Squared errors of the model alone, and a score for every candidate.
+    """
+    blocks = JointBlocks.from_products(data, base, candidates)
+    return score_blocks(data, blocks, blocks.sum_products(noise), candidates, noise, kind)
+
+
+def score_blocks(
+    data: Products,
+    blocks: JointBlocks,
+    total: ProductSums,
+    candidates: Sequence[Candidate],
+    noise: FloatArray,
+    kind: str,
+) -> tuple[FloatArray, list[Score]]:
+    """Return the same as `score_candidates`, from blocks and their sums that are at hand.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    blocks : JointBlocks
+        What the scores take of them.
+    total : ProductSums
+        Sums of `blocks` over all blocks of time.
+    candidates : sequence of Candidate
+        Candidates to score.
+    noise : (n,)
+        Standard deviation of every joint's residual, the weight of its rows.
+    kind : str
+        Kind of folds, see `split_data_folds`.
+
+    Returns
+    -------
+    tuple of (s, n), list of Score
+        Squared errors of the model alone, and a score for every candidate.
+    """
+    s, n = data.n_blocks, data.n_joints
+    before, after = np.zeros((s, n)), np.zeros((len(candidates), s, n))
+    # Candidates are scored by portion; these are their numbers in that order.
+    members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
+    for left_out in split_data_folds(data, kind):
+        here = blocks.select_blocks(left_out)
+        # Sums over the training blocks are those of all blocks minus those left out: no product is summed twice.
+        fit = FoldFit(total.subtract(here.sum_products(noise)), blocks.portions)
+        amplitudes = blocks.fit_amplitudes(fit)
+        for j, block in enumerate(here.joints):
+            errors = block.compute_errors(fit)
+            before[left_out, j] = errors.alone
+            if len(members):
+                after[members[:, None], left_out, j] = errors.compute_errors_with(amplitudes)
+    # What is reported of a candidate comes from all data; only its errors are held out.
+    whole = FoldFit(total, blocks.portions)
+    separability, amplitudes_of = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
+    for number, portion in enumerate(blocks.portions):
+        separability[portion.members] = whole.compute_separability(number)
+        for member, own in zip(portion.members, whole.fit_amplitudes(number), strict=True):
+            amplitudes_of[member] = own
+    measured = data.torque_squared()
+    return before, [
+        Score(candidate, before, after[k], float(separability[k]), amplitudes_of[k], measured)
+        for k, candidate in enumerate(candidates)
+    ]
+
+
+def compute_contributions(
+    data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray
+) -> list[FloatArray]:
+    """Return (s, k) for every candidate: what each block adds to the scores of its k parameters (Rao's test).
+
+    That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what the model leaves, Z what is
+    left of the columns beside it. Their sum over the stretches is zero but for noise where the candidate explains
+    nothing, and its square is what the candidate removes where it does.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    candidates : sequence of Candidate
+        The candidates.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    """
+    blocks = JointBlocks.from_products(data, base, candidates)
+    return compute_block_contributions(blocks, blocks.sum_products(noise), len(candidates), noise)
+
+
+def compute_block_contributions(
+    blocks: JointBlocks, total: ProductSums, count: int, noise: FloatArray
+) -> list[FloatArray]:
+    """Return the same as `compute_contributions` for `count` candidates, from blocks and their sums.
+
+    Parameters
+    ----------
+    blocks : JointBlocks
+        What the scores take of the products.
+    total : ProductSums
+        Sums of `blocks` over all blocks of time.
+    count : int
+        Number of candidates.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    """
+    fit = FoldFit(total, blocks.portions)
+    sums = np.zeros((blocks.n_blocks, blocks.n_extra))
+    for block, sigma in zip(blocks.joints, noise, strict=True):
+        sums += block.compute_errors(fit).compute_scores() / sigma**2
+    scores = [np.zeros((0, 0))] * count
+    for number, portion in enumerate(blocks.portions):
+        for member, columns, unit in zip(
+            portion.members, portion.columns, fit.compute_unit_directions(number), strict=True
+        ):
+            scores[member] = sums[:, columns] @ unit
+    return scores
+
+
+def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> list[FloatArray]:
+    """Return (k,) for every candidate: the standard deviations of its k parameters, fitted beside the model.
+
+    From what every stretch adds to the scores: samples of one stretch need not be independent (White 1980, by
+    clusters). Infinite where the model and the other columns of the candidate can say the same.
+
+    Parameters
+    ----------
+    blocks : JointBlocks
+        What the scores take of the products.
+    count : int
+        Number of candidates.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    """
+    total = blocks.sum_products(noise)
+    scores = compute_block_contributions(blocks, total, count, noise)
+    fit = FoldFit(total, blocks.portions)
+    # The correction for few clusters, m / (m - 1).
+    more = blocks.n_blocks / max(blocks.n_blocks - 1, 1)
+    deviations_of = [np.zeros(0)] * count
+    for number, portion in enumerate(blocks.portions):
+        for member, unit in zip(portion.members, fit.compute_unit_directions(number), strict=True):
+            # What each block moves the parameters by; the sum of squares over the blocks is their variance.
+            spread = scores[member] @ unit.T
+            deviations_of[member] = np.where(_are_spanned(unit), np.sqrt(more * (spread**2).sum(axis=0)), np.inf)
+    return deviations_of
+
+
+def _are_spanned(unit: FloatArray) -> BoolArray:
+    """Return which parameters (k,) the directions `unit` (k, k) span; directions of which nothing is left are zero."""
+    return np.asarray(np.abs(1.0 - np.einsum("ij,ji->i", unit, np.linalg.pinv(unit))) < _SPANNED)
+
+
+def compute_fitted_errors(
+    data: Products, base: IndexArray, candidate: Candidate, noise: FloatArray
+) -> tuple[FloatArray, FloatArray, float, FloatArray]:
+    """Return the squared errors of the model and of the model with a candidate, both fitted to all blocks.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    candidate : Candidate
+        The candidate.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+
+    Returns
+    -------
+    tuple of (s, n), (s, n), float, (k,)
+        Errors before and after, separability and amplitudes of the candidate.
+    """
+    blocks = JointBlocks.from_products(data, base, [candidate])
+    fit = FoldFit(blocks.sum_products(noise), blocks.portions)
+    amplitudes = blocks.fit_amplitudes(fit)
+    before, after = np.zeros((data.n_blocks, data.n_joints)), np.zeros((data.n_blocks, data.n_joints))
+    for j, block in enumerate(blocks.joints):
+        errors = block.compute_errors(fit)
+        before[:, j], after[:, j] = errors.alone, errors.compute_errors_with(amplitudes)[0]
+    return before, after, float(fit.compute_separability(0)[0]), amplitudes.each[0][0]
+
+
+def compute_block_products(block: JointBlock, fit: FoldFit) -> tuple[FloatArray, ...]:
+    """Return ZᵀZ of every candidate on one joint, block by block; Z = X - W P is what the model leaves of its columns.
+
+    Parameters
+    ----------
+    block : JointBlock
+        Rows or products of the joint.
+    fit : FoldFit
+        The model, fitted to all blocks.
+
+    Returns
+    -------
+    tuple of (g, s, k, k)
+        One array for each portion of candidates with k columns each.
+    """
+    projection = fit.projection[block.have]
+    if isinstance(block, RowBlock):
+        rest = -(projection.T @ block.w)
+        has = np.flatnonzero(block.place < len(block.x))
+        rest[has] += block.x[block.place[has]]
+        products = []
+        for portion in fit.portions:
+            own = rest[portion.columns]
+            pairs = own[:, :, None, :] * own[:, None, :, :]
+            products.append(sum_by_block(pairs, block.row_block, block.n_blocks).transpose(0, 3, 1, 2))
+        return tuple(products)
+    assert isinstance(block, ProductBlock)
+    products = []
+    for portion, pairs in zip(fit.portions, block.pairs, strict=True):
+        shift = projection[:, portion.columns].transpose(1, 0, 2)
+        # (XᵀW) P, column by column of the candidate.
+        mixed = np.einsum("sbgk,gbl->sgkl", block.wx[:, :, block.place[portion.columns]], shift)
+        inner = np.einsum("gbk,sbc,gcl->sgkl", shift, block.ww, shift, optimize=True)
+        whole = pairs - mixed - mixed.transpose(0, 1, 3, 2) + inner
+        products.append(whole.transpose(1, 0, 2, 3))
+    return tuple(products)

@@ -1,0 +1,485 @@
+"""Diagnose a model: rank every effect by its prediction of held-out data, and recommend those that pass."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.blas_threads import single_threaded
+from dynident.diagnosis.ambiguities import (
+    Doubt,
+    find_dependent_findings,
+    find_misnamed,
+    is_only_helpful_at_first,
+    list_doubts,
+)
+from dynident.diagnosis.candidates.candidate_pool import Pool, build_pool
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.changes_between_recordings import (
+    add_friction_differences,
+    compute_friction_differences,
+    identify_on_both,
+    list_changes,
+    word_changes,
+)
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison, compare
+from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
+from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
+from dynident.diagnosis.decision_levels import DecisionRules
+from dynident.diagnosis.diagnosis_request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, check_candidates
+from dynident.diagnosis.diagnosis_result import (
+    Change,
+    DetectionLimit,
+    Diagnosis,
+    FrictionDifference,
+    Invisible,
+    RankedEffect,
+)
+from dynident.diagnosis.diagnosis_summary import (
+    UNDETERMINED,
+    compute_residual_over_noise,
+    rank_findings,
+    rank_rejected,
+    select_verdict,
+    word_summary,
+)
+from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
+from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
+from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import build_failure_map, find_unknown_patterns
+from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
+from dynident.diagnosis.residuals.shape_proposals import propose_shapes
+from dynident.diagnosis.search.candidate_outcomes import list_outcomes, list_untried, score_beside_findings
+from dynident.diagnosis.search.detection_limits import add_limits, compute_detection_limits, list_too_large_limits
+from dynident.diagnosis.search.external_contacts import find_contacts
+from dynident.diagnosis.search.finding_refinement import RecordedSource, refine_findings
+from dynident.diagnosis.search.forward_selection import SearchRecord, search_findings
+from dynident.diagnosis.search.identifiability_and_invisible_effects import compute_part_to_part_ratio, find_invisible
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.static_friction import find_static_friction
+from dynident.effects import CATALOGUE, EffectChoice, get_effect
+from dynident.effects.effect_columns import is_lasting_change
+from dynident.errors import DynidentError
+from dynident.identification import Identification, extend, reidentify
+from dynident.identification.equations.reduced_recordings import split_friction_tests
+from dynident.identification.identified_models.add_effects import extend_at_once
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import Recording
+from dynident.recordings.pose_recordings import has_poses
+from dynident.robot.limits_and_drives import split_hardware
+
+_AT_FIRST = (
+    "it explains a part of the residual of this model, but it does not explain that part once the model is "
+    "identified with it: the motion hardly determines the torque that it depends on"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """A diagnosis, its doubts, and the data behind it.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        The diagnosis.
+    doubts : tuple of Doubt
+        What it leaves open, most important first.
+    identification : Identification
+        The model in question, identified on both sets of recordings where there was a baseline.
+    comparisons : tuple of Comparison
+        Its prediction of each of the recordings.
+    recordings : tuple of Recording
+        The recordings, without tests of single joints' friction.
+    """
+
+    diagnosis: Diagnosis
+    doubts: tuple[Doubt, ...]
+    identification: Identification
+    comparisons: tuple[Comparison, ...]
+    recordings: tuple[Recording, ...]
+
+
+def diagnose(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    *,
+    baseline: Sequence[Recording] = (),
+    candidates: Sequence[str] | None = None,
+    most_effects: int = DEFAULT_MOST_EFFECTS,
+    significance: float = DEFAULT_SIGNIFICANCE,
+    hardware: Mapping[str, bool] = MappingProxyType({}),
+    progress: Progress = ignore_progress,
+) -> Diagnosis:
+    """Find the effects that are missing in an identified model.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recordings : sequence of Recording
+        The data to learn from; usually those the model was identified on. A recommended effect has improved the
+        prediction of blocks that were left out of the fit. Tests of single joints' friction are left out.
+    baseline : sequence of Recording, optional
+        Earlier recordings of the same robot: differences of `recordings` from these are returned as changes. The model
+        is then identified on both.
+    candidates : sequence of str, optional
+        Ids of the effects to try; the whole catalogue otherwise.
+    most_effects : int
+        Largest number of effects that are recommended, contacts not counted.
+    significance : float
+        Largest p-value of a finding: the probability that anything is named where nothing is missing.
+    hardware : mapping of str to bool
+        Whether the robot has a part, by its name of `dynident.robot.stated_settings.HARDWARE`, in place of what it
+        states: effects of parts that are not there are not tried, unless `candidates` lists them.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+
+    Returns
+    -------
+    Diagnosis
+        Verdict, ranking, and what the data could not tell.
+
+    Raises
+    ------
+    DynidentError
+        For recordings of poses at rest, in which nothing that is missing shows.
+    """
+    return examine(
+        identification,
+        recordings,
+        baseline=baseline,
+        candidates=candidates,
+        most_effects=most_effects,
+        significance=significance,
+        hardware=hardware,
+        progress=progress,
+    ).diagnosis
+
+
+@single_threaded
+def examine(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    *,
+    baseline: Sequence[Recording] = (),
+    candidates: Sequence[str] | None = None,
+    most_effects: int = DEFAULT_MOST_EFFECTS,
+    significance: float = DEFAULT_SIGNIFICANCE,
+    hardware: Mapping[str, bool] = MappingProxyType({}),
+    progress: Progress = ignore_progress,
+) -> Examination:
+    """Find missing effects as `diagnose` does, and keep what advice on the next experiment needs.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recordings : sequence of Recording
+        The data to learn from, as for `diagnose`.
+    baseline : sequence of Recording, optional
+        Earlier recordings of the same robot, as for `diagnose`.
+    candidates : sequence of str, optional
+        Ids of the effects to try; the whole catalogue otherwise.
+    most_effects : int
+        Largest number of effects that are recommended, contacts not counted.
+    significance : float
+        Largest p-value of a finding: the probability that anything is named where nothing is missing.
+    hardware : mapping of str to bool
+        Whether the robot has a part, by its name of `dynident.robot.stated_settings.HARDWARE`, in place of what it
+        states: effects of parts that are not there are not tried, unless `candidates` lists them.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+
+    Returns
+    -------
+    Examination
+        The diagnosis, its doubts, and the data behind it.
+
+    Raises
+    ------
+    DynidentError
+        For recordings of poses at rest, in which nothing that is missing shows.
+    """
+    _check_request(candidates or (), (*recordings, *baseline))
+    # What is said with the request counts more than what was said with the robot.
+    has, absent = split_hardware({**identification.model.robot.hardware, **hardware})
+    held_out_ratio = compute_held_out_ratio(identification)
+    recordings, _ = split_friction_tests(recordings)
+    since: tuple[str, ...] = ()
+    n_later = len(recordings)
+    if baseline:
+        identification, recordings, since = identify_on_both(identification, baseline, recordings)
+    identification = _reidentify_unweighted(identification)
+    # A push of a few seconds shifts all parameters, and its traces look like missing friction. So disturbed seconds are
+    # taken out before anything else.
+    undisturbed = leave_out_disturbances(identification, recordings)
+    identification, recordings = undisturbed.identification, undisturbed.recordings
+    model = identification.model
+    comparisons = [compare(identification, recording, scale_progress(progress, 0.0, 0.1)) for recording in recordings]
+    resolved = compute_resolution(comparisons, identification.preprocessing)
+    leads = propose_shapes(comparisons, recordings, identification, since)
+    tried = candidates or [name for name, effect in CATALOGUE.items() if effect.hardware not in absent]
+    pool = build_pool(model, tried, leads, resolved)
+    # The floor must not depend on the model, in which something may be missing.
+    floor = estimate_sensor_noise(recordings, identification.preprocessing)
+    reference = identification.estimate.next_reference()
+    rows = RecordedSource(model, tuple(recordings), identification.preprocessing, reference)
+    # One pass over the recordings for the model and all candidates: every score of the search comes from these
+    # products.
+    data = rows.gather_products(pool, scale_progress(progress, 0.1, 0.5))
+    rules = DecisionRules(significance=significance, most_effects=most_effects)
+    start = _build_start_state(data, pool, identification, floor, rules)
+    first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
+    # First the best candidates of a coarse grid, then their shape constants, on all rows.
+    record = search_findings(data, pool, start, first, most_effects, rows, scale_progress(progress, 0.5, 0.8))
+    findings, recommended, dropped = refine_findings(
+        identification,
+        record.findings,
+        recordings,
+        reference,
+        resolved,
+        floor,
+        since,
+        scale_progress(progress, 0.8, 0.9),
+    )
+    record.dropped.update(dropped)
+    # The findings are put to the test by identifying the model with them. Some cannot be added, or explain nothing any
+    # more in that model.
+    grown, undetermined = _extend_model(identification, recommended, recordings, scale_progress(progress, 0.9, 1.0))
+    record.dropped.update((findings[k].judged.candidate, reason) for k, (_, reason) in undetermined.items())
+    findings, recommended = _drop_findings(findings, recommended, list(undetermined))
+    final = _compare_extended(identification, grown, recordings, comparisons)
+    unknown = find_unknown_patterns(final)
+    # An effect whose residual still depends on the same variable has the wrong name, and misleads what was found after
+    # it.
+    wrong = find_misnamed(findings, recommended, unknown, final)
+    if wrong:
+        dependent = find_dependent_findings(findings, wrong, first)
+        record.dropped.update((findings[k].judged.candidate, Reason.build("superfluous")) for k in dependent)
+        record.dropped.update((findings[k].judged.candidate, Reason.build("misnamed")) for k in wrong)
+        findings, recommended = _drop_findings(findings, recommended, [*wrong, *dependent])
+        grown, _ = _extend_model(identification, recommended, recordings, ignore_progress)
+        final = _compare_extended(identification, grown, recordings, comparisons)
+        unknown = find_unknown_patterns(final)
+    # Of two days, halts would have to be asked apart.
+    if not baseline:
+        grown, final, held = find_static_friction(grown, recordings, final, candidates, significance)
+        findings, recommended = (
+            (*findings, *held),
+            (*recommended, *(finding.judged.candidate.choice for finding in held)),
+        )
+        unknown = find_unknown_patterns(final) if held else unknown
+    residual = _compute_rms(final)
+    # Who names the effects to try gets no others.
+    contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
+    pushes = tuple(finding.judged.candidate.choice for finding in contacts)
+    everything, named = (*contacts, *findings), (*pushes, *recommended)
+    ranking = _rank_candidates(record, pool, start, everything, named, first, most_effects, has)
+    ranked, limits = ranking.ranked, ranking.limits
+    unknown = (*undisturbed.unexplained_patterns, *unknown)
+    # The contacts stand first in the ranking, and are no changes of the robot; `identify_on_both` puts the later
+    # recordings last.
+    changes, friction = (
+        _list_differences(grown, findings, ranked[len(contacts) :], since, recordings, final[-n_later:])
+        if baseline
+        else (None, ())
+    )
+    # What changed is no part of the model: that is of both sets of recordings.
+    missing = (*pushes, *(choice for choice in recommended if not is_lasting_change(choice, since)))
+    verdict = select_verdict(missing, unknown, compute_residual_over_noise(final, floor))
+    lasting_effects = [ranked_effect for ranked_effect in ranked if not is_lasting_change(ranked_effect.choice, since)]
+    hidden = (*(item for item, _ in undetermined.values()), *find_invisible(first))
+    conclusion = conclude(
+        verdict,
+        unknown,
+        limits,
+        (held_out_ratio, ranking.part_to_part),
+        model.robot.joint_names,
+        is_given_up=record.is_undetermined,
+    )
+    sentences = [
+        *([word_changes(changes, friction)] if changes is not None else []),
+        *undisturbed.sentences,
+        word_summary(verdict, conclusion, lasting_effects, unknown, residual, floor, model),
+        *([UNDETERMINED] if record.is_undetermined else []),
+    ]
+    progress(1.0, "diagnosed")
+    diagnosis = Diagnosis(
+        verdict=verdict,
+        summary=" ".join(sentences),
+        noise_floor=floor,
+        residual_rms=residual,
+        candidates=ranked,
+        recommended=missing,
+        unknown=unknown,
+        not_visible=hidden + list_too_large_limits(limits, hidden),
+        failure_map=build_failure_map(comparisons),
+        changes=changes,
+        friction=friction,
+        detection_limits=limits,
+        conclusion=conclusion,
+        outcomes=(*ranking.outcomes, *list_untried(ranking.outcomes, candidates, model, leads, absent)),
+    )
+    doubts = list_doubts(findings, recommended, hidden, model.robot, first, candidates or ())
+    return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
+
+
+def _check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -> None:
+    """Raise `DynidentError` for an unknown effect, and for recordings in which nothing that is missing shows."""
+    check_candidates(candidates)
+    if any(has_poses(recording) for recording in recordings):
+        raise DynidentError(
+            "poses at rest show only gravity and constant torques, which the model has already; record a motion and "
+            "identify from it to find other effects",
+            pointer="/measurement_ids",
+            title="Poses at rest",
+        )
+
+
+def _list_differences(
+    grown: Identification,
+    findings: Sequence[Finding],
+    ranked: Sequence[RankedEffect],
+    since: tuple[str, ...],
+    recordings: Sequence[Recording],
+    later: Sequence[Comparison],
+) -> tuple[tuple[Change, ...], tuple[FrictionDifference, ...]]:
+    """List what the later recordings have and the baseline has not, and how the friction of every joint differs."""
+    grown = add_friction_differences(grown, since, recordings)
+    changes = list_changes(grown, findings, ranked[: len(findings)], since)
+    return changes, compute_friction_differences(grown, since, later)
+
+
+class _Ranking(NamedTuple):
+    """All effects beside what was found: ranking, outcomes, detection limits, and how parts predict each other."""
+
+    ranked: tuple[RankedEffect, ...]
+    outcomes: tuple[CandidateOutcome, ...]
+    limits: tuple[DetectionLimit, ...]
+    part_to_part: float
+
+
+def _rank_candidates(
+    record: SearchRecord,
+    pool: Pool,
+    start: State,
+    findings: Sequence[Finding],
+    choices: Sequence[EffectChoice],
+    first: Sequence[ScoredCandidate],
+    most_effects: int,
+    has: Sequence[str],
+) -> _Ranking:
+    """Score every candidate once more beside all findings, and say what became of it."""
+    final = score_beside_findings(record.data, pool, start, findings, choices, first)
+    outcomes, beside = list_outcomes(final, pool, record, choices, first, most_effects)
+    limits = compute_detection_limits(final, pool, choices)
+    outcomes = add_limits(outcomes, limits)
+    ranked_findings = rank_findings(findings, choices, has)
+    ranked = (*ranked_findings, *rank_rejected(outcomes, first, beside, len(ranked_findings)))
+    rows = record.data.select_for_model(final.state.base)
+    return _Ranking(ranked, outcomes, limits, compute_part_to_part_ratio(rows, final.state))
+
+
+def _reidentify_unweighted(identification: Identification) -> Identification:
+    """Identify the model once more with equally weighted rows, by plain least squares, where it was not.
+
+    Missing friction shows where joints reverse, which weights would hide. And what keeps parameters to bodies that can
+    exist would be in the residual as if it were missing, too.
+    """
+    choices, estimate = identification.choices, identification.estimate
+    is_held = choices.solver.possible_where_free
+    if not (choices.weighs_turns or is_held) or not choices.plan.from_reduced or estimate.not_essential:
+        return identification
+    estimator = "wls" if is_held else choices.estimator
+    return reidentify(identification, replace(choices, weigh_turns=False, estimator=estimator))
+
+
+def _build_start_state(
+    data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray, rules: DecisionRules
+) -> State:
+    """Return the state that the search starts from: the model with the contacts that disturb it."""
+    base, noise = tuple(range(pool.n_base)), identification.noise
+    findings = find_contacts(data, pool, base, noise, identification.preprocessing)
+    for finding in findings:
+        base += finding.columns
+    return State(base, estimate_residual_noise(data, base) if findings else noise, floor, findings, pool.since, rules)
+
+
+def _compute_rms(comparisons: Sequence[Comparison]) -> FloatArray:
+    squares = np.sum([(c.counted_residual**2).sum(axis=0) for c in comparisons], axis=0)
+    counts = np.sum([c.counted_rows.sum(axis=0) for c in comparisons], axis=0)
+    return np.asarray(np.sqrt(squares / np.maximum(counts, 1)), dtype=np.float64)
+
+
+def _extend_model(
+    identification: Identification,
+    recommended: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    progress: Progress,
+) -> tuple[Identification, dict[int, tuple[Invisible, Reason]]]:
+    """Extend the model by all recommended effects; return also, by number, those that cannot be added or help no more.
+
+    First-order effects come one by one: each is about the torque that the model with those before it predicts.
+    """
+    grown = identification
+    undetermined: dict[int, tuple[Invisible, Reason]] = {}
+    for portion in _group_portions(recommended):
+        portion_progress = scale_progress(progress, portion[0] / len(recommended), (portion[-1] + 1) / len(recommended))
+        if len(portion) > 1:
+            # One after another where one of them cannot be added.
+            with suppress(DynidentError):
+                grown = extend_at_once(grown, [recommended[number] for number in portion], recordings, portion_progress)
+                continue
+        for number in portion:
+            choice = recommended[number]
+            try:
+                with_it = extend(grown, [choice], recordings, (), portion_progress)
+            except DynidentError as error:
+                invisible = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
+                undetermined[number] = invisible, Reason.build("cannot_be_added", detail=error.detail)
+                continue
+            if is_only_helpful_at_first(grown, with_it, choice):
+                invisible = Invisible(choice.effect, choice.joints, _AT_FIRST)
+                undetermined[number] = invisible, Reason.build("no_help_once_added")
+            else:
+                grown = with_it
+    return grown, undetermined
+
+
+def _group_portions(recommended: Sequence[EffectChoice]) -> list[list[int]]:
+    """Group the choices, in their order, into portions that can be added at once."""
+    first_order = [get_effect(choice.effect).first_order for choice in recommended]
+    portions: list[list[int]] = []
+    for number in range(len(recommended)):
+        # A first-order effect depends on the torque that the model before it predicts, and so stands alone.
+        if number and not any(first_order[number - 1 : number + 1]):
+            portions[-1].append(number)
+        else:
+            portions.append([number])
+    return portions
+
+
+def _drop_findings(
+    findings: tuple[Finding, ...], recommended: tuple[EffectChoice, ...], gone: Sequence[int]
+) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
+    """Return the findings without those of these numbers."""
+    remaining = [k for k in range(len(findings)) if k not in gone]
+    return tuple(findings[k] for k in remaining), tuple(recommended[k] for k in remaining)
+
+
+def _compare_extended(
+    identification: Identification,
+    grown: Identification,
+    recordings: Sequence[Recording],
+    comparisons: Sequence[Comparison],
+) -> list[Comparison]:
+    """Compare the model with everything recommended in it with the recordings."""
+    if grown is identification:
+        return list(comparisons)
+    return [compare(grown, recording) for recording in recordings]

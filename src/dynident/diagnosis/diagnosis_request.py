@@ -1,0 +1,77 @@
+"""Request of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dynident.diagnosis.decision_levels import RULES
+from dynident.robot.limits_and_drives import HARDWARE, check_hardware
+from dynident.schema.fields import Request, declare_field
+
+DEFAULT_MOST_EFFECTS = int(RULES.most_effects)
+"""Contacts do not count: they are events of a recording, not effects of the arm."""
+
+DEFAULT_SIGNIFICANCE = RULES.significance
+
+
+@dataclass(frozen=True)
+class DiagnosisChoices(Request):
+    """Which effects may be missing in a model, and how many are recommended at most.
+
+    Parameters
+    ----------
+    candidates : tuple of str, optional
+        Ids of the effects that may be missing; the whole catalogue where left out.
+    max_effects : int
+        Largest number of effects that are recommended, contacts not counted.
+    significance : float
+        Probability that anything at all is named where nothing is missing: the largest p-value of a finding among all
+        that is tried together.
+    has, has_not : tuple of str
+        Parts that the robot has or does not have, beside those that the robot states: effects of parts that it does not
+        have are not tried, and about parts that nobody has told of the diagnosis asks.
+    """
+
+    candidates: tuple[str, ...] | None = declare_field(
+        "Ids of the effects to try; the whole catalogue if not given", default=None, fewest=1
+    )
+    max_effects: int = declare_field(
+        "Largest number of recommended effects; contacts do not count",
+        default=DEFAULT_MOST_EFFECTS,
+        at_least=1,
+        at_most=100,
+    )
+    significance: float = declare_field(
+        "Largest p-value of a finding: the probability that anything is named where nothing is missing",
+        default=DEFAULT_SIGNIFICANCE,
+        at_least=0.001,
+        at_most=0.2,
+    )
+    has: tuple[str, ...] = declare_field(
+        f"Parts that the robot has, beside those stated with it: {', '.join(HARDWARE)}",
+        default=(),
+    )
+    has_not: tuple[str, ...] = declare_field(
+        "Parts that the robot does not have, beside those stated with it", default=()
+    )
+
+    @property
+    def hardware(self) -> dict[str, bool]:
+        """Whether the robot has a part, by the part's name."""
+        return {**dict.fromkeys(self.has, True), **dict.fromkeys(self.has_not, False)}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_candidates(self.candidates or ())
+        check_hardware(self.has, self.has_not)
+
+
+def check_candidates(names: Sequence[str]) -> None:
+    """Raise `DynidentError`, with the place in the list, for a name that is no effect of the catalogue."""
+    if names:
+        # The catalogue takes a second to load.
+        from dynident.effects import get_effect
+
+        for index, name in enumerate(names):
+            get_effect(name, f"/candidates/{index}")

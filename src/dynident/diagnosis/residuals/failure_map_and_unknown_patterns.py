@@ -1,0 +1,212 @@
+"""What a residual depends on: the bins where it is largest, and dependences that no effect explains.
+
+Dependences are bin means over a variable, learnt on some blocks of time and tried on the others; of the residual itself
+and, since friction changes sign with the direction, of the residual times the sign of the velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison
+from dynident.diagnosis.diagnosis_result import FailureSpot, UnknownPattern, Variable
+from dynident.diagnosis.residuals.time_blocks_and_bursts import find_bursts, number_blocks
+from dynident.estimation.residual_errors import compute_t
+
+# Bins of the map, and fewest rows for which a bin is looked at.
+_MAP_BINS = 16
+_FEWEST_IN_MAP_BIN = 20
+
+
+def build_failure_map(comparisons: Sequence[Comparison]) -> tuple[FailureSpot, ...]:
+    """Return, for every joint and variable, the bin where the residual is largest against the joint's own rms."""
+    first = comparisons[0]
+    spots = []
+    for j, name in enumerate(first.joint_names):
+        residual = np.concatenate([c.residual[:, j] for c in comparisons])
+        rms = float(np.sqrt(np.mean(residual**2)))
+        if rms == 0.0:
+            continue
+        revolute = first.units[j] == "N m"
+        angle = "rad" if revolute else "m"
+        for variable, values, unit in (
+            ("position", np.concatenate([c.q[:, j] for c in comparisons]), angle),
+            ("velocity", np.concatenate([c.dq[:, j] for c in comparisons]), f"{angle}/s"),
+            ("load", np.concatenate([c.load[:, j] for c in comparisons]), first.units[j]),
+            ("time", np.concatenate([c.t for c in comparisons]), "s"),
+        ):
+            spot = _find_worst_bin(residual, values, rms)
+            if spot is not None:
+                low, high, local_rms = spot
+                spots.append(FailureSpot(name, variable, unit, low, high, local_rms, local_rms / rms))
+    return tuple(sorted(spots, key=lambda spot: -spot.ratio))
+
+
+def _find_worst_bin(residual: FloatArray, values: FloatArray, rms: float) -> tuple[float, float, float] | None:
+    edges = _compute_edges(values)
+    if edges is None:
+        return None
+    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    counts = np.bincount(which, minlength=len(edges) - 1)
+    squares = np.bincount(which, weights=residual**2, minlength=len(edges) - 1)
+    local = np.where(counts >= _FEWEST_IN_MAP_BIN, np.sqrt(squares / np.maximum(counts, 1)), 0.0)
+    k = int(np.argmax(local))
+    return (float(edges[k]), float(edges[k + 1]), float(local[k])) if local[k] > rms else None
+
+
+def _compute_edges(values: FloatArray) -> FloatArray | None:
+    # Quantiles instead of the extremes: a few far values must not make all bins wide.
+    low, high = np.quantile(values, [0.005, 0.995])
+    if not high - low > 1e-9 * max(1.0, abs(low), abs(high)):
+        return None
+    return np.linspace(low, high, _MAP_BINS + 1)
+
+
+# Bins over one variable, bins each over two, and fewest rows for which a bin has a mean.
+_BINS, _COARSE_BINS, _FEWEST = 24, 10, 10
+# Share of the variance from which on a dependence is reported, and t of its gain over the blocks.
+_SHARE, _T = 0.08, 4.2
+# What shows in few stretches (a rough spot that is seldom passed) gains unevenly.
+_LARGE, _T_OF_LARGE = 0.25, 2.0
+# A variable is named beside the best one if it explains so much of what that explains.
+_NEARLY = 0.7
+# A joint that sticks for a moment is no burst.
+_SHORTEST_BURST, _BURST_SHARE = 0.3, 0.4
+# Two variables must explain so many times what one of them does alone.
+_MORE_BY_TWO = 1.25
+
+
+@dataclass(frozen=True, eq=False)
+class _PatternRows:
+    """All recordings in a row: signals (m, n), time (m,), and the stretch that every row is in (m,)."""
+
+    residual: FloatArray
+    telling: BoolArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    load: FloatArray
+    t: FloatArray
+    row_block: IndexArray
+
+    @classmethod
+    def from_comparisons(cls, comparisons: Sequence[Comparison]) -> _PatternRows:
+        def concatenate_signal(name: str) -> FloatArray:
+            return np.concatenate([getattr(c, name) for c in comparisons])
+
+        return cls(
+            residual=np.concatenate([c.counted_residual for c in comparisons]),
+            telling=np.concatenate([c.counted_rows for c in comparisons]),
+            q=concatenate_signal("q"),
+            dq=concatenate_signal("dq"),
+            ddq=concatenate_signal("ddq"),
+            load=concatenate_signal("load"),
+            t=concatenate_signal("t"),
+            row_block=number_blocks(comparisons),
+        )
+
+
+def find_unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPattern, ...]:
+    """Find dependences of the residual that are left, the largest share of the residual's variance first."""
+    rows = _PatternRows.from_comparisons(comparisons)
+    patterns: list[UnknownPattern] = []
+    for j, name in enumerate(comparisons[0].joint_names):
+        best: dict[Variable, float] = {}
+        for variable, which in _yield_partitions(rows, j):
+            share = max(_compute_held_out_share(rows, j, which, target) for target in _list_targets(rows, j))
+            # Two variables always explain somewhat more than one, which alone is no dependence on the second.
+            if variable == "other_joints" and share < _MORE_BY_TWO * best.get("position", 0.0):
+                continue
+            # Several ways to sort the rows may stand for one variable: the best of them counts.
+            best[variable] = max(best.get(variable, 0.0), share)
+        most = max(best.values(), default=0.0)
+        patterns += [
+            UnknownPattern(name, v, share) for v, share in best.items() if share >= max(_SHARE, _NEARLY * most)
+        ]
+    patterns += _find_burst_patterns(comparisons, {pattern.joint for pattern in patterns})
+    return tuple(sorted(patterns, key=lambda pattern: -pattern.share))
+
+
+def _list_targets(rows: _PatternRows, j: int) -> tuple[FloatArray, FloatArray]:
+    """Return factors (m,) of the residual whose bin means are taken: one, and the sign of the joint's direction."""
+    return np.ones(len(rows.t)), np.sign(rows.dq[:, j])
+
+
+def _yield_partitions(rows: _PatternRows, j: int) -> Iterator[tuple[Variable, IndexArray]]:
+    """Yield ways to sort the rows (m,) into bins, each with the variable it stands for; of the joint itself first."""
+    sign = np.sign(rows.dq[:, j])
+    # Pairs of bins have to be coarse: ten by ten of them share the rows of all.
+    position = _number_bins(rows.q[:, j], _COARSE_BINS)
+    yield "position", _number_bins(rows.q[:, j], _BINS)
+    yield "velocity", _number_bins(rows.dq[:, j], _BINS)
+    yield "acceleration", _number_bins(rows.ddq[:, j], _BINS)
+    yield "acceleration", _number_bins(rows.ddq[:, j] * sign, _BINS)
+    yield "load", _number_bins(rows.load[:, j], _BINS)
+    yield "time", _number_bins(rows.t, _BINS)
+    for k in range(rows.q.shape[1]):
+        if k != j:
+            other = _number_bins(rows.q[:, k], _COARSE_BINS)
+            yield "other_joints", _number_bins(rows.q[:, k], _BINS)
+            yield "other_joints", _number_bins(rows.dq[:, k], _BINS)
+            yield "other_joints", position * _COARSE_BINS + other
+
+
+def _number_bins(values: FloatArray, count: int) -> IndexArray:
+    """Return the number of the bin (m,) of every row; all the same where a signal does not move."""
+    low, high = np.quantile(values, [0.005, 0.995])
+    if not high - low > 1e-9 * max(1.0, abs(low), abs(high)):
+        return np.zeros(len(values), dtype=np.intp)
+    numbers: IndexArray = np.clip(((values - low) / (high - low) * count).astype(np.intp), 0, count - 1)
+    return numbers
+
+
+def _compute_held_out_share(rows: _PatternRows, j: int, which: IndexArray, turn: FloatArray) -> float:
+    """Return the held-out share of the residual's variance that bin means explain; 0 where blocks disagree."""
+    telling = rows.telling[:, j]
+    residual = (rows.residual[:, j] * turn)[telling]
+    total = float((residual**2).sum())
+    row_block, which = rows.row_block[telling], which[telling]
+    if not len(which):
+        return 0.0
+    n_bins, n_blocks = int(which.max()) + 1, int(rows.row_block.max()) + 1
+    if n_bins < 2 or total <= 0.0:
+        return 0.0
+    cell = row_block * n_bins + which
+    counts = np.bincount(cell, minlength=n_blocks * n_bins).reshape(n_blocks, n_bins)
+    sums = np.bincount(cell, weights=residual, minlength=n_blocks * n_bins).reshape(n_blocks, n_bins)
+    gains = np.zeros(n_blocks)
+    # Means of a bin come from four fifths of the blocks and are tried on the rest: a dependence has to predict.
+    for fold in range(5):
+        test = np.arange(fold, n_blocks, 5)
+        training_counts = counts.sum(axis=0) - counts[test].sum(axis=0)
+        means = np.where(
+            training_counts >= _FEWEST,
+            (sums.sum(axis=0) - sums[test].sum(axis=0)) / np.maximum(training_counts, 1),
+            0.0,
+        )
+        # Σ r² - (r - m)² over the rows of a bin.
+        gains[test] = (2 * sums[test] * means - counts[test] * means**2).sum(axis=1)
+    share, t = float(gains.sum()) / total, compute_t(gains)
+    return share if t >= _T or (share >= _LARGE and t >= _T_OF_LARGE) else 0.0
+
+
+def _find_burst_patterns(comparisons: Sequence[Comparison], known: set[str]) -> list[UnknownPattern]:
+    """Find joints whose residual is large in a few intervals of time, and depends on nothing else."""
+    names = comparisons[0].joint_names
+    inside, whole = np.zeros(len(names)), np.zeros(len(names))
+    for c in comparisons:
+        whole += (c.counted_residual**2).sum(axis=0)
+        for segment, start, end in find_bursts(c):
+            if end - start < _SHORTEST_BURST:
+                continue
+            hot = (c.segment == segment) & (c.t >= start) & (c.t <= end)
+            inside += (c.counted_residual[hot] ** 2).sum(axis=0)
+    share = inside / np.maximum(whole, np.finfo(float).tiny)
+    if not share.any() or share.max() < _BURST_SHARE:
+        return []
+    worst = int(np.argmax(share))
+    return [UnknownPattern(names[worst], "time", float(share[worst]))] if names[worst] not in known else []

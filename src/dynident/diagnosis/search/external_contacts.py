@@ -1,0 +1,158 @@
+"""Find contacts: intervals of time far above the rest that a force on a link explains.
+
+It cannot be held out, since it happens once. What speaks for it instead is that the few numbers of one wrench explain
+the residual of all joints at all times of the stretch, as noise or a missing function of the motion would not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import special
+
+from dynident.array_types import FloatArray
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
+from dynident.diagnosis.candidates.held_out_scores import compute_fitted_errors
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.inner_products_and_folds import Products
+from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.residuals.time_blocks_and_bursts import compute_median_error
+from dynident.diagnosis.search.search_state import Finding, State
+from dynident.effects import get_effect
+from dynident.recordings import Preprocessing
+
+# Share of a burst that a contact has to explain, and largest p-value with all bursts and links counted.
+_EXPLAINED, _LARGEST_P = 0.7, 1e-6
+_LASTING = 3.0
+"""Widths of the filter (1 / cut-off) that a contact has to last. A shorter burst has one shape that all joints share,
+and a wrench has a number for each of six joints, so that it explains whatever they say; a drive's delay at a step of
+acceleration lasts one to two."""
+
+_BAND = 20.0
+"""Hz, where the torque is not filtered: an arm's motion and what answers to it."""
+
+
+def find_contacts(
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, preprocessing: Preprocessing
+) -> tuple[Finding, ...]:
+    """Try every burst as a contact.
+
+    Parameters
+    ----------
+    base : tuple of int
+        Columns of the model.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    preprocessing : Preprocessing
+        Filters of the torque: twice the cut-off independent samples a second come out of them.
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates, bursts among them.
+
+    Returns
+    -------
+    tuple of Finding
+        Contacts that explain their burst.
+    """
+    band = preprocessing.torque_cutoff or _BAND
+    bursting = [
+        candidate
+        for candidate in pool.candidates
+        if get_effect(candidate.effect).is_transient and _get_duration(candidate) >= _LASTING / band
+    ]
+    bursts: dict[tuple[tuple[str, ...], float, float], list[Candidate]] = {}
+    for candidate in bursting:
+        window = dict(candidate.shape)
+        bursts.setdefault((candidate.runs, window["t0"], window["t1"]), []).append(candidate)
+    contacts: list[Finding] = []
+    columns = base
+    for links in bursts.values():
+        rows = data.select_for_candidates(columns, np.zeros(2, dtype=bool))
+        # Of the links that may be pushed, the one that leaves least.
+        trials = (_test_contact(rows, columns, link, noise, 2 * band * _get_duration(link)) for link in links)
+        judged, p = max(trials, key=lambda trial: trial[0].t)
+        # Bonferroni: each burst is tried on every link.
+        if judged.drop >= _EXPLAINED and p * len(bursting) <= _LARGEST_P:
+            contacts.append(Finding(judged, (), p * len(bursting)))
+            columns = columns + judged.candidate.columns
+    return tuple(contacts)
+
+
+def _get_duration(candidate: Candidate) -> float:
+    window = dict(candidate.shape)
+    return float(window["t1"] - window["t0"])
+
+
+def drop_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preprocessing: Preprocessing) -> State:
+    """Drop the contacts of which little is left beside what was found after them.
+
+    They are looked for first, in what the plain model leaves: where friction is missing, a stretch in which it is
+    unusually large may look like one.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    preprocessing : Preprocessing
+        Filters of the model.
+    """
+    contacts = [finding for finding in state.findings if finding.is_transient]
+    if len(contacts) in (0, len(state.findings)):
+        return state
+    # The contacts are taken out and looked for again, beside all that was found since.
+    touched = {k for finding in contacts for k in finding.columns}
+    rest = tuple(k for k in state.base if k not in touched)
+    still_contacts = {
+        contact.judged.candidate for contact in find_contacts(data, pool, rest, state.noise, preprocessing)
+    }
+    findings = tuple(
+        finding for finding in state.findings if not finding.is_transient or finding.judged.candidate in still_contacts
+    )
+    return replace(
+        state,
+        findings=findings,
+        base=(*rest, *(k for finding in findings if finding.is_transient for k in finding.columns)),
+    )
+
+
+def _test_contact(
+    data: Products, base: tuple[int, ...], candidate: Candidate, noise: FloatArray, independent: float
+) -> tuple[ScoredCandidate, float]:
+    before, after, separability, amplitudes = compute_fitted_errors(
+        data, np.array(base, dtype=np.intp), candidate, noise
+    )
+    gains = ((before - after) / noise**2).sum(axis=1)
+    whole = (before / noise**2).sum(axis=1)
+    # Only the stretches that the contact is in gain; the others would dilute what it explains.
+    strong = np.flatnonzero(gains > max(0.1 * float(gains.max(initial=0.0)), 0.0))
+    usual = compute_median_error(whole)
+    excess = float((whole[strong] - usual).sum())
+    drop = float(gains[strong].sum()) / excess if excess > 0 else 0.0
+    k = len(candidate.columns)
+    freedom = max(independent * data.n_joints - k, 1.0)
+    # A floor under what is left: with a residual of zero F would be infinite.
+    remaining = max(excess - float(gains[strong].sum()), usual * 0.1, 1e-12)
+    # An F test on the few blocks of the contact, with as many samples as the filter lets through.
+    f = float(gains[strong].sum()) / k / (remaining / freedom)
+    judged = ScoredCandidate(
+        candidate=candidate,
+        joints=tuple(range(data.n_joints)),
+        before=before,
+        after=after,
+        drop=drop,
+        total_drop=drop,
+        t=float(np.sqrt(max(f, 0.0))),
+        gains=gains,
+        separability=separability,
+        amplitudes=amplitudes,
+        share_improved=float(np.mean(gains > 0)),
+        measured=data.torque_squared(),
+        after_weighted=(after / noise**2).sum(axis=1),
+    )
+    return judged, float(special.fdtrc(k, freedom, max(f, 0.0)))

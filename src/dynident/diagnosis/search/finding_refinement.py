@@ -1,0 +1,503 @@
+"""Refine findings: the links that they are on, their shape constants and joints, and the products for them.
+
+Joints of a group may have shape constants of their own: no two gears of an arm are alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from dynident.array_types import FloatArray
+from dynident.diagnosis.candidates.candidate_pool import (
+    Candidate,
+    Pool,
+    build_pool_of_choices,
+    is_sharper_than_resolved,
+    is_width_resolved,
+    select_columns_on,
+)
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
+from dynident.diagnosis.candidates.significance import ScoredCandidate, are_indistinguishable
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.outcome_reasons import Reason, ReasonCode
+from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
+from dynident.diagnosis.search.acceptance_rules import compute_explained_error
+from dynident.diagnosis.search.external_contacts import drop_faded_contacts
+from dynident.diagnosis.search.pruning import prune_findings, select_harmless, trim_joints
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all, score_one
+from dynident.effects import EffectChoice, ReferenceParameters, build_columns, get_effect
+from dynident.estimation import EstimationError, weighted
+from dynident.estimation.residual_errors import compute_t
+from dynident.identification import Identification
+from dynident.identification.shape_search import are_nearly_alike, refine_shapes
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.model_structure import Model, extend_model
+from dynident.robot import Robot
+
+
+def split_groups(data: PhasedProducts, pool: Pool, state: State) -> State:
+    """Split every group whose joints have shape constants that the data tell apart.
+
+    A group was found with one value for all of its joints. Values are those of the grid still; joints that have the
+    same one stay together.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    """
+    findings: list[Finding] = []
+    # Group after group, each beside what the earlier ones have become.
+    for finding in state.findings:
+        parts = _split_finding(data, pool, state, finding)
+        columns = tuple(k for part in parts for k in part.columns)
+        state = replace(state, base=(*(k for k in state.base if k not in finding.columns), *columns))
+        findings += parts
+    return replace(state, findings=tuple(findings))
+
+
+def merge_alike(
+    findings: Sequence[Finding], choices: Sequence[EffectChoice], robot: Robot, resolved: Resolution
+) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
+    """Merge findings whose refined constants have come out alike.
+
+    So are slips of one friction that are both too short for the data to tell. The constants are those of the one with
+    the most joints.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        The findings.
+    choices : sequence of EffectChoice
+        What each of them has become, with refined constants.
+    robot : Robot
+        The robot, as its description gives it.
+    resolved : Resolution
+        What the data can resolve.
+    """
+
+    def are_alike(first: EffectChoice, second: EffectChoice) -> bool:
+        same = (first.effect, first.runs) == (second.effect, second.runs)
+        return are_nearly_alike(first, second) or (
+            same and all(is_sharper_than_resolved(choice, robot, resolved) for choice in (first, second))
+        )
+
+    merged: list[tuple[Finding, EffectChoice]] = []
+    for finding, choice in sorted(zip(findings, choices, strict=True), key=lambda pair: -len(pair[1].joints)):
+        alike = next((k for k, (_, other) in enumerate(merged) if are_alike(other, choice)), None)
+        if alike is None:
+            merged.append((finding, choice))
+        else:
+            both = {*merged[alike][1].joints, *choice.joints}
+            own = tuple(name for name in robot.tree.joint_names if name in both)
+            merged[alike] = merged[alike][0], replace(merged[alike][1], joints=own)
+    # Merging went from large groups to small; the ranking keeps the order in which things were found.
+    order = {id(finding): k for k, finding in enumerate(findings)}
+    merged.sort(key=lambda pair: order[id(pair[0])])
+    return tuple(finding for finding, _ in merged), tuple(choice for _, choice in merged)
+
+
+def _split_finding(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> list[Finding]:
+    """Return the finding, or one for every set of constants that its joints have, that of most joints first."""
+    group = finding.judged.candidate
+    # Without a constant that is refined there is nothing in which joints could differ.
+    if len(group.joints) < 2 or all(spec.refined is None for spec in get_effect(group.effect).shapes):
+        return [finding]
+    each = [_choose_constants(data, pool, state, group, joint) for joint in group.joints]
+    shapes = {candidate.shape: [other for other in each if other.shape == candidate.shape] for candidate in each}
+    if len(shapes) < 2:
+        return [finding]
+    rest = tuple(k for k in state.base if k not in finding.columns)
+    # Joints that have the same constants stay together.
+    whole = [_join_candidates(some) for some in sorted(shapes.values(), key=len, reverse=True)]
+    return [
+        replace(
+            finding, judged=replace(_judge_beside_others(data, pool, state, rest, whole, k), p=finding.p), around=()
+        )
+        for k in range(len(whole))
+    ]
+
+
+def _choose_constants(data: PhasedProducts, pool: Pool, state: State, group: Candidate, joint: str) -> Candidate:
+    """Return the effect on one joint of a group, with its own constants where the data tell them apart."""
+    mine = select_columns_on(pool, group, joint)
+    same = Candidate(group.effect, (joint,), group.shape, mine, group.runs)
+    others = [
+        candidate
+        for candidate in pool.candidates
+        if (candidate.effect, candidate.joints, candidate.runs) == (group.effect, (joint,), group.runs)
+        and candidate.columns != mine
+    ]
+    rest = tuple(k for k in state.base if k not in mine)
+    # The group's constants are scored along with the joint's own, beside the same model.
+    first, *judged = score_all(data, pool, rest, [same, *others], state.noise)
+    best = max(judged, key=lambda scored: scored.total_gain, default=first)
+    return best.candidate if _are_distinguishable(first, best) else same
+
+
+def _are_distinguishable(group: ScoredCandidate, own: ScoredCandidate) -> bool:
+    """Return whether a joint's own constants explain clearly more than those of its group, and enough to matter."""
+    more = own.gains - group.gains
+    return float(more.sum()) >= RULES.own_drop * float(group.after_weighted.sum()) and compute_t(more) >= RULES.own_t
+
+
+def _join_candidates(candidates: list[Candidate]) -> Candidate:
+    """Join candidates of an effect on single joints with the same constants into one."""
+    first = candidates[0]
+    joints = tuple(joint for candidate in candidates for joint in candidate.joints)
+    return Candidate(
+        first.effect, joints, first.shape, tuple(k for candidate in candidates for k in candidate.columns), first.runs
+    )
+
+
+def _judge_beside_others(
+    data: PhasedProducts, pool: Pool, state: State, rest: tuple[int, ...], parts: list[Candidate], k: int
+) -> ScoredCandidate:
+    """Score one of several candidates beside the others."""
+    base = (*rest, *(column for i, part in enumerate(parts) if i != k for column in part.columns))
+    return score_one(data, pool, base, parts[k], state.noise)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedSource:
+    """Source of products: the recordings that a search learns from.
+
+    Parameters
+    ----------
+    model : Model
+        The model in which something is missing.
+    recordings : tuple of Recording
+        Recordings that the search learns from.
+    preprocessing : Preprocessing
+        Filters of the model.
+    reference : ReferenceParameters
+        Parameters that loads are predicted with.
+    """
+
+    model: Model
+    recordings: tuple[Recording, ...]
+    preprocessing: Preprocessing
+    reference: ReferenceParameters
+
+    def gather_products(self, pool: Pool, progress: Progress = ignore_progress) -> PhasedProducts:
+        """Return inner products of all columns of a pool and of the torque.
+
+        Parameters
+        ----------
+        pool : Pool
+            Model and candidates.
+        progress : Progress
+            Called with the fraction done and a message; may raise to cancel.
+        """
+        return gather_products(
+            pool.observation,
+            self.model.signals,
+            self.recordings,
+            self.preprocessing,
+            self.reference,
+            pool.n_base,
+            progress,
+        )
+
+    def add_findings(self, findings: Sequence[Finding]) -> RecordedSource:
+        """Return the same with the torque predicted by the model with these findings in it."""
+        choices = [finding.judged.candidate.choice for finding in findings]
+        better = improve_reference(self.model, choices, self.recordings, self.preprocessing, self.reference)
+        return replace(self, reference=better)
+
+
+_NOTHING = 1.0
+"""A difference of squared errors in units of the noise that says nothing: what is not there gains as much."""
+
+
+def locate_findings(
+    identification: Identification,
+    findings: Sequence[Finding],
+    recordings: Sequence[Recording],
+    reference: ReferenceParameters,
+) -> tuple[Finding, ...]:
+    """Move findings of some runs to the link that gains most, the outer one where data do not decide.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    findings : sequence of Finding
+        The findings.
+    recordings : sequence of Recording
+        Recordings that the search learns from.
+    reference : ReferenceParameters
+        Parameters that loads are predicted with.
+
+    Returns
+    -------
+    tuple of Finding
+        All findings in their order.
+    """
+    # Only what some runs have may be on any link; other effects were found on their joints.
+    loose = [k for k, finding in enumerate(findings) if get_effect(finding.judged.candidate.effect).in_some_runs]
+    if not loose:
+        return tuple(findings)
+    model = identification.model
+    places = {k: _list_places(findings[k].judged.candidate.choice, model.robot.joint_names) for k in loose}
+    # The findings and all places of the loose ones in one pool, so that the recordings are read once.
+    choices = [finding.judged.candidate.choice for finding in findings] + [
+        choice for own in places.values() for choice in own
+    ]
+    pool = build_pool_of_choices(model, choices)
+    data = gather_products(
+        pool.observation, model.signals, recordings, identification.preprocessing, reference, model.n_parameters
+    )
+    placed_findings = list(findings)
+    for k in loose:
+        # Each finding is placed beside all others, where they are by now.
+        others = [
+            pool.find_candidate(finding.judged.candidate.choice) for i, finding in enumerate(placed_findings) if i != k
+        ]
+        base = (*range(pool.n_base), *(column for other in others if other for column in other.columns))
+        candidates = [candidate for choice in places[k] if (candidate := pool.find_candidate(choice))]
+        judged = score_all(data, pool, base, candidates, identification.noise)
+        placed_findings[k] = _move_to_best_link(placed_findings[k], judged, model.robot.joint_names)
+    return tuple(placed_findings)
+
+
+def _is_as_good(best: ScoredCandidate, other: ScoredCandidate) -> bool:
+    """Return whether data do not tell another place from the best: it is the same function of the motion.
+
+    Rounding, and which of the columns are left out as dependent, makes a difference that is small but always has the
+    same sign.
+    """
+    return are_indistinguishable(best, other) or float((best.gains - other.gains).sum()) < _NOTHING
+
+
+def _list_places(choice: EffectChoice, joints: Sequence[str]) -> list[EffectChoice]:
+    return [replace(choice, joints=(joint,)) for joint in joints]
+
+
+def _move_to_best_link(finding: Finding, judged: Sequence[ScoredCandidate], joints: Sequence[str]) -> Finding:
+    best = max(judged, key=lambda scored: scored.total_gain)
+    alike = [scored for scored in judged if scored is best or _is_as_good(best, scored)]
+    # Things are usually attached at the outer end of an arm.
+    outer = max(alike, key=lambda scored: joints.index(scored.candidate.joints[0]))
+    outer_scored = replace(outer, p=finding.p)
+    return replace(
+        finding,
+        judged=outer_scored,
+        equal=(*finding.equal, *(scored for scored in alike if scored is not outer)),
+        around=(),
+    )
+
+
+# Solutions until first-order columns are about the model that they are part of.
+_PASSES = 2
+
+
+def refine_findings(
+    identification: Identification,
+    findings: Sequence[Finding],
+    recordings: Sequence[Recording],
+    reference: ReferenceParameters,
+    resolved: Resolution,
+    floor: FloatArray,
+    since: tuple[str, ...],
+    progress: Progress,
+) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...], dict[Candidate, Reason]]:
+    """Refine the shape constants of the findings; drop those that only made up for the coarse constants of another.
+
+    A peak of friction whose best width is below what the data resolve made up for sticking, not for Stribeck friction.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    findings : sequence of Finding
+        The findings on the grid.
+    recordings : sequence of Recording
+        Recordings that the search learns from.
+    reference : ReferenceParameters
+        Parameters that loads are predicted with.
+    resolved : Resolution
+        What the data can resolve.
+    floor : (n,)
+        Noise of the sensors, N m or N.
+    since : tuple of str
+        Labels of the later runs, where there is a baseline.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+
+    Returns
+    -------
+    tuple of Finding, tuple of EffectChoice, dict of Candidate to Reason
+        The remaining findings, what each has become, and why each of the others was dropped.
+    """
+    findings = locate_findings(identification, findings, recordings, reference)
+    choices = tuple(finding.judged.candidate.choice for finding in findings)
+    dropped: dict[Candidate, Reason] = {}
+
+    def select(kept: Sequence[int], code: ReasonCode) -> tuple[Finding, ...]:
+        """Return the findings of these indices; note the reason of the others."""
+        gone = [findings[i].judged.candidate for i in range(len(findings)) if i not in kept]
+        dropped.update(dict.fromkeys(gone, Reason.build(code)))
+        return tuple(findings[i] for i in kept)
+
+    if not choices:
+        return (), (), dropped
+    model, preprocessing = identification.model, identification.preprocessing
+    choices = refine_shapes(model, choices, recordings, preprocessing, reference, scale_progress(progress, 0.0, 0.5))
+    findings, choices = merge_alike(findings, choices, model.robot, resolved)
+    # Refining may lead to constants that the data cannot resolve.
+    visible = [i for i, choice in enumerate(choices) if is_width_resolved(choice, model.robot, resolved)]
+    findings, choices = select(visible, "not_resolved"), tuple(choices[i] for i in visible)
+    while choices:
+        reference = improve_reference(model, choices, recordings, preprocessing, reference)
+        lean = _RefinedModel.from_choices(model, findings, choices, since, recordings, preprocessing, reference)
+        slimmer, needed = lean.select_needed(floor, preprocessing)
+        # Refining the constants of fewer effects may make others superfluous, so this goes on until nothing changes.
+        if slimmer == choices:
+            break
+        findings = select(needed, "superfluous")
+        choices = refine_shapes(model, slimmer, recordings, preprocessing, reference)
+    if not choices:
+        return (), (), dropped
+    resolved_indices = [
+        i for i in _find_independent(model, choices) if is_width_resolved(choices[i], model.robot, resolved)
+    ]
+    # In the order in which somebody would add them: the largest first.
+    lasting = lean.select_harmless(
+        sorted(resolved_indices, key=lambda i: -compute_explained_error(findings[i].judged, floor))
+    )
+    remaining = select(lasting, "harmful")
+    # What cannot be resolved, or depends on the others, was not tried for harm.
+    select(resolved_indices, "not_resolved")
+    return remaining, tuple(choices[i] for i in lasting), dropped
+
+
+def improve_reference(
+    model: Model,
+    choices: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: ReferenceParameters,
+) -> ReferenceParameters:
+    """Return the parameters that torque is predicted with once the effects are in the model.
+
+    Without these effects the parameters are biased by them.
+    """
+    biasing = [choice for choice in choices if changes_prediction(choice)]
+    if not biasing:
+        return reference
+    # Functions of the position are left out: they would make up for what the first-order columns cannot say yet.
+    firm = [choice for choice in choices if not get_effect(choice.effect).of_position]
+    grown = extend_model(model, firm) if firm else model
+    for _ in range(_PASSES):
+        reduction = reduce_recordings(grown.observation, recordings, preprocessing, reference)
+        try:
+            reference = grown.build_reference(weighted(reduction).values)
+        except EstimationError:
+            # Together they are not determined: what they correct stays as it was.
+            return reference
+    return reference
+
+
+def changes_prediction(choice: EffectChoice) -> bool:
+    """Return whether the torque that columns depend on is another one with an effect in the model.
+
+    A sensitivity biases all parameters where it is lacking; a mass is a load in the runs that have it.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect.
+    """
+    effect = get_effect(choice.effect)
+    return effect.first_order or effect.in_some_runs
+
+
+def _find_independent(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:
+    """Return the indices of the choices of which a column is independent of the model and of those before it."""
+    if not choices:
+        return []
+    grown = extend_model(model, choices)
+    independent = {column.key for column in grown.kept}
+    return [
+        i
+        for i, choice in enumerate(choices)
+        if any(column.key in independent for column in build_columns([choice], model.signals))
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _RefinedModel:
+    """A model with refined findings behind it and nothing else.
+
+    Parameters
+    ----------
+    pool : Pool
+        Model and refined findings.
+    data : PhasedProducts
+        Their products.
+    findings : tuple of Finding
+        The findings, as candidates of this pool.
+    """
+
+    pool: Pool
+    data: PhasedProducts
+    findings: tuple[Finding, ...]
+
+    @classmethod
+    def from_choices(
+        cls,
+        model: Model,
+        findings: Sequence[Finding],
+        choices: Sequence[EffectChoice],
+        since: tuple[str, ...],
+        recordings: Sequence[Recording],
+        preprocessing: Preprocessing,
+        reference: ReferenceParameters,
+    ) -> _RefinedModel:
+        """Gather the products of the model and of the choices that the picks have become."""
+        columns = list(model.kept)
+        refined: list[Finding] = []
+        for finding, choice in zip(findings, choices, strict=True):
+            new_columns = build_columns([choice], model.signals)
+            numbers = tuple(range(len(columns), len(columns) + len(new_columns)))
+            candidate = Candidate(choice.effect, choice.joints, choice.shape, numbers, choice.runs)
+            # Neighbours of a coarse constant have done their part.
+            refined.append(replace(finding, judged=replace(finding.judged, candidate=candidate), around=()))
+            columns += new_columns
+        observation = model.observation.extend(columns[model.n_parameters :], model.signals)
+        pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined), since)
+        data = gather_products(observation, model.signals, recordings, preprocessing, reference, model.n_parameters)
+        return cls(pool, data, tuple(refined))
+
+    def select_needed(
+        self, floor: FloatArray, preprocessing: Preprocessing
+    ) -> tuple[tuple[EffectChoice, ...], list[int]]:
+        """Return the choices that still improve the prediction, on the joints where they do, and their indices."""
+        # As after a search that found all of these: each is judged beside all others.
+        everything = tuple(range(self.pool.observation.n_columns))
+        state = State(everything, estimate_residual_noise(self.data, everything), floor, self.findings)
+        state = drop_faded_contacts(self.data, self.pool, state, preprocessing)
+        state = prune_findings(self.data, self.pool, state)
+        remaining = {finding.judged.candidate for finding in state.findings}
+        indices = [i for i, finding in enumerate(self.findings) if finding.judged.candidate in remaining]
+        joints = trim_joints(self.data, self.pool, state)
+        slim = [
+            replace(self.findings[i].judged.candidate.choice, joints=own)
+            for i, own in zip(indices, joints, strict=True)
+        ]
+        return tuple(slim), indices
+
+    def select_harmless(self, order: Sequence[int]) -> list[int]:
+        """Return the indices of the findings that hurt nowhere, added in this order."""
+        base = tuple(range(self.pool.n_base))
+        noise = estimate_residual_noise(self.data, tuple(range(self.pool.observation.n_columns)))
+        columns = [self.findings[i].judged.candidate.columns for i in order]
+        return [order[k] for k in select_harmless(self.data, base, columns, noise)]

@@ -1,0 +1,159 @@
+"""Whether the motion determines the model, and which effects the data could not have shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.array_types import BoolArray
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
+from dynident.diagnosis.candidates.held_out_scores import compute_fitted_errors, compute_held_out_errors
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.inner_products_and_folds import Products, find_present
+from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.diagnosis_result import Invisible
+from dynident.diagnosis.search.search_state import State
+from dynident.effects import EffectChoice
+
+Key = tuple[str, tuple[str, ...]]
+
+
+def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
+    """Find effects on a joint of whose columns hardly anything is left beside the model, whatever their constants.
+
+    Parameters
+    ----------
+    first : sequence of ScoredCandidate
+        All candidates beside the model alone.
+
+    Returns
+    -------
+    tuple of Invisible
+        Effects with the share of their column that is left.
+    """
+    shares: dict[Key, float] = {}
+    for scored in first:
+        # Groups are left out: each of their joints is a candidate by itself.
+        if len(scored.candidate.joints) <= 1:
+            key = (scored.candidate.effect, scored.candidate.joints)
+            # The constants of which most is left count: an effect is invisible only if none of them shows.
+            shares[key] = max(shares.get(key, 0.0), scored.separability)
+    why = "of its column is independent of the model on this motion, so these data cannot show it"
+    return tuple(
+        Invisible(*key, f"only {share:.1%} {why}", f"{share:.1%} left")
+        for key, share in shares.items()
+        if share < RULES.least_separability
+    )
+
+
+def list_columns_with_findings(pool: Pool, base: tuple[int, ...], choices: Sequence[EffectChoice]) -> tuple[int, ...]:
+    """List the columns of a model with what was found, at the shape constants of the pool nearest to theirs.
+
+    Parameters
+    ----------
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    choices : sequence of EffectChoice
+        What the findings have become, with all their joints.
+    """
+    own = (column for choice in choices for column in _find_pool_columns(choice, pool))
+    return tuple(dict.fromkeys((*base, *own)))
+
+
+def _find_pool_columns(choice: EffectChoice, pool: Pool) -> tuple[int, ...]:
+    """Return the pool's columns of an effect, with the shape constants nearest to those that it was found with."""
+
+    def distance(other: Candidate) -> float:
+        # Refined constants are not on the grid of the pool any more.
+        pairs = [(choice.shape_values.get(name, 0.0), value) for name, value in other.shape]
+        return sum(abs(a - b) / max(abs(a), abs(b), 1e-12) for a, b in pairs) + (other.runs != choice.runs)
+
+    def find_nearest(joints: tuple[str, ...]) -> tuple[int, ...]:
+        alike = [other for other in pool.candidates if other.effect == choice.effect and other.joints == joints]
+        return min(alike, key=distance).columns if alike else ()
+
+    # A group from which joints were dropped, or that joints have joined, is no candidate of the pool: its joints are.
+    return find_nearest(choice.joints) or tuple(column for name in choice.joints for column in find_nearest((name,)))
+
+
+def is_determined(rows: Products, state: State) -> bool:
+    """Return whether the model that the search starts from predicts parts of the motion from the others.
+
+    Where the motion does not determine it, what a candidate gains is what it happens to hold the model by.
+
+    Parameters
+    ----------
+    rows : Products
+        Rows that are equations for the model.
+    state : State
+        The model so far and what was found.
+    """
+    return compute_part_to_part_ratio(rows, state) <= state.rules.part_to_part
+
+
+def compute_part_to_part_ratio(rows: Products, state: State) -> float:
+    """Return the error on a fifth of the motion that is left out in a row, over that on every fifth block.
+
+    Stretches with what was found already, a contact, do not count: it happened once, no other part of the motion tells
+    of it.
+
+    Parameters
+    ----------
+    rows : Products
+        Rows that are equations for the model.
+    state : State
+        The model so far and what was found.
+    """
+    columns = np.array(state.base, dtype=np.intp)
+    usual = np.ones(rows.n_blocks, dtype=bool)
+    for finding in state.findings:
+        usual &= ~_find_active_blocks(rows, finding.columns)
+    # Interleaved folds are surrounded by data of the fit; a contiguous fold is a motion that the fit has not seen.
+    inside, ahead = (
+        float((compute_held_out_errors(rows, columns, state.noise, kind)[usual] / state.noise**2).sum())
+        for kind in ("interleaved", "contiguous")
+    )
+    return float(np.sqrt(ahead / max(inside, np.finfo(float).tiny)))
+
+
+def is_main_explanation(data: PhasedProducts, state: State, scored: ScoredCandidate) -> bool:
+    """Return whether a candidate takes away most of what the model leaves where it was fitted.
+
+    There nothing is predicted, so that none of it is for holding a model that the motion does not determine; a column
+    or a few that take so much of what all parameters together could not are no chance, either.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    state : State
+        The model so far and what was found.
+    scored : ScoredCandidate
+        The candidate.
+    """
+    # Fitted, not held out: what a poor motion leaves undetermined cannot be predicted by any model.
+    rows = data.select_for_candidates(state.base, np.array(data.find_row_kinds(scored.candidate.columns)))
+    columns = np.array(state.base, dtype=np.intp)
+    before, after, _, _ = compute_fitted_errors(rows, columns, scored.candidate, state.noise)
+    own = list(scored.joints)
+    initial, remaining = before[:, own].sum(axis=0), after[:, own].sum(axis=0)
+    # A group is judged by all of its joints together.
+    if len(scored.candidate.joints) > 1:
+        initial, remaining = initial.sum(keepdims=True), remaining.sum(keepdims=True)
+    return bool(
+        (remaining <= (1.0 - state.rules.main_explanation) * initial).any()
+        and scored.drop >= state.rules.main_explanation
+    )
+
+
+def _find_active_blocks(rows: Products, columns: Sequence[int]) -> BoolArray:
+    """Return the blocks (s,) in which any of the columns is not zero."""
+    is_shown = np.zeros(rows.n_blocks, dtype=bool)
+    for joint, where in enumerate(rows.position):
+        _, places = find_present(where, np.array(columns, dtype=np.intp))
+        is_shown |= (rows.take_products(joint, places, places) > 0).any(axis=1)
+    return is_shown

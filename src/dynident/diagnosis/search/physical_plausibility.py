@@ -1,0 +1,194 @@
+"""Whether a candidate is physically possible with the amplitudes that the data ask for.
+
+Friction takes energy, a mass or a compliance is above zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from dynident.array_types import FloatArray, IndexArray
+from dynident.diagnosis.candidates.candidate_pool import Pool
+from dynident.diagnosis.candidates.held_out_scores import compute_deviations
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.inner_products_and_folds import Products
+from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
+from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.outcome_reasons import Reason
+from dynident.effects import Column, Estimate, get_effect, get_spec
+
+
+def is_physically_possible(
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
+) -> bool:
+    """Return whether a candidate beside a model is physically possible with the amplitudes that the data ask for.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    scored : ScoredCandidate
+        The candidate.
+    """
+    return find_impossibility(data, pool, base, noise, scored) is None
+
+
+def find_impossibility(
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
+) -> Reason | None:
+    """Return what makes a candidate beside a model physically impossible; None where nothing does.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    scored : ScoredCandidate
+        The candidate.
+    """
+    columns = np.array(base + scored.candidate.columns, dtype=np.intp)
+    rows = data.select_for_model(columns)
+    values, doubts = _fit_columns(rows, columns, noise)
+    effect = get_effect(scored.candidate.effect)
+    if effect.is_friction and not _is_dissipative(rows, pool, columns, values, scored):
+        return Reason.build("impossible")
+    estimates = _build_estimates(values, doubts)
+    if effect.is_friction and (column_estimate := _find_wrong_friction(pool, base, estimates, scored)):
+        return _build_impossible(*column_estimate)
+    own = estimates[len(base) :]
+    if pool.is_change(scored.candidate):
+        # Filtered rows of two days differ more than those of one: what they tell of a difference says its own doubt.
+        difference_deviations = compute_deviations(
+            JointBlocks.from_products(rows, columns[: len(base)], [scored.candidate]), 1, noise
+        )[0]
+        own = _build_estimates(values[len(base) :], difference_deviations)
+        is_possible = _is_possible_change(pool, base, scored, own)
+    else:
+        is_possible = all(effect.is_plausible(known) for _, known in _group_by_link(pool, scored, own))
+    if is_possible:
+        return None
+    pairs = [(pool.observation.columns[k], estimate) for k, estimate in zip(scored.candidate.columns, own, strict=True)]
+    # The parameter that is most clearly impossible, or where each is possible by itself the largest, stands for all.
+    return _build_impossible(*max(pairs, key=lambda pair: (not _is_admitted(*pair), abs(pair[1].value))))
+
+
+def _is_admitted(column: Column, estimate: Estimate) -> bool:
+    spec = get_spec(column)
+    return spec is None or spec.admits(estimate)
+
+
+def _build_impossible(column: Column, estimate: Estimate) -> Reason:
+    """Return the reason that a parameter has a sign or size that nature does not allow."""
+    spec = get_spec(column)
+    violates = "not consistent with its other parameters"
+    if spec is not None and spec.positive and estimate.value < 0.0:
+        violates = "below zero"
+    elif spec is not None and abs(estimate.value) > spec.most:
+        violates = f"larger than occurs ({spec.most:.3g} {column.unit})"
+    elif spec is not None and abs(estimate.value) < spec.least:
+        violates = f"too small to notice ({spec.least:.3g} {column.unit})"
+    return Reason.build("impossible", parameter=column.name, value=estimate.value, unit=column.unit, violates=violates)
+
+
+def _build_estimates(values: FloatArray, deviations: FloatArray) -> list[Estimate]:
+    return [
+        Estimate(float(value), float(RULES.wrong_sign * deviation))
+        for value, deviation in zip(values, deviations, strict=True)
+    ]
+
+
+def _group_by_link(
+    pool: Pool, scored: ScoredCandidate, own: Sequence[Estimate]
+) -> Iterable[tuple[str, Mapping[str, Estimate]]]:
+    """Return a candidate's parameters by name, on each joint that it acts on."""
+    by_link: dict[str, dict[str, Estimate]] = {}
+    for k, estimate in zip(scored.candidate.columns, own, strict=True):
+        # An effect on several joints has to be possible on each of them.
+        column = pool.observation.columns[k]
+        by_link.setdefault(column.link, {})[column.parameter] = estimate
+    return by_link.items()
+
+
+def _is_possible_change(pool: Pool, base: tuple[int, ...], scored: ScoredCandidate, own: Sequence[Estimate]) -> bool:
+    """Return whether the later days may differ in this way: by less, too, where there is something to lose.
+
+    Friction wears in, a mass is taken off; what the other days do not have can only be added.
+    """
+    effect = get_effect(scored.candidate.effect)
+    columns = [pool.observation.columns[k] for k in base]
+    # Where the model has the effect on all days, the later days may have less of it.
+    had = {column.link for column in columns if column.effect == effect.id}
+    return all(
+        effect.is_plausible_change(known) and (link in had or effect.is_plausible(known))
+        for link, known in _group_by_link(pool, scored, own)
+    )
+
+
+def _find_wrong_friction(
+    pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], scored: ScoredCandidate
+) -> tuple[Column, Estimate] | None:
+    """Return friction of the model on a candidate's joints that would have the wrong sign beside it.
+
+    A large power of the velocity less a large multiple of the velocity fits a bend, and says nothing of other speeds.
+    """
+    joints = {pool.observation.robot.joint_names[j] for j in scored.joints}
+    for k, estimate in zip(base, estimates, strict=False):
+        column = pool.observation.columns[k]
+        effect = get_effect(column.effect)
+        if effect.is_friction and column.link in joints:
+            spec = get_spec(column)
+            if spec is not None and not spec.admits(estimate):
+                return column, estimate
+    return None
+
+
+def _is_dissipative(
+    data: Products, pool: Pool, columns: IndexArray, values: FloatArray, scored: ScoredCandidate
+) -> bool:
+    """Return whether friction still takes energy from every joint on the whole, the candidate's friction included.
+
+    The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
+    """
+    for j in scored.joints:
+        where = data.position[j]
+        coulomb = columns[pool.is_dry[columns] & (where[columns] >= 0)]
+        friction = np.flatnonzero(pool.is_friction[columns] & (where[columns] >= 0))
+        # Without a Coulomb column there is no sign of the velocity to measure the work against.
+        if not len(coulomb) or not len(friction):
+            continue
+        places = where[columns[friction]]
+        work = data.take_products(j, where[coulomb[:1]], places) @ values[friction]
+        if float(np.minimum(work, 0.0).sum()) < -RULES.given_back * float(np.abs(work).sum()):
+            return False
+    return True
+
+
+def _fit_columns(data: Products, columns: IndexArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the parameters (k,) of columns, fitted to all blocks, and their standard deviations (k,)."""
+    k = len(columns)
+    normal, right = np.zeros((k, k)), np.zeros(k)
+    for joint, (where, sigma) in enumerate(zip(data.position, noise, strict=True)):
+        have = np.flatnonzero(where[columns] >= 0)
+        places = where[columns[have]]
+        total = data.sum_products(joint, np.append(places, -1)) / sigma**2
+        normal[np.ix_(have, have)] += total[:-1, :-1]
+        right[have] += total[:-1, -1]
+    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+    # The pseudo-inverse leaves undetermined parameters at zero, which no check of signs takes offence at.
+    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10, hermitian=True)
+    deviations = np.sqrt(RULES.rows_of_filter * np.maximum(np.diag(inverse), 0.0)) / scale
+    return np.asarray(inverse @ (right / scale) / scale), np.asarray(deviations)

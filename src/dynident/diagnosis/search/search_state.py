@@ -1,0 +1,299 @@
+"""State of a search, and the score of every candidate beside the model so far."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray
+from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
+from dynident.diagnosis.candidates.fold_fit import ProductSums
+from dynident.diagnosis.candidates.held_out_scores import (
+    compute_block_contributions,
+    compute_held_out_errors,
+    score_blocks,
+)
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.inner_products_and_folds import Products
+from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
+from dynident.diagnosis.candidates.significance import (
+    ALPHA,
+    BaselineErrors,
+    FamilywiseLevels,
+    ScoredCandidate,
+    combine_scores,
+    run_familywise_test,
+)
+from dynident.diagnosis.decision_levels import RULES, DecisionRules
+from dynident.effects import get_effect
+from dynident.estimation.least_squares import floor_noise
+
+KINDS = ("interleaved", "contiguous")
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """An effect that was found, and what the data cannot tell it from.
+
+    Parameters
+    ----------
+    judged : ScoredCandidate
+        The candidate with its score.
+    equal : tuple of ScoredCandidate
+        Candidates that the data cannot tell from it.
+    p : float
+        Its corrected p-value.
+    around : tuple of int
+        Columns of the same effect with neighbouring shape constants: until the constants are refined they say what the
+        coarse ones cannot, so that it is not taken for something else.
+    why : str
+        What speaks for it, in words, where it is not its mark in the residual of a moving joint.
+    """
+
+    judged: ScoredCandidate
+    equal: tuple[ScoredCandidate, ...]
+    p: float
+    around: tuple[int, ...] = ()
+    why: str = ""
+
+    @property
+    def is_transient(self) -> bool:
+        """Whether it happened once, so that stretches that it shows in cannot be held out: a contact."""
+        return get_effect(self.judged.candidate.effect).is_transient
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """All columns that come with the pick."""
+        return self.judged.candidate.columns + self.around
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """State of a search: the model so far, and what was found.
+
+    Parameters
+    ----------
+    base : tuple of int
+        Columns of the model so far.
+    noise : (n,)
+        Rms of the residual that they leave, N m or N.
+    floor : (n,)
+        Noise of the sensors, N m or N.
+    findings : tuple of Finding
+        What was found.
+    since : tuple of str
+        Labels of the later runs, where there is a baseline.
+    rules : DecisionRules
+        The levels of the decision.
+    """
+
+    base: tuple[int, ...]
+    noise: FloatArray
+    floor: FloatArray
+    findings: tuple[Finding, ...]
+    since: tuple[str, ...] = ()
+    rules: DecisionRules = RULES
+
+    @property
+    def level(self) -> float:
+        """Largest p-value of a finding."""
+        return self.rules.significance
+
+
+def score_all(
+    data: PhasedProducts,
+    pool: Pool,
+    base: tuple[int, ...],
+    candidates: Sequence[Candidate],
+    noise: FloatArray,
+    *,
+    kinds: tuple[bool, bool] | None = None,
+) -> list[ScoredCandidate]:
+    """Score every candidate beside a model, in both kinds of folds.
+
+    Each is scored on the rows that are equations for the model with it in: with friction that remembers the path also
+    those where joints reverse, with friction that shows where a joint starts also those beside a halt; of all joints,
+    so that candidates on different ones have the same rows.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    candidates : sequence of Candidate
+        Candidates to score.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    kinds : tuple of (bool, bool) or None
+        Whether rows at reversals, and rows beside halts, count for all candidates, so that their gains can be compared;
+        by default each has its own rows.
+
+    Returns
+    -------
+    list of ScoredCandidate
+        The candidates in their order, with the p-value of the family-wise test.
+    """
+    return list(score_family(data, pool, base, candidates, noise, kinds=kinds).scored)
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredFamily:
+    """Candidates that were scored and tested together.
+
+    Parameters
+    ----------
+    scored : tuple of ScoredCandidate
+        The candidates.
+    levels : FamilywiseLevels
+        What the test asks of each of them.
+    """
+
+    scored: tuple[ScoredCandidate, ...]
+    levels: FamilywiseLevels
+
+
+def score_family(
+    data: PhasedProducts,
+    pool: Pool,
+    base: tuple[int, ...],
+    candidates: Sequence[Candidate],
+    noise: FloatArray,
+    *,
+    kinds: tuple[bool, bool] | None = None,
+    level: float = ALPHA,
+) -> ScoredFamily:
+    """Score candidates as `score_all` does, and return what the test asks of each of them as well.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    candidates : sequence of Candidate
+        Candidates to score.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    kinds : tuple of (bool, bool) or None
+        Kinds of rows that count, as in `score_all`.
+    level : float
+        Largest p-value of a finding.
+    """
+    # There are four sets at most: with or without rows at reversals, with or without rows beside halts.
+    sets: dict[tuple[bool, bool], list[int]] = {}
+    for k, candidate in enumerate(candidates):
+        # Candidates with the same rows are scored together, so that the model's products are summed once.
+        sets.setdefault(kinds or data.find_row_kinds(candidate.columns), []).append(k)
+    judged: list[ScoredCandidate | None] = [None] * len(candidates)
+    scores: list[FloatArray] = [np.zeros((0, 1))] * len(candidates)
+    for used, members in sets.items():
+        own = [candidates[k] for k in members]
+        rows = data.select_for_candidates(base, np.array(used))
+        blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), own)
+        # These sums serve both kinds of folds and the test by scores.
+        total = blocks.sum_products(noise)
+        for k, scored_candidate in zip(members, _score_same_rows(rows, blocks, total, pool, own, noise), strict=True):
+            judged[k] = scored_candidate
+        for k, each in zip(members, compute_block_contributions(blocks, total, len(own), noise), strict=True):
+            by_scores = pool.is_change(candidates[k]) or may_use_scores(candidates[k])
+            # Zeros are the scores of a candidate that explains nothing, so that its gains decide.
+            scores[k] = each if by_scores else np.zeros_like(each)
+    whole = [scored_candidate for scored_candidate in judged if scored_candidate is not None]
+    # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
+    gains = np.array([scored_candidate.gains for scored_candidate in whole]).reshape(len(whole), -1)
+    p, levels = run_familywise_test(gains, scores, level)
+    return ScoredFamily(tuple(replace(scored, p=float(value)) for scored, value in zip(whole, p, strict=True)), levels)
+
+
+def score_one(
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], candidate: Candidate, noise: FloatArray
+) -> ScoredCandidate:
+    """Score a finding beside another model by its gains alone; its p stays one.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    candidate : Candidate
+        The candidate.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    """
+    rows = data.select_for_candidates(base, np.array(data.find_row_kinds(candidate.columns)))
+    blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), [candidate])
+    return _score_same_rows(rows, blocks, blocks.sum_products(noise), pool, [candidate], noise)[0]
+
+
+def may_use_scores(candidate: Candidate) -> bool:
+    """Return whether scores may speak for a candidate; else its gains alone do.
+
+    Filters, clocks and halts leave in every row a little of what looks like a delay or a soft joint, and at reversals
+    of what looks like presliding: scores find it on any arm. They do so on every day alike: of what changed they tell.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        The candidate.
+    """
+    effect = get_effect(candidate.effect)
+    return not effect.first_order and all(spec.resolved_by != "displacement" for spec in effect.shapes)
+
+
+def _score_same_rows(
+    data: Products,
+    blocks: JointBlocks,
+    total: ProductSums,
+    pool: Pool,
+    candidates: Sequence[Candidate],
+    noise: FloatArray,
+) -> list[ScoredCandidate]:
+    """Score candidates that are all about the same rows."""
+    scores_by_kind = [score_blocks(data, blocks, total, candidates, noise, kind) for kind in KINDS]
+    bars = [BaselineErrors.from_errors(before, noise) for before, _ in scores_by_kind]
+    acting = find_acting_columns(pool)
+    return [
+        combine_scores(pair, _list_joints(acting, candidate), noise, bars)
+        for candidate, *pair in zip(candidates, *(scores for _, scores in scores_by_kind), strict=True)
+    ]
+
+
+def find_acting_columns(pool: Pool) -> BoolArray:
+    """Return (columns, joints): the joints whose torque each column contributes to."""
+    acts = np.zeros((pool.observation.n_columns, pool.observation.robot.n), dtype=bool)
+    # W has an entry wherever a column gives torque on a joint.
+    acts[pool.observation.entry_columns, pool.observation.entry_rows] = True
+    return acts
+
+
+def _list_joints(acting: BoolArray, candidate: Candidate) -> tuple[int, ...]:
+    return tuple(int(j) for j in np.flatnonzero(acting[list(candidate.columns)].any(axis=0)))
+
+
+def estimate_residual_noise(data: PhasedProducts, base: tuple[int, ...]) -> FloatArray:
+    """Return the rms (n,) of the held-out residual of every joint for the model so far.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    base : tuple of int
+        Columns of the model.
+    """
+    rows = data.select_for_model(base)
+    # Held out, so that a model with many columns does not look less noisy than it is.
+    squares = compute_held_out_errors(rows, np.array(base, dtype=np.intp), np.ones(rows.n_joints), "interleaved").sum(
+        axis=0
+    )
+    sigma = np.sqrt(squares / np.maximum(rows.counts.sum(axis=0), 1.0))
+    return floor_noise(sigma)

@@ -1,0 +1,423 @@
+"""Uncertainty of the estimates, [12.6]-[12.10], for residuals that are correlated in time and between equations.
+
+[12.6] assumes independent residuals. Rows that passed a low-pass filter are not, and model errors even less: counting
+them all would promise standard deviations several times too small. There are three covariances, as in regression
+with clustered data elsewhere:
+
+by_time_and_joints
+    Blocks of time are independent, nothing within them is, across all equations. What a model lacks, and what shakes an
+    arm, shows in the torques of all joints at once and lasts for a while. The estimate without each block in turn shows
+    how far it depends on what happened there (the jackknife over clusters, CR3 of Bell and McCaffrey 2002; MacKinnon,
+    Nielsen and Webb 2023). Few blocks determine a variance poorly: Student's t uses the degrees of freedom that
+    Satterthwaite's rule gives for every parameter.
+by_joint
+    Equations are independent, too. The correlation within an equation is measured from the sums of Wᵀρ over blocks
+    of time. The squares of these sums have a known size for independent residuals; the excess is the factor by
+    which the number of rows overstates the information (Liang and Zeger 1986, pooled over the parameters).
+independent
+    [12.6] as it stands: every row counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from dynident.array_types import BoolArray, FloatArray
+from dynident.estimation.least_squares import (
+    Solution,
+    build_weighted_factor,
+    compute_correlated_noise,
+    compute_residual_noise,
+)
+from dynident.estimation.prior_information import extract_deviations
+from dynident.estimation.residual_correlation import compute_correlation_factors
+from dynident.estimation.triangular_factors import Reduction
+
+FEWEST_CLUSTERS = 5
+"""Smallest number of blocks for the jackknife. Fewer say nothing of how the estimate depends on them."""
+
+_ALONE = 0.95
+"""Largest share of the information in some direction that one block may hold. Above it, the other blocks cannot tell
+how far off that block is, and the direction is taken to be as uncertain as the others are on average.
+"""
+
+# Largest number of degrees of freedom: as good as infinite to Student's t.
+_SURE = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class ClusterCovariance:
+    """Covariance of estimates from their spread over blocks of time.
+
+    Parameters
+    ----------
+    covariance : (c, c)
+        Covariance of the estimation error.
+    freedom : (c,)
+        Degrees of freedom with which the variance of each estimate is known.
+    """
+
+    covariance: FloatArray
+    freedom: FloatArray
+
+
+def estimate_cluster_covariance(
+    reduction: Reduction, solution: Solution, scores: FloatArray | None = None
+) -> ClusterCovariance:
+    """Estimate how far the estimates move when blocks of time are left out, of all equations together.
+
+    Parameters
+    ----------
+    reduction, solution : Reduction, Solution
+        The data and the estimate from it.
+    scores : (s, f), optional
+        Scores of the equations that the estimate solves where these are not Wᵀρ = 0 (instrumental variables), times
+        `solution.root`.
+
+    Returns
+    -------
+    ClusterCovariance
+        Covariance of the estimates, and how many degrees of freedom it is known with.
+
+    Notes
+    -----
+    With every equation in units of its noise, g_s = W_sᵀρ_s and A_s = W_sᵀW_s of a block and B = (WᵀW)⁻¹, the
+    estimate without it differs by d_s = (B⁻¹ - A_s)⁻¹ g_s; the covariance is (S - 1) / S Σ d_s d_sᵀ. Prior knowledge
+    adds its own. All is done in coordinates in which B is one.
+    """
+    root = solution.root
+    informations = _compute_informations(reduction, solution, root)
+    if scores is None:
+        scores = _compute_scores(reduction, solution) @ root
+    # A block in which no equation has rows has no score. It would only raise the number of clusters.
+    filled = find_occupied_blocks(reduction)
+    scores, informations = scores[filled], informations[filled]
+    count, size = scores.shape
+    amplified, dominated = _leave_out_blocks(informations)
+    steps = np.einsum("sij,sj->si", amplified, scores)
+    inner = (count - 1) / count * steps.T @ steps
+    # Directions that only one block determines get the average variance of the others, but no less than independent
+    # rows would have.
+    average_variance = float(np.trace(inner)) / max(size - float(np.trace(dominated)), 1.0)
+    assumed = max(average_variance, _compute_row_variance(reduction, solution)) * dominated
+    known = np.zeros((size, size))
+    if solution.known is not None:
+        rows = solution.known.factor @ root
+        known = rows.T @ rows
+    covariance = root @ (inner + assumed + known) @ root.T
+    # In these coordinates a parameter is a linear form. Forms of unit length give variances of about one, whatever the
+    # parameter's unit; their ratio alone matters for the degrees of freedom.
+    directions = root / np.maximum(np.linalg.norm(root, axis=1), np.finfo(float).tiny)[:, None]
+    variances = [np.einsum("ki,ij,kj->k", directions, part, directions) for part in (inner, assumed, known)]
+    from_steps, from_assumption, from_knowledge = (np.maximum(part, 0.0) for part in variances)
+    # Of a sum of variances (Welch): what was known is certain, what is guessed as uncertain as can be.
+    doubt = (
+        from_steps**2 / np.maximum(_compute_satterthwaite_freedom(informations, amplified, directions), 1.0)
+        + from_assumption**2
+    )
+    freedom = (from_steps + from_assumption + from_knowledge) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
+    return ClusterCovariance(0.5 * (covariance + covariance.T), np.clip(freedom, 1.0, _SURE))
+
+
+def find_occupied_blocks(reduction: Reduction) -> BoolArray:
+    """Return (s,): which blocks of time have any row in them; the others are empty."""
+    counts = [equation.counts for equation in reduction.equations if len(equation.counts)]
+    return np.asarray(np.sum(counts, axis=0) > 0) if counts else np.zeros(reduction.n_blocks, dtype=bool)
+
+
+def _compute_row_variance(reduction: Reduction, solution: Solution) -> float:
+    """Return the mean square of the residuals in units of the noise: the variance if rows were independent."""
+    squares = sum(
+        float(equation.sum_squares(solution.values).sum()) / float(sigma) ** 2
+        for equation, sigma in zip(reduction.equations, solution.noise, strict=True)
+        if len(equation.counts)
+    )
+    return squares / max(reduction.n_rows - reduction.n_columns, 1)
+
+
+def _compute_scores(reduction: Reduction, solution: Solution) -> FloatArray:
+    """Return W_sᵀρ_s of every block (s, c), each equation in units of its noise."""
+    scores = np.zeros((reduction.n_blocks, reduction.n_columns))
+    for equation, sigma in zip(reduction.equations, solution.noise, strict=True):
+        if not len(equation.counts):
+            continue
+        w = equation.factors[:, :, :-1]
+        rests = equation.factors[:, :, -1] - w @ solution.values[equation.columns]
+        scores[:, equation.columns] += (rests[:, None, :] @ w)[:, 0] / sigma**2
+    return scores
+
+
+def _compute_informations(reduction: Reduction, solution: Solution, root: FloatArray) -> FloatArray:
+    """Return rootᵀ A_s root of every block (s, f, f)."""
+    f = root.shape[1]
+    informations = np.zeros((reduction.n_blocks, f, f))
+    for equation, sigma in zip(reduction.equations, solution.noise, strict=True):
+        if not len(equation.counts):
+            continue
+        rows = equation.factors[:, :, :-1] @ (root[equation.columns] / sigma)
+        informations += rows.transpose(0, 2, 1) @ rows
+    return informations
+
+
+def _leave_out_blocks(informations: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (1 - A_s)⁻¹ (s, f, f) of every block, and Σ v vᵀ (f, f) of directions v that only one block determines."""
+    s, f, _ = informations.shape
+    away, alone = np.zeros((s, f, f)), np.zeros((f, f))
+    # The Frobenius norm bounds the largest eigenvalue, so only the few blocks above the limit need an
+    # eigendecomposition.
+    many = np.sqrt((informations**2).sum(axis=(1, 2))) > _ALONE
+    away[~many] = np.linalg.inv(np.eye(f) - informations[~many])
+    values, vectors = np.linalg.eigh(informations[many])
+    lost = values > _ALONE
+    # A direction that is dominated by this block is dropped from the jackknife step; its 1 / (1 - λ) would explode.
+    amplification = np.where(lost, 0.0, 1.0 / (1.0 - np.minimum(values, _ALONE)))
+    away[many] = (vectors * amplification[:, None, :]) @ vectors.transpose(0, 2, 1)
+    dominated = (vectors * lost[:, None, :]) @ vectors.transpose(0, 2, 1)
+    return away, alone + dominated.sum(axis=0)
+
+
+def remove_leverage(informations: FloatArray) -> FloatArray:
+    """Return (1 - A_s)⁻¹ (s, f, f) for A_s (s, f, f): it undoes the pull of each block on its own residuals."""
+    return _leave_out_blocks(informations)[0]
+
+
+def _compute_satterthwaite_freedom(informations: FloatArray, away: FloatArray, directions: FloatArray) -> FloatArray:
+    """Return the degrees of freedom (c,) of the variance along directions (c, f), for independent unit residuals.
+
+    With u_s = (1 - A_s)⁻¹ l the steps lᵀd_s have the covariance Ω = δ u_sᵀA_s u_s - u_sᵀA_s A_t u_t: (tr Ω)² / tr Ω².
+    """
+    u = away @ directions.T
+    v = informations @ u
+    own = np.einsum("sik,sik->sk", u, v)
+    size = np.einsum("sik,sik->sk", v, v)
+    trace = (own - size).sum(axis=0)
+    stacked = v.transpose(2, 0, 1)
+    overlap = stacked @ stacked.transpose(0, 2, 1)
+    # tr Ω² of a diagonal matrix minus a Gram matrix, without forming the (s, s) matrix: the square of the diagonal, the
+    # cross term and the square of the Gram matrix.
+    squares = (own**2 - 2.0 * own * size).sum(axis=0) + (overlap**2).sum(axis=(1, 2))
+    return np.asarray(trace**2 / np.maximum(squares, np.finfo(float).tiny))
+
+
+# Singular values below this share of the largest count as zero; a parameter with more than so much of an undetermined
+# direction in it counts as undetermined.
+_NULL, _LOOSE = 1e-9, 1e-5
+# More than so many times as sure as by the data alone: three quarters of what is known come from elsewhere.
+_OWED = 2.0
+
+
+def compute_standard_deviations(rows: FloatArray, held: FloatArray | None = None) -> FloatArray:
+    """Return the standard deviations (c,) of parameters that rows determine.
+
+    Parameters
+    ----------
+    rows : (r, c)
+        Rows of W in units of their noise.
+    held : (h, c), optional
+        Directions that constraints hold, taken as certain.
+
+    Returns
+    -------
+    (c,) array
+        Infinite where a parameter is left undetermined.
+    """
+    # Columns of unit length: the threshold for singular values must not depend on the parameters' units.
+    size = np.linalg.norm(rows, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    scaled = rows / size
+    moving = np.eye(rows.shape[1]) if held is None or not len(held) else compute_null_space(held / size)
+    _, singular, vt = np.linalg.svd(scaled @ moving, full_matrices=True)
+    enough = singular > _NULL * max(float(singular.max(initial=0.0)), np.finfo(float).tiny)
+    count = int(np.count_nonzero(enough))
+    determined = moving @ (vt[:count].T / singular[:count])
+    # A parameter counts as undetermined as soon as an undetermined direction contains it by more than rounding.
+    loose = np.abs(moving @ vt[count:].T).max(axis=1, initial=0.0) > _LOOSE
+    return np.asarray(np.where(loose, np.inf, np.linalg.norm(determined, axis=1) / size))
+
+
+def compute_null_space(rows: FloatArray, size: float = float(np.finfo(float).tiny)) -> FloatArray:
+    """Return orthonormal directions that rows map to zero.
+
+    A singular value counts as zero when it is small compared to the largest one, or to `size` where that is larger.
+
+    Parameters
+    ----------
+    rows : (h, c)
+        The rows.
+    size : float
+        Lower bound of the scale that singular values are compared to.
+
+    Returns
+    -------
+    (c, k) array
+        One direction a column.
+    """
+    _, singular, vt = np.linalg.svd(rows, full_matrices=True)
+    rank = int(np.count_nonzero(singular > _NULL * max(float(singular.max(initial=0.0)), size)))
+    return np.asarray(vt[rank:].T)
+
+
+def find_prior_dominated(reduction: Reduction, solution: Solution) -> NDArray[np.bool_]:
+    """Return which parameters rest on prior knowledge rather than on the data.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations as triangular factors, by blocks of time.
+    solution : Solution
+        The estimate from these data.
+
+    Returns
+    -------
+    (c,) array of bool
+        True where the data alone would leave more than twice the standard deviation.
+    """
+    if solution.known is None:
+        return np.zeros(len(solution.values), dtype=bool)
+    noise = compute_correlated_noise(reduction, solution.values)
+    c = reduction.n_columns
+    # The noise is corrected for correlated rows, as it is where prior knowledge is weighed against the data.
+    alone = compute_standard_deviations(build_weighted_factor(reduction, noise)[:c, :c])
+    together = compute_standard_deviations(build_weighted_factor(reduction, noise, solution.known)[:c, :c])
+    return np.asarray(alone > _OWED * together)
+
+
+CovarianceName = Literal["by_time_and_joints", "by_joint", "independent"]
+
+NORMAL_95 = 1.96
+"""Standard deviations on either side that hold a normally distributed error with a probability of 95 %."""
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """Uncertainty of a solution.
+
+    Parameters
+    ----------
+    covariance : (c, c)
+        Of the estimation error, [12.8].
+    effective_rows : (n,)
+        Number of independent samples that each equation's rows are worth.
+    noise : (n,)
+        Standard deviation of each equation's residual, [12.7].
+    freedom : (c,)
+        Degrees of freedom with which the variance of each estimate is known.
+    """
+
+    covariance: FloatArray
+    effective_rows: FloatArray
+    noise: FloatArray
+    freedom: FloatArray
+
+    @property
+    def standard_deviations(self) -> FloatArray:
+        """Standard deviations (c,) of the estimates, [12.9]."""
+        return extract_deviations(self.covariance)
+
+    @property
+    def median_freedom(self) -> float:
+        """Median of the degrees of freedom, for quantities that depend on many estimates."""
+        return float(np.median(self.freedom)) if len(self.freedom) else 1.0
+
+    def half_widths(self, level: float = 0.95) -> FloatArray:
+        """Return the half-widths (c,) of the intervals that hold the true value with this probability (Student's t)."""
+        return np.asarray(stdtrit(self.freedom, 0.5 + 0.5 * level) * self.standard_deviations)
+
+    def prediction_quantiles(self, level: float = 0.95) -> tuple[float, float]:
+        """Return the quantiles of Student's t for a predicted torque: of what the parameters and what the noise adds.
+
+        Parameters and noise have different degrees of freedom, so each has a quantile of its own.
+        """
+        of_parameters, of_noise = stdtrit([self.median_freedom, self.effective_rows.sum()], 0.5 + 0.5 * level)
+        return float(of_parameters), float(of_noise)
+
+    def relative_standard_deviations(self, values: FloatArray) -> FloatArray:
+        """Return the standard deviations relative to the estimates, [12.10].
+
+        Parameters
+        ----------
+        values : (c,)
+            The estimates.
+
+        Returns
+        -------
+        (c,) array
+            Fractions; infinite for a parameter whose estimate is zero.
+        """
+        size = np.abs(values)
+        relative = np.full(len(size), np.inf)
+        np.divide(self.standard_deviations, size, out=relative, where=size > 0)
+        return relative
+
+
+def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = "by_time_and_joints") -> Statistics:
+    """Return the covariance of the estimates with the correlations that `kind` names accounted for.
+
+    With fewer than five blocks of time nothing tells how the rows of different equations correlate, and
+    by_time_and_joints is by_joint.
+
+    Parameters
+    ----------
+    reduction, solution : Reduction, Solution
+        The data and the estimate from it.
+    kind : {"by_time_and_joints", "by_joint", "independent"}
+        Which correlations of the residuals are accounted for: within blocks of time across all equations, within each
+        equation, or none.
+
+    Returns
+    -------
+    Statistics
+        Covariance, effective numbers of rows, noise and degrees of freedom.
+    """
+    inflation = compute_correlation_factors(reduction, solution.values)
+    noise = compute_residual_noise(reduction, solution.values)
+    worth = reduction.row_counts / inflation
+    if kind == "by_time_and_joints" and find_occupied_blocks(reduction).sum() >= FEWEST_CLUSTERS:
+        spread = estimate_cluster_covariance(reduction, solution)
+        return Statistics(spread.covariance, worth, noise, spread.freedom)
+    # "independent" takes every row at its word; "by_joint" inflates each equation's variance by its own correlation.
+    counted = np.ones(len(inflation)) if kind == "independent" else inflation
+    # The sandwich estimator: B (Σ σⱼ² inflationⱼ WⱼᵀWⱼ) B. It is [12.8] where the weights are the true noise.
+    bread = solution.normal_inverse
+    c = reduction.n_columns
+    meat = np.zeros((c, c))
+    weights = noise**2 * counted / solution.noise**4
+    for equation, weight in zip(reduction.equations, weights, strict=True):
+        w = equation.whole_factor[:, :-1]
+        meat[np.ix_(equation.columns, equation.columns)] += weight * (w.T @ w)
+    if solution.known is not None:
+        # Rows of prior knowledge are in units of their own deviation, so their variance is one.
+        meat += solution.known.factor.T @ solution.known.factor
+    covariance = bread @ meat @ bread
+    freedom = compute_row_freedom(reduction.row_counts / counted, c)
+    # Rounding leaves the product slightly asymmetric.
+    return Statistics(0.5 * (covariance + covariance.T), worth, noise, freedom)
+
+
+def compute_row_freedom(independent: FloatArray, n_columns: int) -> FloatArray:
+    """Return the degrees of freedom that a fit leaves of independent rows, the same for all parameters.
+
+    Parameters
+    ----------
+    independent : (n,)
+        Number of independent rows of every equation.
+    n_columns : int
+        Number of parameters c.
+
+    Returns
+    -------
+    (c,) array
+        The same number for every parameter, at least 1.
+    """
+    return np.full(n_columns, max(float(independent.sum()) - n_columns, 1.0))
+
+
+def compute_correlations(covariance: FloatArray) -> FloatArray:
+    """Return the correlation matrix (c, c) of the estimates."""
+    deviation = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    return np.asarray(covariance / np.outer(deviation, deviation))

@@ -1,0 +1,170 @@
+"""Result of a design, and the clearance along its motion, body by body, for a picture of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from dynident.array_types import FloatArray, IntArray
+from dynident.excitation.criteria.optimality_criteria import Baseline, CriterionValues
+from dynident.excitation.criteria.parameter_variances import ExpectedParameter
+from dynident.excitation.design_request import DesignRequest
+from dynident.motion.collision.exact_distances import Nearest
+from dynident.motion.collision.obstacle_geometry import FLOOR_ALONE, NOTHING_STATED
+from dynident.motion.limits.bounds import build_bounds
+from dynident.motion.limits.limit_margins import Margin
+from dynident.robot.collision_reader import UNCHECKED
+from dynident.robot.robot_model import Robot
+
+
+def find_nearest_along(
+    robot: Robot, request: DesignRequest, q: FloatArray, mesh_folders: Sequence[Path] = ()
+) -> tuple[Nearest, ...]:
+    """Return for every body that a design keeps clear what it is nearest to at postures q.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as its description gives it.
+    request : DesignRequest
+        The design request, with its limits and surroundings.
+    q : (m, n)
+        Postures along the motion, rad or m.
+    mesh_folders : sequence of Path
+        Folders of the description's meshes.
+
+    Returns
+    -------
+    tuple of Nearest
+        For each body, what it is nearest to; empty where nothing is kept clear of.
+
+    Raises
+    ------
+    DynidentError
+        Where the request does not fit the robot.
+    """
+    around = replace(request.surroundings, mesh_folders=tuple(map(str, mesh_folders)))
+    space = build_bounds(robot, request.limits, torque_margin=request.torque_margin, surroundings=around).space
+    return () if space is None or space.contacts is None else tuple(space.contacts.find_nearest(q))
+
+
+_WARNINGS = (UNCHECKED, NOTHING_STATED, FLOOR_ALONE)
+"""Beginnings of notes that say what was not checked."""
+# Difference of times (s) that is rounding.
+_HAIR = 1e-9
+
+
+@dataclass(frozen=True)
+class Run:
+    """One test motion of a set.
+
+    Parameters
+    ----------
+    label : str
+        Purpose of the test motion, in words.
+    joints : tuple of str
+        Names of the joints that move.
+    start : float
+        Start in the experiment, s.
+    end : float
+        End in the experiment, s.
+    """
+
+    label: str
+    joints: tuple[str, ...]
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A verified experiment: samples at the sampling rate, from home to home.
+
+    Parameters
+    ----------
+    joint_names : tuple of str
+        Names of the n joints.
+    request : DesignRequest
+        The request that it answers.
+    t : (N,)
+        Times, s.
+    q, dq, ddq : (N, n)
+        Positions, velocities and accelerations: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
+    exciting : tuple of (float, float)
+        Times between which the exciting part lies, s.
+    period : float or None
+        Period of the exciting part, s; None where it has none.
+    parameter_names : tuple of str
+        Base parameters that it was designed for.
+    criterion_values : CriterionValues
+        Values of the exciting part by all criteria.
+    baseline : Baseline or None
+        What random trajectories reach; None where there is nothing to compare.
+    margins : tuple of Margin
+        How near every limit comes, on a grid ten times as fine.
+    notes : tuple of str
+        Notes for the user: what was assumed, changed, or not checked.
+    expected : tuple of ExpectedParameter
+        Expected uncertainty of each parameter.
+    runs : tuple of Run
+        The test motions of a set, one after the other.
+    floor : float or None
+        Height in the base frame, m, of the floor that the motion was checked against, stated or assumed; None where
+        there was none.
+    """
+
+    joint_names: tuple[str, ...]
+    request: DesignRequest
+    t: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    exciting: tuple[float, float]
+    period: float | None
+    parameter_names: tuple[str, ...]
+    criterion_values: CriterionValues
+    baseline: Baseline | None
+    margins: tuple[Margin, ...]
+    notes: tuple[str, ...]
+    expected: tuple[ExpectedParameter, ...] = ()
+    runs: tuple[Run, ...] = ()
+    floor: float | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"Design({self.request.kind}: {len(self.joint_names)} joints, {self.n_samples} samples at "
+            f"{self.sampling_rate:g} Hz, {self.duration:.4g} s, condition number "
+            f"{self.criterion_values.condition_number:.4g})"
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The notes that one must have read before running the motion."""
+        return tuple(note for note in self.notes if note.startswith(_WARNINGS))
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples N."""
+        return len(self.t)
+
+    @property
+    def segments(self) -> IntArray:
+        """Number (N,) of the run that a sample belongs to, from 1 on; 0 outside of all runs."""
+        number = np.zeros(len(self.t), dtype=np.int64)
+        for index, run in enumerate(self.runs):
+            # Times of samples and ends of runs are sums of the same numbers in another order, which rounds differently.
+            number[(self.t >= run.start - _HAIR) & (self.t <= run.end + _HAIR)] = index + 1
+        return number
+
+    @property
+    def sampling_rate(self) -> float:
+        """Sampling rate, Hz."""
+        return self.request.trajectory.sampling_rate
+
+    @property
+    def duration(self) -> float:
+        """Time from home to home, s."""
+        return float(self.t[-1])

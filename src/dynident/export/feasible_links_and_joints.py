@@ -1,0 +1,263 @@
+"""Files for other programs, and the feasible links and joints that URDF and MJCF are written from."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.effects import EffectChoice, ReferenceParameters, Role, get_effect
+from dynident.errors import DynidentError
+from dynident.estimation import Errors
+from dynident.export.comments_and_names import describe_effect
+from dynident.export.feasible_completion import Completion, complete_parameters
+from dynident.identification import Identification, reidentify
+from dynident.regressors.errors_by_phase import compute_moving_errors
+from dynident.robot.pinocchio_conversion import compute_described_torque
+from dynident.robot.robot_model import Robot
+
+MOST_FREE_ERROR_RATIO = 1.05
+"""Ratio of the relative errors with and without the constraint of feasible bodies, up to which the constraint costs
+nothing that a user would notice: two models of one robot from two recordings differ by more."""
+NOTABLE_ERROR_RATIO = 1.25
+"""Ratio of the relative errors of a file and of its model, above which a warning recommends another format."""
+
+
+def select_held_effects(identification: Identification, held: Collection[Role]) -> tuple[EffectChoice, ...]:
+    """Return the chosen effects of a model that a format for parameters with the roles `held` can hold."""
+    effects = identification.choices.effects
+    return tuple(choice for choice in effects if not choice.runs and get_effect(choice.effect).fits_roles(held))
+
+
+def project_model(identification: Identification, held: Collection[Role]) -> Identification:
+    """Return a model with only the effects that a format can hold, fitted to the same data again.
+
+    Where the format holds all effects, that is the model itself. Since the model is a least-squares fit, the new one is
+    also the nearest to its torque along these data.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model, with the data of its fit.
+    held : collection of Role
+        Roles of the parameters that the format has words for.
+
+    Returns
+    -------
+    Identification
+        The fitted model.
+    """
+    held_effects, choices = select_held_effects(identification, held), identification.choices
+    if not held_effects or held_effects == choices.effects:
+        return identification
+    # Estimators that go over the rows themselves would read all recordings again: weighted least squares works on the
+    # factors.
+    estimator = choices.estimator if choices.solver.from_reduced else "wls"
+    return reidentify(identification, replace(choices, effects=held_effects, strategy="global", estimator=estimator))
+
+
+def predicts_as_well(identification: Identification, values: FloatArray) -> bool:
+    """Return whether other base parameters (b,) predict held-out data as well; False if there are no such data."""
+    if identification.data.held_out is None:
+        return False
+    before = compute_moving_errors(identification.data.held_out, identification.values).relative_total
+    return compute_moving_errors(identification.data.held_out, values).relative_total <= MOST_FREE_ERROR_RATIO * before
+
+
+@dataclass(frozen=True)
+class ProjectionError:
+    """Errors of a model and of an exported file where joints move, on the same data.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        Names of the n joints, in the robot's order.
+    model : Errors
+        Errors of the model.
+    file : Errors
+        Errors of what the file holds of it.
+    is_held_out : bool
+        Whether the data are held-out ones; otherwise they are those of the fit.
+    """
+
+    joints: tuple[str, ...]
+    model: Errors
+    file: Errors
+    is_held_out: bool
+
+    @classmethod
+    def compare_with(
+        cls, identification: Identification, projected: Identification, values: FloatArray
+    ) -> ProjectionError:
+        """Return the comparison of a model with base parameters (b,) of its projection."""
+        own_data, projected_data = identification.data.held_out, projected.data.held_out
+        is_held_out = own_data is not None and projected_data is not None
+        # Errors can only be compared on the same data: where one model lacks held-out data, both are judged on those of
+        # the fit.
+        if own_data is None or projected_data is None:
+            own_data, projected_data = identification.data.training, projected.data.training
+        joints = identification.model.robot.joint_names
+        return cls(
+            joints,
+            compute_moving_errors(own_data, identification.values),
+            compute_moving_errors(projected_data, values),
+            is_held_out,
+        )
+
+    @property
+    def is_notable(self) -> bool:
+        """Whether the file is so much worse than the model that a warning is needed."""
+        return self.file.relative_total > NOTABLE_ERROR_RATIO * self.model.relative_total
+
+    def describe(self) -> tuple[str, ...]:
+        """Return sentences with the errors, in total and by joint."""
+        data = "held-out data" if self.is_held_out else "the data of the fit (no held-out data were given)"
+        total = f"{self.file.relative_total:.2%} ({self.model.relative_total:.2%})"
+        subject = f"Relative error of torque where joints move, on {data}, of this file (and of the model)"
+        each = ", ".join(
+            f"{joint} {file:.2%} ({model:.2%})"
+            for joint, file, model in zip(self.joints, self.file.relative, self.model.relative, strict=True)
+        )
+        errors = f"{subject}: {total}; {each}."
+        if not self.is_notable:
+            return (errors,)
+        lost = (
+            f"The error of this file is {self.file.relative_total / self.model.relative_total:.1f} times that of the "
+            "model"
+        )
+        return (f"Warning: {lost}; C code, CasADi functions and JSON contain the whole model.", errors)
+
+
+SMALL = 1e-9
+"""Share of the torque up to which a difference counts as rounding."""
+_STATES = 25
+
+
+@dataclass(frozen=True)
+class ExportedFile:
+    """A file of an exported model.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file, made from the robot's.
+    media_type : str
+        Media type as HTTP states it, such as "application/xml".
+    content : bytes
+        What stands in the file.
+    notes : tuple of str
+        What the format could not hold, a sentence each.
+    """
+
+    name: str
+    media_type: str
+    content: bytes
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        head = f"ExportedFile({self.name}, {len(self.content) / 1e3:.1f} kB)"
+        return "\n".join([head, *(f"  note: {note}" for note in self.notes)])
+
+
+@dataclass(frozen=True, eq=False)
+class FeasibleLinks:
+    """Feasible links and joints of an identified model, for formats that consist of links and joints.
+
+    Attributes
+    ----------
+    identification : Identification
+        The identified model, with the data of its fit.
+    projected : Identification
+        The model with only those effects that the format can hold, fitted to the data again.
+    standard : Completion
+        Standard parameters of the projected model.
+    held : tuple of Role
+        Roles of the parameters that the format has words for.
+    """
+
+    identification: Identification
+    projected: Identification
+    standard: Completion
+    held: tuple[Role, ...]
+
+    @classmethod
+    def from_model(
+        cls, identification: Identification, held: tuple[Role, ...], *, nearest: bool, rotors_in_links: bool = False
+    ) -> FeasibleLinks:
+        """Return the links and joints of a model.
+
+        It raises an error as `complete_parameters` does, unless the nearest feasible bodies predict as well or
+        `nearest` is set.
+        """
+        projected = project_model(identification, held)
+        try:
+            standard = complete_parameters(projected, rotors_in_links=rotors_in_links)
+        except DynidentError:
+            standard = complete_parameters(projected, nearest=True, rotors_in_links=rotors_in_links)
+            # Bodies that predict held-out data as well are no loss: the user need not ask for them.
+            if not nearest and not predicts_as_well(projected, standard.values):
+                raise
+        return cls(identification, projected, standard, held)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot, with the inertias of its description."""
+        return self.identification.model.robot
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What a user must know: parameters that were changed, effects that are left out, rounded geometry."""
+        choices_in_file = select_held_effects(self.identification, self.held)
+        left_out = [
+            f"{get_effect(choice.effect).title} is not in this file, because the format cannot express it: "
+            f"{describe_effect(choice)}."
+            for choice in self.identification.choices.effects
+            if choice not in choices_in_file
+        ]
+        if left_out:
+            left_out.append("The other parameters were fitted to the data again without these effects.")
+        cost = ProjectionError.compare_with(self.identification, self.projected, self.standard.values)
+        notes = [*cost.describe(), *self.standard.notes, *left_out]
+        if self.rounding_error > SMALL:
+            notes.append(
+                "Right angles are rounded in the description: the torque of the links therefore differs by "
+                f"{self.rounding_error:.1g} of its size from that of the base parameters, which leave such small "
+                "terms out."
+            )
+        return tuple(notes)
+
+    @cached_property
+    def rounding_error(self) -> float:
+        """Largest difference of the links' and rotors' torque from that of the base parameters, over its size."""
+        model = self.projected.model
+        observation, robot = model.observation, model.robot
+        # Compare at random states by an independent path: Newton and Euler with the completed links on one side, the
+        # observation matrix times the base parameters on the other.
+        rng = np.random.default_rng(0)
+        q, dq, ddq = (rng.uniform(-size, size, (_STATES, robot.n)) for size in (1.0, 1.0, 3.0))
+        if robot.linkage is not None and robot.linkage.closure is not None:
+            q = robot.linkage.closure.draw_postures(rng, _STATES)
+        nothing = ReferenceParameters.massless(robot)
+        memory = np.zeros((_STATES, observation.n_memory))
+        entries = observation.evaluate(q, dq, ddq, reference=nothing, memory=memory)
+        inertial = np.array([get_effect(column.effect).is_inertia for column in observation.columns])
+        # Friction and springs are left out: only links and rotors are in question here.
+        expected = observation.compute_torque(entries, np.where(inertial, self.standard.values, 0.0))
+        torque = compute_rigid_torque(robot, self.standard.inertias, q, dq, ddq, self.standard.rotors)
+        size = float(np.abs(expected).max(initial=0.0)) or 1.0
+        return float(np.abs(torque - expected).max(initial=0.0)) / size
+
+
+def compute_rigid_torque(
+    robot: Robot, inertias: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, rotors: FloatArray
+) -> FloatArray:
+    """Return the torque (m, n) that links with inertias (N, 10) and rotors (N,) need, by Newton and Euler."""
+    if robot.linkage is None:
+        return np.asarray(compute_described_torque(replace(robot, inertias=inertias), q, dq, ddq, rotors))
+    tree = replace(robot.linkage.tree, inertias=inertias)
+    return np.asarray(
+        compute_described_torque(replace(robot, linkage=replace(robot.linkage, tree=tree)), q, dq, ddq, rotors)
+    )

@@ -1,0 +1,107 @@
+"""Export an identified model in any of the formats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+from dynident.errors import DynidentError
+from dynident.export.c_code import make_c_name, to_c
+from dynident.export.c_header import to_c_header, to_cpp_header
+from dynident.export.casadi_function import to_casadi_bytes
+from dynident.export.comments_and_names import make_slug
+from dynident.export.controller_load_files import to_franka_load, to_kuka_load, to_load_urdf, to_urscript
+from dynident.export.export_request import ExportFormat
+from dynident.export.feasible_links_and_joints import ExportedFile
+from dynident.export.mjcf import to_mjcf
+from dynident.export.model_json import to_json
+from dynident.export.urdf import to_urdf
+from dynident.identification import Identification
+from dynident.text_encoding import encode_text
+
+
+def export_model(identification: Identification, format: ExportFormat | str, *, nearest: bool = False) -> ExportedFile:
+    """Return an identified model as a file for other programs.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model, with the data of its fit.
+    format : str
+        "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", or for the load alone "urscript",
+        "franka_load", "kuka_load", "load_urdf".
+        Format of the file. The formats json, c, c_header, cpp_header and casadi hold every effect; urdf and mjcf hold
+        links, rotors, Coulomb and viscous friction (mjcf also springs), and what they leave out is in the file's
+        `notes`. The last four hold the load of the effect `payload` alone, as controllers take it.
+    nearest : bool
+        For urdf and mjcf: if no bodies that can exist have the identified parameters, write the nearest that can.
+
+    Returns
+    -------
+    ExportedFile
+        The file, with notes on what it could not hold.
+
+    Raises
+    ------
+    DynidentError
+        For an unknown format, or where the format cannot hold the model.
+    """
+    if format not in WRITERS:
+        raise DynidentError(
+            f"there is no format {format!r}; choose from: {', '.join(WRITERS)}",
+            pointer="/format",
+            title="No such format",
+        )
+    return _add_notes(WRITERS[format](identification, nearest), identification)
+
+
+def _add_notes(file: ExportedFile, identification: Identification) -> ExportedFile:
+    """Add the notes that apply to the model in every format."""
+    joints = identification.model.robot.joints_without_torque
+    if not joints:
+        return file
+    note = (
+        f"No recording contains the torque of {', '.join(joints)}: the model has neither its friction nor its drive, "
+        "and its torque is that of the links alone."
+    )
+    return replace(file, notes=(*file.notes, note))
+
+
+def _export_json(identification: Identification, _nearest: bool) -> ExportedFile:
+    content = encode_text(to_json(identification))
+    return ExportedFile(f"{make_slug(identification.model.robot.name)}.json", "application/json", content)
+
+
+def _export_urdf(identification: Identification, nearest: bool) -> ExportedFile:
+    return to_urdf(identification, nearest=nearest)
+
+
+def _export_mjcf(identification: Identification, nearest: bool) -> ExportedFile:
+    return to_mjcf(identification, nearest=nearest)
+
+
+def _export_c(identification: Identification, _nearest: bool) -> ExportedFile:
+    return ExportedFile(f"{make_c_name(identification)}.c", "text/x-c", encode_text(to_c(identification)))
+
+
+def _export_casadi(identification: Identification, _nearest: bool) -> ExportedFile:
+    name = f"{make_slug(identification.model.robot.name)}.casadi"
+    return ExportedFile(name, "application/octet-stream", to_casadi_bytes(identification))
+
+
+WRITERS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingProxyType(
+    {
+        "json": _export_json,
+        "urdf": _export_urdf,
+        "mjcf": _export_mjcf,
+        "c": _export_c,
+        "c_header": lambda identification, _: to_c_header(identification),
+        "cpp_header": lambda identification, _: to_cpp_header(identification),
+        "casadi": _export_casadi,
+        "urscript": lambda identification, _: to_urscript(identification),
+        "franka_load": lambda identification, _: to_franka_load(identification),
+        "kuka_load": lambda identification, _: to_kuka_load(identification),
+        "load_urdf": lambda identification, _: to_load_urdf(identification),
+    }
+)

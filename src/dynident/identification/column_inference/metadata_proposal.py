@@ -1,0 +1,89 @@
+"""The proposal of a file's metadata, which the user has to confirm: guesses and questions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from dynident.errors import Remedy
+from dynident.recordings.recording_metadata import EffortKind
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One guess about a file.
+
+    Parameters
+    ----------
+    field : str
+        Field of the metadata that it is about, such as "columns/q".
+    value : str
+        The proposed value.
+    confidence : float
+        From 0 to 1.
+    reason : str
+        The reason, as a clause.
+    remedies : tuple of Remedy
+        Those that the reason quotes.
+    """
+
+    field: str
+    value: str
+    confidence: float
+    reason: str
+    remedies: tuple[Remedy, ...] = ()
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question that has to be answered before the file can be used.
+
+    Parameters
+    ----------
+    field : str
+        Field of the metadata that it is about.
+    detail : str
+        The question.
+    choices : tuple of str
+        Answers that make sense; none where any may be right.
+    check : str
+        Name of the check that asks, if one does: to accept it is an answer, too.
+    remedies : tuple of Remedy
+        Those that the question quotes.
+    """
+
+    field: str
+    detail: str
+    choices: tuple[str, ...] = ()
+    check: str = ""
+    remedies: tuple[Remedy, ...] = ()
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Proposed metadata of a file.
+
+    Parameters
+    ----------
+    columns : mapping of str to str
+        Our names of columns to the file's, as `RecordingMetadata` takes them.
+    units : mapping of str to str
+        Units by kind of signal, or by column.
+    effort_kind : str
+        What the efforts are: torques of joints or motors, currents, commands, …
+    guesses : tuple of Guess
+        The guesses with their reasons.
+    questions : tuple of Question
+        Questions that are open.
+    """
+
+    columns: Mapping[str, str]
+    units: Mapping[str, str]
+    effort_kind: EffortKind
+    guesses: tuple[Guess, ...]
+    questions: tuple[Question, ...]
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the proposal can be used as it is."""
+        return not self.questions

@@ -1,0 +1,159 @@
+"""A proposal of what a file's columns are, while it is being made: guesses so far, and questions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from dynident.array_types import FloatArray
+from dynident.identification.column_inference import unit_inference as of_units
+from dynident.identification.column_inference.column_groups import ColumnGroup
+from dynident.identification.column_inference.column_names import ColumnName, read_names
+from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.metadata_proposal import Guess, Question
+from dynident.recordings.columns_to_signals import NOT_RECORDED
+from dynident.robot import Robot
+
+
+@dataclass
+class WorkingProposal:
+    """A proposal in the making.
+
+    Parameters
+    ----------
+    sample : Sample
+        Consecutive rows of the file.
+    robot : Robot
+        The robot, with the masses of its description in SI units.
+    described_robot : Robot
+        The robot as it was described.
+    columns : dict of str to str
+        Our names of columns to the file's, as found so far.
+    units : dict of str to str
+        Units by kind of signal, as found so far.
+    guesses : list of Guess
+        The guesses so far.
+    questions : list of Question
+        The questions so far.
+    """
+
+    sample: Sample
+    robot: Robot
+    described_robot: Robot
+    columns: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    guesses: list[Guess] = field(default_factory=list)
+    questions: list[Question] = field(default_factory=list)
+
+    @cached_property
+    def column_names(self) -> list[ColumnName]:
+        """Columns' names, taken apart into signal, joint and unit."""
+        return read_names(self.sample.names, self.sample.units)
+
+    def add_guess(self, name: str, value: str, confidence: float, reason: str) -> None:
+        """Add a guess, its confidence, and its reason.
+
+        Parameters
+        ----------
+        name : str
+            Field of the metadata, such as "columns/q".
+        value : str
+            The proposed value.
+        confidence : float
+            From 0 to 1.
+        reason : str
+            The reason, as a clause.
+        """
+        self.guesses.append(Guess(name, value, round(confidence, 2), reason))
+
+    def add_question(self, name: str, detail: str, choices: tuple[str, ...] = ()) -> None:
+        """Add a question that only a person can answer.
+
+        Parameters
+        ----------
+        name : str
+            Field of the metadata.
+        detail : str
+            The question.
+        choices : tuple of str
+            Answers that make sense; none where any may be right.
+        """
+        self.questions.append(Question(name, detail, choices))
+
+    def take_unit(self, key: str, guess: of_units.UnitGuess, usual: str) -> None:
+        """Take a guessed unit, and ask where it is not sure.
+
+        Parameters
+        ----------
+        key : str
+            Kind of signal, or one of our names of columns.
+        guess : UnitGuess
+            The unit with its confidence.
+        usual : str
+            The unit in SI, which need not be stated.
+        """
+        if guess.unit != usual:
+            self.units[key] = guess.unit
+        self.add_guess(f"units/{key}", guess.unit, guess.confidence, guess.reason)
+        if guess.confidence < of_units.SURE:
+            usual_ones = {"q": ("rad", "deg"), "t": ("s", "ms"), "current": ("A", "mA")}
+            choices = guess.choices or usual_ones.get(key.rstrip("0123456789"), ("N m", "mN m"))
+            self.add_question(f"units/{key}", f"In which unit is {key}? {guess.reason}.", choices)
+
+    def take_effort_unit(
+        self, signal: str, tau: FloatArray, effort: ColumnGroup, gains: list[float | None], reach: float
+    ) -> None:
+        """Guess the unit of torques or currents.
+
+        Parameters
+        ----------
+        signal : str
+            "tau" or "current".
+        tau : (m, n)
+            Efforts as the file has them.
+        effort : ColumnGroup
+            Their columns.
+        gains : list of float or None
+            Drive gains of the joints; None where one is not known.
+        reach : float
+            Reach of the robot in m.
+        """
+        if signal == "current":
+            guess = of_units.guess_current_unit(tau, gains, self.robot, effort.unit)
+            self.take_unit("current", guess, "A")
+            return
+        guess = of_units.guess_torque_unit(self.robot, tau, effort.unit, reach)
+        if effort.signal == "effort" and effort.unit is None and guess.unit not in ("N m", "N"):
+            # The name does not say torque: a current, a register, or a position error times a gain may be as large.
+            reason = (
+                f"{guess.reason}: if it is really a torque, and not a current, a register or the error of a controller"
+            )
+            guess = of_units.UnitGuess("N m", 0.5, reason, ("N m", guess.unit))
+        for index, joint in enumerate(self.robot.joints):
+            mixed = len({other.kind for other in self.robot.joints}) > 1
+            if mixed or index == 0:
+                unit = guess.unit.replace(" m", "") if joint.kind == "prismatic" else guess.unit
+                key = f"tau{index + 1}" if mixed else "tau"
+                self.take_unit(
+                    key, of_units.UnitGuess(unit, guess.confidence, guess.reason, guess.choices), joint.effort_unit
+                )
+
+    def assign_columns(self, signal: str, group: ColumnGroup) -> None:
+        """Assign the columns of a group to a signal of the joints.
+
+        Parameters
+        ----------
+        signal : str
+            "q", "dq", "tau" or "current".
+        group : ColumnGroup
+            One column for each joint.
+        """
+        for joint, column in enumerate(group.columns):
+            name = self.sample.names[column]
+            self.columns[f"{'tau' if name == NOT_RECORDED else signal}{joint + 1}"] = name
+        self.add_guess(f"columns/{signal}", self.name_columns(group), 0.95 if group.rank < 4 else 0.6, group.reason)
+
+    def name_columns(self, group: ColumnGroup) -> str:
+        """Return the names of the first and the last column of a group."""
+        first, last = (self.sample.names[group.columns[place]] for place in (0, -1))
+        return f"{first} … {last}" if first != last else first

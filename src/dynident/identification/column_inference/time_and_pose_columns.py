@@ -1,0 +1,165 @@
+"""Guess the time column of a file, and the columns of files of poses at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.identification.column_inference import unit_inference as of_units
+from dynident.identification.column_inference.column_groups import ColumnGroup
+from dynident.identification.column_inference.column_statistics import (
+    CLOCK_FACTORS,
+    Clock,
+    fill_gaps,
+    find_clock_columns,
+    is_counter,
+    read_clock,
+)
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits
+from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
+from dynident.recordings.pose_recordings import are_poses
+from dynident.recordings.recording_metadata import EffortKind
+from dynident.recordings.time_columns import is_time_name
+
+_EXPLAINED = 0.5
+"""Share of the torque that gravity may leave unexplained where the columns hold what their names say."""
+
+_MOST_COLUMNS = 200
+"""Columns of a file beyond which, if its rows are fewer, each row is a signal: twelve joints with a dozen signals each
+have 150."""
+
+TOGETHER = "give the files as one recording (q.csv+dq.csv+tau.csv)"
+
+
+def guess_clock(work: WorkingProposal) -> Clock | None:
+    """Find the column of the time; ask where no column runs as a clock, or none for sure.
+
+    Parameters
+    ----------
+    work : WorkingProposal
+        Gets the column, its unit, and a question where it is not sure.
+
+    Returns
+    -------
+    Clock or None
+        None where no column runs as a clock.
+    """
+    names, values = work.sample.names, work.sample.values
+    running = find_clock_columns(values) if len(values) > 2 else []
+    clocks = [
+        clock for column in running if (clock := read_clock(values, column, work.column_names[column].unit)) is not None
+    ]
+    by_name = [clock for clock in clocks if work.column_names[clock.column].signal == "t"]
+    # A column that is called a time and counts rows is a weaker clock than one in seconds.
+    by_name.sort(key=lambda clock: is_counter(values, clock.column))
+    even = [
+        clock
+        for clock in clocks
+        if not is_counter(values, clock.column) or work.column_names[clock.column].signal == "t"
+    ]
+    # A column with the name of a time first; then one that runs evenly; a row counter only where nothing else does.
+    choice = next(iter(by_name or even or clocks), None)
+    if choice is None:
+        backward = [names[column] for column in find_clock_columns(values[::-1]) if is_time_name(names[column])]
+        if backward:
+            order = f"{backward[0]} runs backward: the rows are in reverse order. Write the earliest row first."
+            work.add_question("columns/t", order)
+            return None
+        # More columns than rows, each row of one signal: what a matrix gives that is written as it lies in memory.
+        if len(names) > _MOST_COLUMNS and len(values) < len(names):
+            lying = (
+                f"The file has {len(names)} columns and {len(values)} rows of numbers: it seems that each row is a "
+                "signal. Write one row for each moment, with a column for each signal (transpose the file)."
+            )
+            work.add_question("columns/t", lying)
+            return None
+        detail = (
+            "No column looks like a clock: which column is the time, and in which unit? If the file has no time, give "
+            f"the rate of its rows in Hz (rate). If the time is in another file, {TOGETHER}."
+        )
+        work.add_question("columns/t", detail, names)
+        return None
+    sure = choice.sure and bool(by_name or even)
+    # A counter of rows gives an order but no rate.
+    if not by_name and is_counter(values, choice.column):
+        sure = False
+    name = names[choice.column]
+    work.columns["t"] = name
+    if choice.unit != "s":
+        work.units["t"] = choice.unit
+    reason = "its name, and " if by_name else "it increases evenly; "
+    work.add_guess("columns/t", name, 0.98 if sure else 0.5, f"{reason}{choice.reason}; jitter {choice.jitter:.1%}")
+    if not sure:
+        work.add_question("units/t", f"Is {name} the time, in {choice.unit}? {choice.reason}.", ("s", "ms", "us", "ns"))
+    return choice
+
+
+def columns_are_poses(work: WorkingProposal) -> bool:
+    """Tell whether the columns called positions jump from row to row: the robot stands at each."""
+    positions = [k for k, name in enumerate(work.column_names) if name.signal == "q"]
+    q = fill_gaps(work.sample.values[:, positions])
+    return len(positions) >= work.robot.n and are_poses(q)
+
+
+def guess_clock_of_poses(work: WorkingProposal) -> Clock | None:
+    """Return the time column of rows that are poses, whose steps are no sampling period."""
+    column = next((k for k, name in enumerate(work.column_names) if name.signal == "t"), None)
+    if column is None:
+        work.add_question("columns/t", "Which column is the time, or counts the poses?", work.sample.names)
+        return None
+    unit = work.column_names[column].unit or "s"
+    steps = np.diff(work.sample.values[:, column])
+    # A nominal rate, only so that the rows have an order; no filter uses it.
+    middle = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    work.columns["t"] = work.sample.names[column]
+    if unit != "s":
+        work.units["t"] = unit
+    reason = f"its name; positions jump from row to row, {middle:.3g} {unit} apart: poses at rest, one per row"
+    work.add_guess("columns/t", work.sample.names[column], 0.95, reason)
+    return Clock(column, unit, CLOCK_FACTORS.get(unit, 1.0), 1.0 / middle, 0.0, True, reason)
+
+
+def guess_efforts_at_poses(
+    work: WorkingProposal,
+    fits: DynamicsFits | PoseFits,
+    tau: FloatArray,
+    effort: ColumnGroup,
+    q: FloatArray | None,
+    kind: EffortKind,
+) -> EffortKind:
+    """Take the efforts for what their names say, and report what gravity leaves of them.
+
+    Parameters
+    ----------
+    work : WorkingProposal
+        Gets the columns, their unit, and what gravity leaves of them.
+    fits : DynamicsFits or PoseFits
+        Fits of the robot to the sample.
+    tau : (m, n)
+        Efforts as the file has them.
+    effort : ColumnGroup
+        Their columns.
+    q : (m, n) or None
+        Positions in rad or m; None where they are not known.
+    kind : str
+        What the efforts' names say, or "unknown".
+
+    Returns
+    -------
+    str
+        What they are taken for.
+    """
+    signal = "current" if effort.signal == "current" else "tau"
+    if signal == "current" and kind == "unknown":
+        kind = "motor_current"
+    elif kind == "unknown":
+        kind = "joint_torque"
+    work.add_guess("effort_kind", kind, 0.8, "by its name; a robot at standstill gives no more evidence")
+    work.assign_columns(signal, effort)
+    gains = [drive.gain for drive in work.robot.drives]
+    work.take_effort_unit(signal, tau, effort, gains, of_units.compute_reach(work.robot))
+    unexplained = None if q is None else fits.measure_unexplained(q, tau)
+    if unexplained is not None:
+        reason = "share of the torque at rest that gravity and constant torques do not explain"
+        work.add_guess("check", f"{unexplained:.0%} left", 0.9 if unexplained < _EXPLAINED else 0.4, reason)
+    return kind

@@ -1,0 +1,272 @@
+"""Recordings reduced to the columns of one model: what an identification is solved from, and what later steps use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.effects import ReferenceParameters
+from dynident.errors import DynidentError
+from dynident.estimation import Reduction
+from dynident.identification.equations.filtered_energy_power_wrench import build_equations
+from dynident.identification.equations.model_and_data_checks import check_equations
+from dynident.identification.estimation_problem_options import RowOptions
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.model_structure import Model
+from dynident.regressors.row_cache import CachedRows, reduce_and_cache
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """Recordings reduced to one model's columns, and where they come from.
+
+    Parameters
+    ----------
+    equations : Reduction
+        The rows that the chosen equation type makes of the recordings.
+    torque : Reduction
+        Rows of the joints' torques, one equation a joint, which errors are reported in whatever the equation type. For
+        the dynamic model it is the same object as `equations`.
+    recordings : tuple of Recording
+        For estimators that go through the samples again.
+    preprocessing : Preprocessing
+        Filters of the recordings.
+    reference : ReferenceParameters
+        Parameters that loads and motor torques are predicted with.
+    rows : CachedRows or None
+        The filtered rows of `torque`, where they are few.
+    friction : tuple of Recording
+        Tests of single joints' friction, which the strategy separate_friction alone uses.
+    """
+
+    equations: Reduction
+    torque: Reduction
+    recordings: tuple[Recording, ...]
+    preprocessing: Preprocessing
+    reference: ReferenceParameters
+    rows: CachedRows | None = None
+    friction: tuple[Recording, ...] = ()
+
+    @property
+    def reversal_weights(self) -> FloatArray:
+        """Weights (n,) of the rows at reversals; 1 for a joint whose reversals are not told apart."""
+        return np.array([1.0 if e.weighted_rows is None else e.weighted_rows.weight for e in self.torque.equations])
+
+    def weighing_turns(self, weights: FloatArray) -> Data:
+        """Return the same data with these weights (n,) of the rows at reversals."""
+        torque = self.torque.weight_groups(weights)
+        # The dynamic model's equations are the torques, and stay the same object: others test for that.
+        return replace(self, torque=torque, equations=torque if self.equations is self.torque else self.equations)
+
+
+def split_friction_tests(recordings: Sequence[Recording]) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+    """Split recordings into motions to identify from, and tests of single joints' friction.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Recordings of the robot.
+
+    Returns
+    -------
+    tuple of two tuples of Recording
+
+    Raises
+    ------
+    DynidentError
+        Where there are tests of friction alone.
+    """
+    # Tests of single joints would count friction twice, and move too little to identify anything else.
+    friction = tuple(recording for recording in recordings if recording.role == "friction")
+    ordinary = tuple(recording for recording in recordings if recording.role != "friction")
+    if friction and not ordinary:
+        raise DynidentError(
+            "all measurements have the role friction; add at least one motion of the whole robot, or give them another "
+            "role",
+            pointer="/measurement_ids",
+            title="Nothing to identify from",
+        )
+    return ordinary, friction
+
+
+def reduce_to_rows(
+    model: Model,
+    rows: RowOptions,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: ReferenceParameters,
+    progress: Progress = ignore_progress,
+    known: CachedRows | None = None,
+) -> Data:
+    """Reduce recordings to the rows of the chosen equation type, and to those of the joints' torques.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    rows : RowOptions
+        The equation type and its constants.
+    recordings : sequence of Recording
+        Recordings of the robot.
+    preprocessing : Preprocessing
+        Filters of the recordings.
+    reference : ReferenceParameters
+        What torque is predicted with.
+    progress : Progress
+        Called with the fraction done and a message.
+    known : CachedRows, optional
+        Rows of a model that this one extends.
+
+    Returns
+    -------
+    Data
+        The data that a model is solved from.
+
+    Raises
+    ------
+    DynidentError
+        Where the model cannot make equations of these columns or recordings.
+    """
+    ordinary, friction = split_friction_tests(recordings)
+    # Other equation types take a second pass over the samples.
+    share = 1.0 if rows.model == "dynamic" else 0.5
+    # Always reduce the joints' torques as well: errors of all equation types are compared in them.
+    data = reduce_torque(model, ordinary, preprocessing, reference, scale_progress(progress, 0.0, share), known)
+    data = replace(data, friction=friction)
+    if rows.model == "dynamic":
+        return data
+    equations = build_equations(model, rows, ordinary, preprocessing, reference, scale_progress(progress, share, 1.0))
+    # Refused here, where it can still be said that the torques would show what these rows do not.
+    check_equations(model, rows.model, equations, data.torque)
+    return replace(data, equations=equations)
+
+
+def reduce_torque(
+    model: Model,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: ReferenceParameters,
+    progress: Progress = ignore_progress,
+    known: CachedRows | None = None,
+) -> Data:
+    """Reduce recordings to the rows of the dynamic model [12.18].
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    recordings : sequence of Recording
+        Recordings of the robot.
+    preprocessing : Preprocessing
+        Filters of the recordings.
+    reference : ReferenceParameters
+        What torque is predicted with.
+    progress : Progress
+        Called with the fraction done and a message.
+    known : CachedRows, optional
+        Rows of a model that this one extends.
+    """
+    reduction, rows = reduce_and_cache(model, recordings, preprocessing, reference, progress, known)
+    return Data(reduction, reduction, tuple(recordings), preprocessing, reference, rows)
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedData:
+    """Filtered recordings as factors of W in the columns of an identified model.
+
+    Parameters
+    ----------
+    equations : Reduction
+        The rows that the chosen equation type makes of the recordings that the model was identified from.
+    training : Reduction
+        The joints' torques in the same recordings, one equation a joint, whatever the equation type. For the dynamic
+        model it is the same object as `equations`.
+    held_out : Reduction or None
+        The joints' torques in the held-out recordings.
+    shaped : Reduction or None
+        The torques of `training` in the model's columns and, behind them, those of the shape constants
+        (`shapes.shape_columns`). None where no effect has constants or these cannot be looked at.
+    preprocessing : Preprocessing
+        How the recordings were filtered.
+    measurement_names : tuple of str
+        Names of the recordings of the fit.
+    validation_names : tuple of str
+        Names of the held-out recordings.
+    copied : tuple of str
+        Held-out recordings that hold samples of the fit, so that the held-out error is none.
+    digests : tuple of str
+        Digests of the samples of the fit, one a recording.
+    """
+
+    equations: Reduction
+    training: Reduction
+    held_out: Reduction | None
+    shaped: Reduction | None
+    preprocessing: Preprocessing
+    measurement_names: tuple[str, ...] = ()
+    validation_names: tuple[str, ...] = ()
+    copied: tuple[str, ...] = ()
+    digests: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        held_out = ", ".join(self.validation_names) or "nothing"
+        return f"ReducedData({', '.join(self.measurement_names)}; held out {held_out}; {self.training})"
+
+    @property
+    def is_fitted_to_torque(self) -> bool:
+        """Whether the equations are those of the joints' torques, as those of the dynamic model are."""
+        return self.equations is self.training
+
+    @property
+    def has_equal_weights(self) -> bool:
+        """Whether the equations are rows of the joints' torques, of which none counts for less than others."""
+        reversals = [
+            equation.weighted_rows for equation in self.training.equations if equation.weighted_rows is not None
+        ]
+        return self.is_fitted_to_torque and all(rows.weight == 1.0 for rows in reversals)
+
+    def combine_columns(self, weights: FloatArray) -> ReducedData:
+        """Return the same data in other columns.
+
+        `shaped` is left out, as its columns would be others.
+
+        Parameters
+        ----------
+        weights : (b, b')
+            The other columns are these times the weights.
+
+        Returns
+        -------
+        ReducedData
+            The data in b' columns.
+        """
+        # The equations of the dynamic model must stay the same object as the torques: others test for identity.
+        training = self.training.combine_columns(weights)
+        return replace(
+            self,
+            equations=training if self.is_fitted_to_torque else self.equations.combine_columns(weights),
+            training=training,
+            held_out=None if self.held_out is None else self.held_out.combine_columns(weights),
+            shaped=None,
+        )
+
+    def to_data(self, reference: ReferenceParameters, recordings: tuple[Recording, ...] = ()) -> Data:
+        """Return the data that a model is solved from.
+
+        Parameters
+        ----------
+        reference : ReferenceParameters
+            What the torque in the columns was predicted with.
+        recordings : tuple of Recording, optional
+            For estimators that go through the samples again.
+
+        Returns
+        -------
+        Data
+            The same equations, with what some estimators need beside them.
+        """
+        return Data(self.equations, self.training, recordings, self.preprocessing, reference)

@@ -1,0 +1,111 @@
+"""The problem that an estimator solves, and the fit that comes out of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from dynident.estimation import CovarianceName, PriorInformation, Solution, Statistics, estimate_group_weights
+from dynident.identification.description_prior import build_prior
+from dynident.identification.equations.reduced_recordings import Data
+from dynident.identification.estimation_problem_options import DescriptionTrust
+from dynident.identification.standard_parameters import StandardParameters
+from dynident.regressors.model_structure import Model
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The result of an estimator or a strategy.
+
+    Parameters
+    ----------
+    solution : Solution
+        Estimated base parameters.
+    statistics : Statistics
+        Their covariance.
+    warnings : tuple of str
+        How they came about, as far as the user has to know.
+    standard : StandardParameters or None
+        The standard parameters, where the estimator solves for these.
+    """
+
+    solution: Solution
+    statistics: Statistics
+    warnings: tuple[str, ...] = ()
+    standard: StandardParameters | None = None
+
+
+class ProblemChoices(Protocol):
+    """What a problem needs of `choices.IdentificationChoices`, which names what solves problems."""
+
+    @property
+    def trust(self) -> DescriptionTrust:
+        """Trust in the inertias of the description."""
+        ...
+
+    @property
+    def covariance(self) -> CovarianceName:
+        """Which residuals are taken to be correlated."""
+        ...
+
+    @property
+    def weighs_turns(self) -> bool:
+        """Whether rows of the joints' torques count by their noise where a joint turns round."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Equations of data in the columns of a model, and prior knowledge of its parameters.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    data : Data
+        Recordings reduced to the model's columns.
+    known : PriorInformation or None
+        What is known of the parameters beside the data; None where that is nothing.
+    covariance : str
+        Which residuals are taken to be correlated.
+    trust : DescriptionTrust
+        It decides, for estimators that look for standard parameters, what data and `known` leave open.
+    """
+
+    model: Model
+    data: Data
+    known: PriorInformation | None
+    covariance: CovarianceName
+    trust: DescriptionTrust
+
+    @classmethod
+    def from_choices(cls, model: Model, choices: ProblemChoices, data: Data) -> Problem:
+        """Return the problem of all parameters and all data, with the chosen prior and weights.
+
+        Parameters
+        ----------
+        model : Model
+            The model, with its base parameters' columns.
+        choices : IdentificationChoices
+            What is identified, and how.
+        data : Data
+            Recordings reduced to the model's columns.
+
+        Returns
+        -------
+        Problem
+            The problem, with rows at reversals weighted where the choices say so.
+
+        Raises
+        ------
+        DynidentError
+            Where the description has nothing that the prior could believe.
+        """
+        trust = choices.trust
+        known = build_prior(model, trust)
+        weights = (
+            estimate_group_weights(data.torque, known) if choices.weighs_turns else np.ones(len(data.torque.equations))
+        )
+        return cls(model, data.weighing_turns(weights), known, choices.covariance, trust)

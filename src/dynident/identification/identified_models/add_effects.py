@@ -1,0 +1,336 @@
+"""Add effects to an identified model, on the data that it was identified from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.blas_threads import single_threaded
+from dynident.effects import EffectChoice, get_effect
+from dynident.errors import DynidentError
+from dynident.estimation.residual_errors import compute_t
+from dynident.identification.equations.model_and_data_checks import check_recordings, check_runs, check_temperature
+from dynident.identification.equations.reduced_recordings import reduce_torque, split_friction_tests
+from dynident.identification.identified_models.fit_model import identify_model
+from dynident.identification.identified_models.gravity_from_poses import ACTING_AT_REST, are_poses, identify_poses
+from dynident.identification.identified_models.held_out_gain import (
+    SURE_T,
+    compute_block_squares,
+    list_addition_warnings,
+)
+from dynident.identification.identified_models.identification_result import Identification, LadderStep
+from dynident.identification.identified_models.identify_from_recordings import add_digests, check_same_recordings
+from dynident.identification.shape_search import check_shapes_given, complete_shapes
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import Recording
+from dynident.regressors.model_structure import Model, extend_model
+
+
+@dataclass(frozen=True)
+class RunWithEffect:
+    """A held-out run in which the added effects act.
+
+    Parameters
+    ----------
+    run : str
+        Label of the run.
+    ratio : float
+        Root of its squared error without the effects over that with them.
+    """
+
+    run: str
+    ratio: float
+
+
+def needs_search_in_held_out_runs(choice: EffectChoice, validation: Sequence[Recording]) -> bool:
+    """Tell whether an effect acts in some runs only, and no held-out run is named among them.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect with its runs.
+    validation : sequence of Recording
+        Held-out recordings.
+
+    Returns
+    -------
+    bool
+        True where the held-out runs with the effect have to be found.
+    """
+    held_out = {label for recording in validation for label in (recording.name, *recording.segment_names)}
+    return bool(choice.runs) and bool(held_out) and not held_out & set(choice.runs)
+
+
+def find_runs_with_effects(
+    grown: Identification, base: Model, added: Sequence[EffectChoice], validation: Sequence[Recording]
+) -> tuple[RunWithEffect, ...]:
+    """Find the held-out runs that are predicted better with the added effects than without them, beyond chance.
+
+    Parameters
+    ----------
+    grown : Identification
+        Identified with the effects `added` to the model `base`, in none of the held-out runs.
+    base : Model
+        The model before the effects were added.
+    added : sequence of EffectChoice
+        The effects, with the runs of the identification data that they act in.
+    validation : sequence of Recording
+        Held-out recordings, whose runs are tested one by one.
+
+    Returns
+    -------
+    tuple of RunWithEffect
+        Empty where no run is predicted better.
+    """
+    names = tuple(recording.name for recording in validation)
+    everywhere = tuple(replace(choice, runs=choice.runs + names) if choice.runs else choice for choice in added)
+    # Let the effect act in every held-out run at first. The parameters stay those of the fit, so that one reduction
+    # of each run serves both predictions.
+    model = extend_model(base, everywhere, tolerance=grown.choices.tolerance)
+    # The effect in other runs would need parameters that were not identified.
+    if model.n_parameters != grown.model.n_parameters:
+        return ()
+    # The prediction without the effect: its parameters set to zero, all others as they are.
+    without = np.where([bool(set(column.runs) & set(names)) for column in model.kept], 0.0, grown.values)
+    findings = []
+    for label, run in _iterate_runs(validation):
+        data = reduce_torque(model, (run,), grown.preprocessing, grown.estimate.reference).torque
+        off, on = (compute_block_squares(data, values, grown.noise) for values in (without, grown.values))
+        # The gain has to stand out of its own scatter over blocks of time, or a run that was only lucky would count.
+        if compute_t(off - on) >= SURE_T:
+            findings.append(RunWithEffect(label, float(np.sqrt(off.sum() / on.sum()))))
+    return tuple(findings)
+
+
+def describe_runs_with_effects(added: Sequence[EffectChoice], findings: Sequence[RunWithEffect]) -> str:
+    """Describe the effects and the held-out runs that they were found in.
+
+    Parameters
+    ----------
+    added : sequence of EffectChoice
+        The effects that were added.
+    findings : sequence of RunWithEffect
+        The runs that they were found in.
+
+    Returns
+    -------
+    str
+        A sentence for the user.
+    """
+    titles = " and ".join(dict.fromkeys(get_effect(choice.effect).title for choice in added if choice.runs))
+    runs = ", ".join(f"{finding.run} (error {finding.ratio:.2g} times as large without it)" for finding in findings)
+    return (
+        f"{titles} also appears in held-out runs and is assumed there: {runs}. If this is wrong, name the runs "
+        "yourself."
+    )
+
+
+def _iterate_runs(recordings: Sequence[Recording]) -> Iterator[tuple[str, Recording]]:
+    """Yield every run of the recordings by itself, with its label."""
+    for recording in recordings:
+        for label in recording.segment_names:
+            # A run may have several segments with one label.
+            own = [item for k, item in enumerate(recording.segments) if recording.name_segment(k) == label]
+            yield label, replace(recording, segments=tuple(own))
+
+
+@single_threaded
+def extend(
+    identification: Identification,
+    added: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording] = (),
+    progress: Progress = ignore_progress,
+) -> Identification:
+    """Add effects to an identified model, one step of the ladder each, on the data it was identified from.
+
+    The last step is returned; those below it are its parents. An effect that adds nothing to those before it gets none.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    added : sequence of EffectChoice
+        Shape constants that are left open are found from the data.
+    recordings : sequence of Recording
+        Those that the model was identified from.
+    validation : sequence of Recording
+        Data that no parameter sees.
+    progress : Progress
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Identification
+        The model with all the effects that add something.
+
+    Raises
+    ------
+    DynidentError
+        Where nothing would be added, or the recordings are not those of the model.
+    """
+    new = tuple(choice for choice in added if choice not in identification.choices.effects)
+    if not new:
+        raise DynidentError("all of these effects are already in the model", pointer="/effects", title="Nothing to add")
+    check_shapes_given(new)
+    check_recordings(identification.model.robot, recordings, validation)
+    check_temperature(new, recordings, validation)
+    check_runs(new, recordings, validation)
+    # The ladder compares models, so all its models have to be fitted to the same samples.
+    check_same_recordings(identification, recordings)
+    if are_poses(recordings, validation):
+        return _extend_at_rest(identification, new, recordings, validation)
+    # One effect after the other, so that each step of the ladder shows what its effect is worth.
+    grown, idle = identification, []
+    for number, choice in enumerate(new):
+        step_progress = scale_progress(progress, number / len(new), (number + 1) / len(new))
+        larger = _add_effect(grown, choice, recordings, validation, step_progress)
+        if larger is None:
+            idle.append(choice.effect)
+        else:
+            grown = larger
+    # Nothing was added by any of them: an error, since the user would look for a new model.
+    if grown is identification:
+        raise DynidentError(
+            f"{', '.join(idle)} adds nothing: its columns are combinations of those in the model",
+            pointer="/effects",
+            title="Nothing to add",
+        )
+    # Once at the end: hashing the samples reads all recordings.
+    grown = add_digests(grown, recordings, validation)
+    if not idle:
+        return grown
+    left_out = f"{', '.join(idle)} added nothing to the other effects and was left out."
+    return replace(grown, warnings=(*grown.warnings, left_out))
+
+
+def extend_at_once(
+    identification: Identification,
+    added: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    progress: Progress = ignore_progress,
+) -> Identification:
+    """Add several effects, whose shape constants are known, as one step of the ladder.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    added : sequence of EffectChoice
+        Effects with values for all shape constants.
+    recordings : sequence of Recording
+        Those that the model was identified from.
+    progress : Progress
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Identification
+        The model with all of the effects.
+
+    Raises
+    ------
+    DynidentError
+        Where they add nothing, or not all of it is determined.
+    """
+    grown = _identify_with_effects(identification, tuple(added), recordings, (), progress)
+    if grown is None:
+        raise DynidentError("the columns of these effects are combinations of those in the model", pointer="/effects")
+    return grown
+
+
+def _extend_at_rest(
+    identification: Identification,
+    new: tuple[EffectChoice, ...],
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+) -> Identification:
+    """Return a model of poses with more effects, as one step.
+
+    Raises
+    ------
+    DynidentError
+        Where one of them does not act at rest.
+    """
+    in_motion = [choice.effect for choice in new if choice.effect not in ACTING_AT_REST]
+    if in_motion:
+        raise DynidentError(
+            f"{', '.join(in_motion)} cannot be identified from poses at rest, which show only "
+            f"{', '.join(ACTING_AT_REST)}",
+            pointer="/effects",
+            title="Nothing to add",
+        )
+    choices = replace(identification.choices, effects=identification.choices.effects + new)
+    grown = identify_poses(identification.model.robot, recordings, validation, choices)
+    return replace(grown, step=LadderStep(identification, added=new))
+
+
+def _add_effect(
+    identification: Identification,
+    added: EffectChoice,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    progress: Progress,
+) -> Identification | None:
+    """Add one effect; None where its columns are combinations of those that the model has."""
+    new = complete_shapes(
+        identification.model,
+        (added,),
+        split_friction_tests(recordings)[0],
+        identification.preprocessing,
+        identification.estimate.next_reference(),
+        scale_progress(progress, 0.0, 0.5),
+        identification.in_memory.training,
+    )
+    looked_for = any(needs_search_in_held_out_runs(choice, validation) for choice in new)
+    fit_progress = scale_progress(progress, 0.5, 0.75 if looked_for else 1.0)
+    grown = _identify_with_effects(identification, new, recordings, validation, fit_progress)
+    if grown is None or not looked_for:
+        return grown
+    # A first fit leaves the effect out of the held-out runs. Where it shows in some of them it is fitted once more,
+    # so that the held-out error is not that of a missing load.
+    findings = find_runs_with_effects(grown, identification.model, new, validation)
+    if not findings:
+        return grown
+    more = tuple(finding.run for finding in findings)
+    carried = tuple(replace(choice, runs=choice.runs + more) if choice.runs else choice for choice in new)
+    grown = _identify_with_effects(identification, carried, recordings, validation, scale_progress(progress, 0.75, 1.0))
+    return grown and replace(grown, warnings=(describe_runs_with_effects(new, findings), *grown.warnings))
+
+
+def _identify_with_effects(
+    identification: Identification,
+    new: tuple[EffectChoice, ...],
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    progress: Progress,
+) -> Identification | None:
+    choices = replace(identification.choices, effects=identification.choices.effects + new)
+    model = extend_model(identification.model, new, tolerance=choices.tolerance)
+    # All new columns were absorbed, so there is nothing to estimate.
+    if model.n_parameters == identification.model.n_parameters:
+        return None
+    reference = identification.estimate.reference
+    if model.needs_load:
+        reference = identification.estimate.next_reference()
+    # The plain model's parameters made up for what was missing; columns of the predicted torque, and of the load that
+    # others change, are better about the new ones.
+    again = any(get_effect(choice.effect).first_order for choice in new) or (len(new) > 1 and model.needs_load)
+    passes = 2 if again else 1
+    for number in range(passes):
+        grown = identify_model(
+            model,
+            recordings,
+            validation,
+            choices,
+            identification.preprocessing,
+            reference,
+            scale_progress(progress, number / passes, (number + 1) / passes),
+            identification.in_memory,
+        )
+        # The second pass predicts loads with the parameters of the first.
+        reference = grown.estimate.next_reference()
+    grown = replace(grown, step=LadderStep(identification, added=new))
+    return replace(grown, warnings=list_addition_warnings(grown) + grown.warnings)

@@ -1,0 +1,311 @@
+"""Identifiability of an identified model's parameters: the essential ones, and those determined only together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.array_types import FloatArray
+from dynident.blas_threads import single_threaded
+from dynident.estimation import (
+    CovarianceName,
+    Errors,
+    PriorInformation,
+    Reduction,
+    Solution,
+    Statistics,
+    compute_errors,
+    eliminate_parameters,
+    solve,
+    statistics,
+)
+from dynident.estimation.backward_elimination import Stop
+from dynident.estimation.parameter_correlation import (
+    NOT_DETERMINED,
+    Collinearity,
+    CorrelatedPair,
+    WeakDirection,
+    find_collinearity,
+)
+from dynident.identification.identification_choices import EssentialChoices
+from dynident.identification.identified_models.identification_result import Estimate, Identification
+from dynident.identification.shape_constant_intervals import linearise_shapes
+from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
+from dynident.regressors.errors_by_phase import compute_moving_errors
+from dynident.schema.fields import check_value
+
+MOST_SENTENCES = 10
+_MOST_PARTS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterDependence:
+    """Dependence of the parameters of a model.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the base parameters.
+    correlation : (b, b)
+        Correlation of their estimates, for a heat map.
+    sentences : tuple of str
+        What is determined only together, worst first.
+    dependence : Collinearity
+        What the analysis found, in numbers.
+    """
+
+    names: tuple[str, ...]
+    correlation: FloatArray
+    sentences: tuple[str, ...]
+    dependence: Collinearity
+
+
+@single_threaded
+def parameter_dependence(identification: Identification, most: int = MOST_SENTENCES) -> ParameterDependence:
+    """Say which parameters the motion determines only together.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    most : int
+        Largest number of sentences.
+
+    Returns
+    -------
+    ParameterDependence
+        The correlation of the parameters, and sentences about the worst of it.
+    """
+    names = tuple(column.name for column in identification.model.kept)
+    analysis = find_collinearity(identification.estimate.solution, _compute_motion_statistics(identification), most)
+    sentences = [_describe_direction(direction, names) for direction in analysis.directions]
+    sentences += [_describe_pair(pair, names) for pair in analysis.pairs]
+    return ParameterDependence(names, analysis.correlation, tuple(sentences[:most]), analysis)
+
+
+def _compute_motion_statistics(identification: Identification) -> Statistics:
+    """Return the statistics that show how the motion couples the estimates."""
+    current = identification.statistics
+    if identification.choices.covariance != "by_time_and_joints" or identification.estimate.not_essential:
+        return current
+    # A covariance from a few blocks of time has a low rank and makes up correlations. The covariance by joint is
+    # smoother.
+    return statistics(identification.data.equations, identification.estimate.solution, "by_joint")
+
+
+def _describe_pair(pair: CorrelatedPair, names: tuple[str, ...]) -> str:
+    first_name, second_name = names[pair.first], names[pair.second]
+    # A negative correlation leaves the sum certain, a positive one the difference.
+    rather = "their sum" if pair.correlation < 0 else "their difference"
+    return (
+        f"{first_name} and {second_name} are determined only together (correlation {pair.correlation:.2f}): the "
+        f"motion shows {rather}, each in units of its own uncertainty, better than either parameter."
+    )
+
+
+def _describe_direction(direction: WeakDirection, names: tuple[str, ...]) -> str:
+    # The largest part leads with the factor one; the others are relative to it.
+    text = names[direction.parts[0][0]]
+    for number, factor in direction.parts[1:_MOST_PARTS]:
+        size = abs(factor)
+        text += f" {'+' if factor > 0 else '-'} {'' if abs(size - 1) < 0.005 else f'{size:.2g} '}{names[number]}"
+    if len(direction.parts) > _MOST_PARTS:
+        text += f" and {len(direction.parts) - _MOST_PARTS} more"
+    how = "is not determined" if direction.ratio >= NOT_DETERMINED else "is hardly determined"
+    return f"{text} {how}: this motion shows it {direction.ratio:.0f} times less than the best-determined combination."
+
+
+@dataclass(frozen=True, eq=False)
+class EssentialStep:
+    """One step of the backward elimination: a parameter that was taken out.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter.
+    relative_deviation : float
+        Relative standard deviation of the parameter before it went, a fraction.
+    ratio : float
+        Ratio of the largest to the smallest relative standard deviation of all parameters before it went.
+    p_value : float
+        Probability that noise alone would be as large as all that is taken out so far.
+    fit : Errors
+        Errors of the smaller model on the data of the fit.
+    held_out : Errors or None
+        Errors of the smaller model on held-out data.
+    fit_moving : Errors
+        As `fit`, where each joint moves.
+    held_out_moving : Errors or None
+        As `held_out`, where each joint moves.
+    """
+
+    name: str
+    relative_deviation: float
+    ratio: float
+    p_value: float
+    fit: Errors
+    held_out: Errors | None
+    fit_moving: Errors
+    held_out_moving: Errors | None
+
+
+@dataclass(frozen=True, eq=False)
+class EssentialPath:
+    """The steps from the identified parameters to the essential ones.
+
+    Parameters
+    ----------
+    essential : tuple of str
+        Names of the parameters that remain.
+    steps : tuple of EssentialStep
+        The steps in the order of elimination.
+    stop : str
+        Why the elimination ended: "ratio" (the rule is met), "test" (the next step would remove more than noise
+        explains) or "last" (one parameter is left).
+    ratio : float
+        Ratio of the largest to the smallest relative standard deviation that remains.
+    refused : str or None
+        The parameter that would have been next where the test ended the elimination.
+    identification : Identification
+        The model with the essential parameters estimated anew, the others zero.
+    """
+
+    essential: tuple[str, ...]
+    steps: tuple[EssentialStep, ...]
+    stop: Stop
+    ratio: float
+    refused: str | None
+    identification: Identification
+
+    @property
+    def reason(self) -> str:
+        """Why the elimination ended, in a sentence."""
+        count = f"{len(self.essential)} of {len(self.essential) + len(self.steps)} parameters are essential"
+        if self.stop == "ratio":
+            return f"{count}: their relative standard deviations differ by at most a factor of {self.ratio:.2g}."
+        if self.stop == "last":
+            return f"{count}: no other parameter can be removed."
+        return (
+            f"{count}: removing the next one, {self.refused}, would increase the error by more than noise explains, "
+            f"although the relative standard deviations differ by a factor of {self.ratio:.3g}."
+        )
+
+
+@single_threaded
+def essential_parameters(identification: Identification, ratio: float = EssentialChoices.ratio) -> EssentialPath:
+    """Find the essential parameters of an identified model by backward elimination [Pham and Gautier 1991].
+
+    All on the reduced data, by least squares weighted as the identification was.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    ratio : float
+        Largest over smallest relative standard deviation at which the elimination ends; above 1 (§12.7).
+
+    Returns
+    -------
+    EssentialPath
+        The parameters that remain, the steps that led there, and the model with them.
+
+    Raises
+    ------
+    EstimationError
+        Where the data do not determine the model.
+    """
+    check_value(EssentialChoices, "ratio", ratio)
+    equations, names = identification.data.equations, [column.name for column in identification.model.kept]
+    # The elimination needs a plain least-squares solution, so it is solved anew with the noise and the prior that the
+    # identification had, whatever estimator that used.
+    full = solve(equations, identification.estimate.solution.noise, identification.estimate.solution.known)
+    # The test is about many parameters at a time: a covariance from stretches of time alone has not the rank for it.
+    path = eliminate_parameters(equations, full, statistics(equations, full, "by_joint"), ratio)
+    held_out = identification.data.held_out
+    steps = tuple(
+        EssentialStep(
+            names[step.removed],
+            step.relative_deviation,
+            step.ratio,
+            step.p_value,
+            compute_errors(identification.data.training, step.values),
+            None if held_out is None else compute_errors(held_out, step.values),
+            compute_moving_errors(identification.data.training, step.values),
+            None if held_out is None else compute_moving_errors(held_out, step.values),
+        )
+        for step in path.eliminations
+    )
+    return EssentialPath(
+        essential=tuple(name for k, name in enumerate(names) if k not in path.removed),
+        steps=steps,
+        stop=path.stop,
+        ratio=path.ratio,
+        refused=None if path.refused is None else names[path.refused.removed],
+        identification=_restrict_to_essential(identification, full, path.removed),
+    )
+
+
+def _restrict_to_essential(identification: Identification, full: Solution, removed: tuple[int, ...]) -> Identification:
+    """Return the model with the parameters `removed` set to zero and the others estimated anew."""
+    # All are essential: the model stays as it is, with its own estimator's solution.
+    if not removed:
+        return identification
+    c = identification.model.n_parameters
+    essential = np.array([k for k in range(c) if k not in removed], dtype=np.intp)
+    solution, fitted = _solve_essential(
+        identification.data.equations, full, essential, identification.choices.covariance
+    )
+    fitted = _compute_statistics_with_shapes(identification, solution, essential) or fitted
+    # Parameters that are set to zero have no variance, and infinite degrees of freedom: they are constants now.
+    values, covariance, freedom = np.zeros(c), np.zeros((c, c)), np.full(c, np.inf)
+    freedom[essential] = fitted.freedom
+    values[essential] = solution.values
+    covariance[np.ix_(essential, essential)] = fitted.covariance
+    estimate = Estimate.from_solution(
+        identification.model,
+        identification.data,
+        identification.estimate.reference,
+        replace(full, values=values),
+        Statistics(covariance, fitted.effective_rows, fitted.noise, freedom),
+        not_essential=removed,
+        shape_constants=identification.shape_constants,
+    )
+    # Parameters at zero may make the inertia matrix indefinite, which has to be known of the smaller model.
+    smallest = compute_smallest_inertia_eigenvalue(identification.model, values)
+    held_out = identification.data.held_out
+    return replace(
+        identification,
+        estimate=estimate,
+        fit=compute_errors(identification.data.training, values),
+        held_out=None if held_out is None else compute_errors(held_out, values),
+        worst_inertia_eigenvalue=smallest,
+    )
+
+
+def _compute_statistics_with_shapes(
+    identification: Identification, solution: Solution, essential: NDArray[np.intp]
+) -> Statistics | None:
+    """Return the statistics of the essential parameters with the shape constants uncertain; None where they are not."""
+    shaped, choices = identification.data.shaped, identification.choices
+    # Shape constants were linearised about least squares of the torques; other estimates have no such covariance.
+    if shaped is None or not choices.is_least_squares_of_torque:
+        return None
+    constants = np.arange(identification.model.n_parameters, shaped.n_columns)
+    data = shaped.select_columns(np.concatenate([essential, constants]))
+    looked = linearise_shapes(identification.model, solution, choices.covariance, data)
+    return None if looked is None else looked.parameter_statistics
+
+
+def _solve_essential(
+    equations: Reduction, full: Solution, essential: NDArray[np.intp], covariance: CovarianceName
+) -> tuple[Solution, Statistics]:
+    """Solve for the essential parameters alone, numbered in `essential`."""
+    known = full.known
+    if known is not None:
+        # Parameters that are set to zero drop out of the rows of the prior as well.
+        known = PriorInformation(known.factor[:, essential], known.right)
+    smaller = equations.select_columns(essential)
+    solution = solve(smaller, full.noise, known)
+    return solution, statistics(smaller, solution, covariance)

@@ -1,0 +1,425 @@
+"""Fit the parameters of a model that is built already, judge the result, and put it together with its warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.effects import DEFAULT_EFFECTS, OFFSETS, ReferenceParameters, get_role
+from dynident.estimation import (
+    LinearisedSolution,
+    Reduction,
+    compute_errors,
+    compute_noise_levels,
+    find_outlying_spans,
+)
+from dynident.identification.equations.model_and_data_checks import check_reduction, check_torque
+from dynident.identification.equations.reduced_recordings import Data, ReducedData, reduce_to_rows, reduce_torque
+from dynident.identification.estimation_problem import Fit, Problem
+from dynident.identification.identification_choices import IdentificationChoices
+from dynident.identification.identified_models.identification_result import (
+    NONE_IN_MEMORY,
+    Estimate,
+    Identification,
+    RowsInMemory,
+)
+from dynident.identification.shape_constant_intervals import judge_shape_constants, linearise_shapes
+from dynident.identification.shape_refinement import build_shape_columns, list_shape_variables
+from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
+from dynident.identification.strategies.solve_by_strategy import solve_by_strategy
+from dynident.identification.thresholds import (
+    DETERMINED,
+    EQUATIONS_PER_PARAMETER,
+    LARGEST_CONDITION_NUMBER,
+    OVERFIT,
+)
+from dynident.progress import Progress, scale_progress
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.model_structure import Model
+from dynident.regressors.row_cache import reduce_with_columns
+
+if TYPE_CHECKING:
+    from dynident.identification.identified_models.identification_result import Estimate, Identification
+
+_MISFIT = 0.2
+"""Share of the torque left by the fit, above which the data are doubted; sound arms leave 3 to 15 %."""
+
+_MOST_NAMED = 12
+"""Uncertain parameters that are named; the others are counted."""
+
+
+def list_warnings(identification: Identification) -> tuple[str, ...]:
+    """Return all that is doubtful about a result, most important first.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+
+    Returns
+    -------
+    tuple of str
+        Sentences for the user.
+    """
+    sentences = []
+    # Poses at rest have no inertia matrix; their eigenvalue is not a number and says nothing.
+    if not identification.inertia_matrix_positive_definite and np.isfinite(identification.worst_inertia_eigenvalue):
+        sentences.append(
+            "The inertia matrix is not positive definite in every posture: these parameters are not physically "
+            "possible. Use them only for prediction near the recorded motion."
+        )
+    sentences += _warn_of_disturbance(identification)
+    sentences += _warn_of_misfit(identification)
+    sentences += _warn_of_unsettled(identification)
+    sentences += _warn_of_other_equations(identification)
+    sentences += _warn_of_excitation(identification)
+    sentences += _warn_of_overfit(identification)
+    sentences += _warn_of_friction_signs(identification)
+    sentences += _warn_of_missing_torque(identification)
+    # Effects that dissolved in others are still in the torque, but have no parameter of their own.
+    absorbed = [f"{column.effect} ({column.name})" for column in identification.model.absorbed_columns]
+    if absorbed:
+        sentences.append(f"Left out, because they cannot be separated from other parameters: {', '.join(absorbed)}.")
+    return tuple(sentences)
+
+
+def _warn_of_missing_torque(identification: Identification) -> list[str]:
+    """Say what is not known of joints whose torque was not recorded."""
+    model = identification.model
+    if not model.robot.joints_without_torque:
+        return []
+    hidden = ", ".join(column.name for column in model.hidden_columns)
+    return [
+        f"No recording has the torque of {', '.join(model.robot.joints_without_torque)}. The motion is used, but "
+        "parameters that only the joint's own equation shows are not identifiable from this "
+        f"data{f' ({hidden})' if hidden else ''}. For such a joint the model predicts only the torque of the links, "
+        "and no data checked it."
+    ]
+
+
+def _warn_of_disturbance(identification: Identification) -> list[str]:
+    """Warn of seconds in which something else than the robot acted.
+
+    They shift all parameters, and show in no error by themselves.
+    """
+    return [
+        f"From {span.start:.1f} to {span.end:.1f} s of the data something else acted: there the residual is "
+        f"{np.sqrt(span.ratio):.0f} times that of all other rows in a fit without these seconds. Possible causes are "
+        "a contact, a load that was picked up, a brake, a collision, or a clock jump. A diagnosis shows the cause and "
+        "the exact time. Leave these seconds out."
+        for span in find_outlying_spans(identification.data.training).spans
+    ]
+
+
+def _warn_of_misfit(identification: Identification) -> list[str]:
+    """Warn of a fit that leaves much of the torque it was made from: mostly the data are wrong, not the effects."""
+    share = identification.fit.relative_total
+    if not identification.choices.rows.by_joint or share <= _MISFIT:
+        return []
+    # The joint with the largest residual in N m: it tells where to look.
+    worst = identification.model.robot.joint_names[int(np.argmax(identification.fit.rms))]
+    return [
+        f"Even in the fit {share:.0%} of the torque is unexplained, most on {worst}: check the order, signs and units "
+        "of the columns, the joint axes and gravity in the description, loads that the description does not contain, "
+        "and flexible joints."
+    ]
+
+
+def _warn_of_unsettled(identification: Identification) -> list[str]:
+    """Warn of iterations that have not settled, where the estimator does not say so itself."""
+    if identification.converged or identification.choices.solver.tells_convergence:
+        return []
+    return [
+        f"The weighting ({identification.choices.solver.name}) did not converge: the estimates still change from one "
+        "iteration to the next. Too few rows for many parameters, or joints without residual, cause this; compare "
+        "with ols."
+    ]
+
+
+def _warn_of_other_equations(identification: Identification) -> list[str]:
+    """Say what the errors of torque mean where the torques were not what was fitted."""
+    model = identification.choices.model
+    if model in ("energy", "power"):
+        return [
+            f"The {model} model has one equation and does not minimise the torque errors (§12.6): compare its torque "
+            "errors on validation data with those of the dynamic model."
+        ]
+    if model == "base_wrench":
+        sentence = (
+            "The base wrench shows only the links: friction and rotors are not in this model, so the torque errors "
+            "contain all of these. The small reaction of rotating rotors counts as part of the links."
+        )
+        if not identification.inertia_matrix_positive_definite:
+            sentence += (
+                " Check the sign of the wrench: it is the wrench of the base on the robot, so at rest its force "
+                "points up."
+            )
+        return [sentence]
+    return []
+
+
+def _warn_of_excitation(identification: Identification) -> list[str]:
+    sentences = []
+    condition = identification.equilibrated_condition_number
+    # Columns of equal size: otherwise the units of the parameters decide, and not the motion.
+    if condition > LARGEST_CONDITION_NUMBER:
+        help_is = "Record an exciting trajectory (a design)"
+        help_is += "." if identification.choices.prior else ' or use a prior (prior: "description").'
+        sentences.append(
+            f"The condition number of W with columns of equal size is {condition:.0f}: the motion alone does not "
+            f"determine the model well. {help_is}"
+        )
+    at_rest = identification.model.is_at_rest
+    if not at_rest and identification.equations_per_parameter < EQUATIONS_PER_PARAMETER:
+        sentences.append(
+            f"There are {identification.equations_per_parameter:.0f} equations per parameter after decimation; "
+            f"{EQUATIONS_PER_PARAMETER:.0f} are recommended (§12.7). A longer recording helps."
+        )
+    return sentences + _warn_of_uncertain(identification.estimate)
+
+
+def _warn_of_uncertain(estimate: Estimate) -> list[str]:
+    """Warn of parameters that the data do not determine; those that may as well be zero do no harm by it."""
+    parameters = estimate.parameters
+    unsure = [f"{p.name} ({p.link})" if p.link else p.name for p in parameters if p.judgement == "uncertain"]
+    zero = sum(p.judgement == "zero_in_interval" for p in parameters)
+    if not unsure:
+        return []
+    names = ", ".join(unsure[:_MOST_NAMED]) + (
+        f" and {len(unsure) - _MOST_NAMED} more" if len(unsure) > _MOST_NAMED else ""
+    )
+    others = f" {zero} more are not significantly different from zero." if zero else ""
+    return [
+        f"{len(unsure)} of {len(parameters)} parameters are uncertain (standard deviation above {DETERMINED:.0%} of "
+        f"the value, or known from the prior rather than from the data): {names}.{others}"
+    ]
+
+
+def _warn_of_overfit(identification: Identification) -> list[str]:
+    held_out, fit = identification.held_out_judged, identification.fit_judged
+    if held_out is None:
+        return [
+            "There is no validation data: the errors are those of the fit and make the model look better than it is. "
+            "Give a recording that the fit does not use."
+        ]
+    # A model may fit noise as well. Held-out data show it, because their noise is another.
+    if held_out.relative_total > OVERFIT * fit.relative_total:
+        return [
+            f"The error on validation data is {held_out.relative_total:.1%}, but "
+            f"{fit.relative_total:.1%} in the fit: the data do not determine the model, or the "
+            "validation motion shows effects that the identification motion did not show."
+        ]
+    return []
+
+
+def _warn_of_friction_signs(identification: Identification) -> list[str]:
+    """Warn of negative friction, which would drive the motion: a sign or the order of joints is probably wrong.
+
+    Beside other friction effects a negative part is possible, so only plain models are judged.
+    """
+    if any(choice.effect not in _PLAIN for choice in identification.choices.effects):
+        return []
+    return [
+        f"{parameter.name} on {parameter.link} is negative ({parameter.value:.3g} {parameter.unit}): check the sign of "
+        "its torque and the order of the torque columns."
+        for parameter, column in zip(identification.parameters, identification.model.kept, strict=True)
+        if get_role(column) in ("dry", "damping")
+        and not column.runs
+        # Three standard deviations: noise alone takes hardly any of a dozen parameters that far below zero.
+        and parameter.value < -3.0 * parameter.standard_deviation
+    ]
+
+
+_PLAIN = {choice.effect for choice in (*DEFAULT_EFFECTS, OFFSETS)}
+
+
+@dataclass(frozen=True, eq=False)
+class SubmodelRelation:
+    """Relation of a smaller model to a larger one.
+
+    Parameters
+    ----------
+    whole : Model
+        The larger model.
+    weights : (b, b')
+        The smaller model's columns are the larger one's times these.
+    """
+
+    whole: Model
+    weights: FloatArray
+
+
+def finalise_identification(
+    model: Model,
+    choices: IdentificationChoices,
+    data: Data,
+    reduced: ReducedData,
+    part_of: SubmodelRelation | None = None,
+    shaped: Callable[[FloatArray], Reduction | None] | None = None,
+) -> Identification:
+    """Solve, judge and describe a model on reduced data.
+
+    Parameters
+    ----------
+    model : Model
+        The robot with the effects that are identified.
+    choices : IdentificationChoices
+        What is identified, and how.
+    data : Data
+        Equations that the parameters are solved from.
+    reduced : ReducedData
+        The same data as it is stored, with the held-out data, and without `shaped`.
+    part_of : SubmodelRelation, optional
+        A larger model, whose compiled functions are used for this one.
+    shaped : function, optional
+        Takes parameters (b,), and returns the joints' torques in the model's columns, followed by the columns of
+        `shape_columns`.
+
+    Returns
+    -------
+    Identification
+        The identified model, judged and with its warnings.
+
+    Raises
+    ------
+    DynidentError
+        Where the data do not determine the parameters, or the choices do not fit each other.
+    """
+    problem = Problem.from_choices(model, choices, data)
+    # Checked before solving, so that a message can name parameters and joints.
+    check_reduction(model, data.equations, problem.known)
+    # The wrench does not use the joints' torques to fit, so a dead torque does no harm there.
+    if choices.model != "base_wrench":
+        check_torque(model, data.torque)
+    # The problem has given the rows at reversals their weights: from here on only these weighted rows count.
+    data = problem.data
+    reduced = replace(reduced, equations=data.equations, training=data.torque)
+    fitted = solve_by_strategy(choices, problem)
+    values = fitted.solution.values
+    # Columns of the shape constants are derivatives of the torque, so they need the parameters that were just found.
+    with_shapes = None if shaped is None else shaped(values)
+    if with_shapes is not None:
+        with_shapes = with_shapes.weight_groups(data.reversal_weights)
+    looked = None if with_shapes is None else _linearise_shapes(problem, fitted, with_shapes)
+    if model.is_at_rest:
+        # Of the inertia matrix poses say nothing, so that what it is made of must not be judged.
+        smallest = float("nan")
+    elif part_of is None:
+        smallest = compute_smallest_inertia_eigenvalue(model, values)
+    else:
+        smallest = compute_smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
+    # The linearised covariance holds only for least squares of the joints' torques; other fits keep their own.
+    certain = not choices.is_least_squares_of_torque
+    estimate = Estimate.from_solution(
+        model,
+        reduced,
+        data.reference,
+        fitted.solution,
+        fitted.statistics if certain or looked is None else looked.parameter_statistics,
+        standard=fitted.standard,
+        shape_constants=judge_shape_constants(model, looked),
+    )
+    result = Identification(
+        estimate=estimate,
+        choices=choices,
+        data=replace(reduced, shaped=with_shapes),
+        fit=compute_errors(data.torque, values),
+        held_out=None if reduced.held_out is None else compute_errors(reduced.held_out, values),
+        worst_inertia_eigenvalue=smallest,
+        warnings=(),
+    )
+    return replace(result, warnings=fitted.warnings + list_warnings(result))
+
+
+def _linearise_shapes(problem: Problem, fitted: Fit, with_shapes: Reduction) -> LinearisedSolution | None:
+    """Linearise the joints' torques about the shape constants, whatever rows the parameters were solved from."""
+    data, solution = problem.data, fitted.solution
+    # The noise of power or energy rows says nothing of a torque in N m, so it is estimated from the torque rows.
+    if data.equations is not data.torque:
+        solution = replace(solution, noise=compute_noise_levels(data.torque, solution.values))
+    return linearise_shapes(problem.model, solution, problem.covariance, with_shapes)
+
+
+def identify_model(
+    model: Model,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    choices: IdentificationChoices,
+    preprocessing: Preprocessing,
+    reference: ReferenceParameters,
+    progress: Progress,
+    known: RowsInMemory = NONE_IN_MEMORY,
+) -> Identification:
+    """Identify the parameters of a model that is built already, with everything decided.
+
+    Parameters
+    ----------
+    model : Model
+        The robot with the effects that are identified.
+    recordings, validation : sequence of Recording
+        Data that parameters are fitted to, and data that no parameter sees.
+    choices : IdentificationChoices
+        What is identified, and how; nothing in them is left open.
+    preprocessing : Preprocessing
+        Filters for all recordings.
+    reference : ReferenceParameters
+        What torque is predicted with; any where no effect needs the load.
+    progress : Progress
+        Called with the fraction done and a message.
+    known : RowsInMemory, optional
+        Of a model that this one extends, for the same recordings and validation data.
+
+    Returns
+    -------
+    Identification
+        The identified model, judged and with its warnings.
+
+    Raises
+    ------
+    DynidentError
+        Where the data do not determine the parameters.
+    """
+    # Progress by the number of recordings: reducing them takes nearly all of the time.
+    share = 0.9 * len(recordings) / (len(recordings) + len(validation))
+    training = reduce_to_rows(
+        model,
+        choices.row_options,
+        recordings,
+        preprocessing,
+        reference,
+        scale_progress(progress, 0.0, share),
+        known.training,
+    )
+    held_out = None
+    if validation:
+        held_out = reduce_torque(
+            model, validation, preprocessing, reference, scale_progress(progress, share, 0.9), known.held_out
+        )
+    progress(0.9, "solving")
+    solve_progress = scale_progress(progress, 0.9, 1.0)
+
+    def reduce_shapes(values: FloatArray) -> Reduction | None:
+        places = list_shape_variables(model.effects)
+        if not places:
+            return None
+        columns = build_shape_columns(model, values, places)
+        # The rows of the fit alone: shape constants are judged by the data that the parameters come from.
+        ordinary = training.recordings
+        return reduce_with_columns(model, columns, ordinary, preprocessing, reference, solve_progress, training.rows)
+
+    data = ReducedData(
+        training.equations,
+        training.torque,
+        # Nothing weights these rows: held-out errors count every row alike, in all models.
+        None if held_out is None else held_out.torque,
+        None,
+        preprocessing,
+        tuple(recording.name for recording in recordings),
+        tuple(recording.name for recording in validation),
+    )
+    identified = finalise_identification(model, choices, training, data, shaped=reduce_shapes)
+    return replace(identified, in_memory=RowsInMemory(training.rows, None if held_out is None else held_out.rows))

@@ -1,0 +1,297 @@
+"""Solve an identified model again without some effects, or with other choices: no recording is read again.
+
+Effects are removed by algebra on the reduced data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.blas_threads import single_threaded
+from dynident.effects import EffectChoice, build_columns, get_effect
+from dynident.effects.effect_columns import find_joints
+from dynident.effects.effect_text_format import format_constant
+from dynident.errors import DynidentError
+from dynident.estimation import Reduction
+from dynident.identification.identification_choices import IdentificationChoices
+from dynident.identification.identified_models.fit_model import SubmodelRelation, finalise_identification
+from dynident.identification.identified_models.identification_result import NONE_IN_MEMORY, Identification, LadderStep
+from dynident.identification.methods.base_classes import ESTIMATORS, STRATEGIES
+from dynident.identification.shape_refinement import list_shape_variables
+from dynident.regressors.base_parameters import find_base_parameters_among
+from dynident.regressors.model_structure import Model, build_model, check_columns
+from dynident.robot import Robot
+
+_RECORDINGS_NEEDED = "Recordings needed"
+
+
+@single_threaded
+def reidentify(identification: Identification, choices: IdentificationChoices) -> Identification:
+    """Solve an identified model again with another strategy, estimator, prior or fewer effects.
+
+    Predicted loads stay those that the data were reduced with.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model to solve again, with its reduced data.
+    choices : IdentificationChoices
+        The model's rows and their constants must be the same, and its effects a part of the old ones.
+
+    Returns
+    -------
+    Identification
+        Solved from the same reduced data.
+
+    Raises
+    ------
+    DynidentError
+        Where the choices need more than the reduced data: other rows or filters, effects that are not in them, or an
+        estimator or strategy that goes through the samples again.
+    """
+    check_reduced_data(identification, choices)
+    known = identification.model
+    model, part, data = known, None, identification.data
+    if choices.effects != known.effects:
+        model, weights = build_submodel(known, choices.effects, choices.tolerance)
+        part, data = SubmodelRelation(known, weights), data.combine_columns(weights)
+    # Fewer effects need no new rows: the smaller model's columns are linear combinations of those that the reduced
+    # data hold.
+    shaped = combine_shapes(identification, model.effects, None if part is None else part.weights)
+    # The filters are those that the reduced data went through, whatever the choices leave open.
+    chosen = replace(choices, preprocessing=identification.choices.preprocessing)
+    identified = finalise_identification(
+        model, chosen, data.to_data(identification.estimate.reference), data, part, lambda _: shaped
+    )
+    # Rows in memory belong to the columns of the larger model, so a smaller one starts without any.
+    return replace(identified, in_memory=identification.in_memory if part is None else NONE_IN_MEMORY)
+
+
+def check_reduced_data(identification: Identification, choices: IdentificationChoices) -> None:
+    """Raise where choices need more than the reduced data of an identification.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    choices : IdentificationChoices
+        The choices to solve it again with.
+
+    Raises
+    ------
+    DynidentError
+        Names the choice that needs the recordings, and what is possible without them.
+    """
+    old = identification.choices
+    if (choices.model, choices.pole, choices.interval) != (old.model, old.pole, old.interval):
+        raise _recordings_needed_error("/model", f"the reduced data contain rows of the {old.model} model")
+    if old.model == "base_wrench" and choices.solver.weighted != old.solver.weighted:
+        raise _recordings_needed_error(
+            "/estimator",
+            "the parameters that only the wrench shows were removed with the weights of the other estimator",
+        )
+    if not choices.solver.from_reduced:
+        able = ", ".join(ESTIMATORS.names_with("from_reduced"))
+        reason = f"{choices.solver.name} needs the samples; with reduced data only these are possible: {able}"
+        raise _recordings_needed_error("/estimator", reason)
+    if not choices.plan.from_reduced:
+        able = ", ".join(STRATEGIES.names_with("from_reduced"))
+        reason = f"{choices.strategy} needs runs of single joints; with reduced data only these are possible: {able}"
+        raise _recordings_needed_error("/strategy", reason)
+    if choices.preprocessing not in (None, old.preprocessing, identification.preprocessing):
+        raise _recordings_needed_error("/preprocessing", "the reduced data were filtered with other settings")
+
+
+def _recordings_needed_error(pointer: str, why: str) -> DynidentError:
+    return DynidentError(f"{why}; identify from the recordings", pointer=pointer, title=_RECORDINGS_NEEDED)
+
+
+_TITLE = "Nothing to remove"
+
+
+@single_threaded
+def remove(identification: Identification, removed: Sequence[EffectChoice]) -> Identification:
+    """Take effects out of an identified model and solve again for the parameters that are left.
+
+    The columns of the smaller model are combinations of those that the reduced data hold, so the result is that of
+    identifying it anew. Predicted loads stay those of the larger model.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    removed : sequence of EffectChoice
+        Each is taken off its joints, or off all where it names none; with shape constants or runs only what has these.
+
+    Returns
+    -------
+    Identification
+        The next step of the ladder.
+
+    Raises
+    ------
+    DynidentError
+        Where one of them is not in the model, or nothing would be left.
+    """
+    known = identification.model
+    remaining = subtract_effects(identification.choices.effects, removed, known.robot)
+    choices = replace(identification.choices, effects=remaining)
+    model, weights = build_submodel(known, remaining, choices.tolerance)
+    data = identification.data.combine_columns(weights)
+    shaped = combine_shapes(identification, remaining, weights)
+    to_solve = data.to_data(identification.estimate.reference)
+    smaller = finalise_identification(
+        model, choices, to_solve, data, SubmodelRelation(known, weights), lambda _: shaped
+    )
+    return replace(smaller, step=LadderStep(identification, removed=tuple(removed)))
+
+
+def subtract_effects(
+    effects: Sequence[EffectChoice], removed: Sequence[EffectChoice], robot: Robot
+) -> tuple[EffectChoice, ...]:
+    """Return the effects that remain when others are removed, wholly or from some joints.
+
+    Parameters
+    ----------
+    effects, removed : sequence of EffectChoice
+        Effects of a model, and those to take out of it.
+    robot : Robot
+        The robot that they act on.
+
+    Returns
+    -------
+    tuple of EffectChoice
+        The effects that remain, some on fewer joints.
+
+    Raises
+    ------
+    DynidentError
+        Where one of them is not there, or nothing would be left.
+    """
+    remaining = tuple(effects)
+    for index, choice in enumerate(removed):
+        pointer = f"/effects/{index}"
+        find_joints(choice, robot, pointer)
+        # Where nothing changes, the effect was not in the model on these joints.
+        rest = tuple(part for choice_before in remaining for part in _subtract_effect(choice_before, choice, robot))
+        if rest == remaining:
+            place = f" on {', '.join(choice.joints)}" if choice.joints else ""
+            place += "".join(f", {format_constant(choice.effect, name, value)}" for name, value in choice.shape)
+            names = ", ".join(dict.fromkeys(present.effect for present in remaining))
+            detail = f"the model has no {choice.effect}{place}; it has: {names}"
+            raise DynidentError(detail, pointer=pointer, title=_TITLE)
+        remaining = rest
+    if not remaining:
+        raise DynidentError("the model would have no effects left; keep at least one effect", pointer="/effects")
+    return remaining
+
+
+def _subtract_effect(choice: EffectChoice, removed: EffectChoice, robot: Robot) -> tuple[EffectChoice, ...]:
+    """Remove an effect from one choice: return the choice itself, the same on fewer joints, or nothing."""
+    # A choice without shape constants or runs stands for all of them.
+    other_shape = not set(removed.shape) <= set(choice.shape)
+    other_runs = bool(removed.runs) and removed.runs != choice.runs
+    if choice.effect != removed.effect or other_shape or other_runs:
+        return (choice,)
+    # An effect of the whole robot has no joints to be taken from one by one.
+    if get_effect(choice.effect).scope == "robot":
+        return ()
+    gone = find_joints(removed, robot)
+    before = find_joints(choice, robot)
+    remaining = [joint for joint in before if joint not in gone]
+    if len(remaining) == len(before):
+        return (choice,)
+    return (replace(choice, joints=tuple(robot.joint_names[j] for j in remaining)),) if remaining else ()
+
+
+def build_submodel(
+    known: Model, effects: Sequence[EffectChoice], tolerance: float, pointer: str = "/effects"
+) -> tuple[Model, FloatArray]:
+    """Build the model of some of a model's effects, without compiling anything.
+
+    Parameters
+    ----------
+    known : Model
+        The larger model.
+    effects : sequence of EffectChoice
+        Effects of the smaller model.
+    tolerance : float
+        Which columns count as dependent.
+    pointer : str
+        Field of the request that errors name.
+
+    Returns
+    -------
+    tuple of Model and array (b, b')
+        The model, and its columns as combinations of those of the larger one.
+
+    Raises
+    ------
+    DynidentError
+        Where an effect has columns that the known model does not.
+    """
+    where = {column.key: k for k, column in enumerate(known.columns)}
+    columns = build_columns(effects, known.signals)
+    check_columns(columns)
+    strangers = sorted({column.effect for column in columns if column.key not in where})
+    if strangers:
+        raise DynidentError(
+            f"the reduced data have no columns for {', '.join(strangers)}; identify from the recordings",
+            pointer=pointer,
+            title="Recordings needed",
+        )
+    # The base parameters of the smaller model follow from those of the larger one: no random states are evaluated.
+    base = find_base_parameters_among(known.base, known.observation, [where[c.key] for c in columns], tolerance)
+    model = build_model(known.robot, effects, tolerance=tolerance, signals=known.signals, base=base)
+    return model, _express_columns(known, model)
+
+
+def combine_shapes(
+    identification: Identification, effects: Sequence[EffectChoice], weights: FloatArray | None = None
+) -> Reduction | None:
+    """Return the rows that tell how sure shape constants are, for a model of some of the effects.
+
+    Parameters
+    ----------
+    identification : Identification
+        The larger model.
+    effects : sequence of EffectChoice
+        Effects of the smaller one.
+    weights : (b, b'), optional
+        The smaller model's columns as combinations of the larger one's; the same columns by default.
+
+    Returns
+    -------
+    Reduction or None
+        None where there are no constants, or where an effect now acts on fewer joints than its constant was linearised
+        for.
+    """
+    before, after = list_shape_variables(identification.model.effects), list_shape_variables(effects)
+    where = {(identification.model.effects[p.choice], p.spec.name): k for k, p in enumerate(before)}
+    constants = [(effects[p.choice], p.spec.name) for p in after]
+    shaped = identification.data.shaped
+    # A constant that was linearised on more joints has other derivatives on fewer.
+    if shaped is None or not constants or any(constant not in where for constant in constants):
+        return None
+    b = identification.model.n_parameters
+    own = np.eye(b) if weights is None else weights
+    # Columns of the parameters are combined by `weights`; the columns of the shape constants behind them stay as they
+    # are.
+    whole = np.zeros((b + len(before), own.shape[1] + len(constants)))
+    whole[:b, : own.shape[1]] = own
+    for k, constant in enumerate(constants):
+        whole[b + where[constant], own.shape[1] + k] = 1.0
+    return shaped.combine_columns(whole)
+
+
+def _express_columns(known: Model, smaller: Model) -> FloatArray:
+    """Return the smaller model's columns in terms of those that the known model keeps (b, b').
+
+    Mostly these are the same columns. One that was absorbed by what is removed comes back as its combination.
+    """
+    where = {column.key: k for k, column in enumerate(known.columns)}
+    return np.asarray(known.base.grouping[:, [where[column.key] for column in smaller.kept]])

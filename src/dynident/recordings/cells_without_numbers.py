@@ -1,0 +1,326 @@
+"""Cells that hold no number: lists, times that are written as text, names of joints that tell what numbers are of."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from dynident.array_types import IntArray
+from dynident.recordings.arrow_tables import from_numbers, open_parquet_stream
+from dynident.recordings.file_source import FileSource, to_float_column
+from dynident.recordings.time_columns import are_times, is_time_name, parse_seconds
+
+_LONGEST = 256
+_ABOUT = Path("meta") / "info.json"
+_DEEPEST = 3
+"""Folders above a file of a data set that its description is looked for in: data/chunk-000/file-000.parquet."""
+
+
+def list_columns(path: Path, schema: pa.Schema) -> dict[str, int]:
+    """Return the columns that hold lists of numbers, with the length of the first list of each."""
+    names = [
+        field.name
+        for field in schema
+        if (
+            pa.types.is_list(field.type)
+            or pa.types.is_fixed_size_list(field.type)
+            or pa.types.is_large_list(field.type)
+        )
+        and (pa.types.is_floating(field.type.value_type) or pa.types.is_integer(field.type.value_type))
+    ]
+    if not names:
+        return {}
+    with open_parquet_stream(path) as file:
+        first = next(file.iter_batches(1, columns=names, use_threads=False), None)
+    if first is None:
+        return {}
+    # The first list stands for all: a joint has its place in every row.
+    lengths = {name: pc.list_value_length(first.column(name))[0].as_py() or 0 for name in names}
+    return {name: length for name, length in lengths.items() if 0 < length <= _LONGEST}
+
+
+def name_list_places(path: Path, lists: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
+    """Return the names of the columns that every list becomes.
+
+    They are state1, state2, …, or state.shoulder.pos where the data set names them: a data set of LeRobot says in
+    `meta/info.json` what stands in the lists of its files.
+
+    Parameters
+    ----------
+    path : path
+        Of the Parquet file.
+    lists : mapping
+        Lengths of the lists by column.
+
+    Returns
+    -------
+    mapping
+        Of columns to the names of their places.
+    """
+    names = _read_stated_names(path)
+    return {name: names.get((name, length)) or make_counted_names(name, length) for name, length in lists.items()}
+
+
+def expand_names(schema: pa.Schema, lists: Mapping[str, tuple[str, ...]]) -> list[str]:
+    """Return the names of the columns, with those of every list in its place."""
+    return [name for field in schema for name in lists.get(field.name, (field.name,))]
+
+
+def find_stored_name(name: str, lists: Mapping[str, tuple[str, ...]]) -> str:
+    """Return the column of the file that holds a column."""
+    return next((column for column, names in lists.items() if name in names), name)
+
+
+def expand_lists(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, tuple[str, ...]]) -> pa.RecordBatch:
+    """Return a batch of the requested columns, those in lists among them."""
+    values = []
+    for name in columns:
+        stored = find_stored_name(name, lists)
+        column = batch.column(batch.schema.get_field_index(stored))
+        if stored in lists:
+            place = lists[stored].index(name)
+            short = pc.less_equal(pc.list_value_length(column), place)
+            # Arrow's list_element fails at lists that are too short: those give NaN, by the slow way.
+            if pc.any(short).as_py():
+                rows = [row[place] if row is not None and len(row) > place else np.nan for row in column.to_pylist()]
+                column = from_numbers(np.array(rows, dtype=np.float64))
+            else:
+                column = pc.list_element(column, place)
+        values.append(column)
+    return pa.RecordBatch.from_arrays(values, names=columns)
+
+
+def make_counted_names(name: str, length: int) -> tuple[str, ...]:
+    """Return names for the places of a list: q1, q2, …."""
+    joint = "_" if name[-1:].isdigit() else ""
+    return tuple(f"{name}{joint}{index + 1}" for index in range(length))
+
+
+def _read_stated_names(path: Path) -> dict[tuple[str, int], tuple[str, ...]]:
+    """Return the names of a data set's lists, by column and length; none if the file lies in no data set."""
+    # A data set lies in folders of its own: its description is looked for in the nearest ones above the file.
+    about = next(
+        (candidate for folder in path.absolute().parents[:_DEEPEST] if (candidate := folder / _ABOUT).is_file()), None
+    )
+    try:
+        features = json.loads(about.read_text(encoding="utf-8"))["features"] if about is not None else {}
+        named = {name: _flatten_names(feature.get("names")) for name, feature in features.items()}
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+        return {}
+    return {
+        (name, len(places)): tuple(f"{name}.{place}" for place in places)
+        for name, places in named.items()
+        if places and len(set(places)) == len(places)
+    }
+
+
+def _flatten_names(names: Any) -> list[str]:
+    """Return names as one list, of a list or of groups: {"motors": [...]}."""
+    if isinstance(names, dict):
+        return [place for part in names.values() for place in _flatten_names(part)]
+    return [str(place) for place in names] if isinstance(names, list) else []
+
+
+_COUNTED = re.compile(r"^(?P<stem>.*?)[_.\[/ ]*(?P<number>\d+)\]?$")
+_OF_NAMES = re.compile(r"^(?P<prefix>(?:.*?[^A-Za-z])??)(?:joint[_ ]?names?|names?|joints?|motors?)$", re.IGNORECASE)
+_OF_IDS = re.compile(
+    r"(?:^|[^a-z])(?:id|(?:motor|joint|axis|servo|can|node)[_ ]?(?:id|index|number|nr)?)$", re.IGNORECASE
+)
+"""Whole numbers of motors or joints, one a row."""
+_OF_ROWS = re.compile(r"(?:^|[^a-z])(?:nsecs?|nanosecs?|seq|index)$|^$", re.IGNORECASE)
+"""Columns of a row, and not of the joint that the row is of."""
+_MOST_JOINTS = 256
+_ROWS = 1000
+
+
+@dataclass(frozen=True)
+class _NamedTable:
+    """Columns with names of joints, and the columns of each of their signals in the same order.
+
+    `joints` are all names of the first rows. `signals` has the file's columns by what those of all joints are called.
+    """
+
+    names: tuple[str, ...]
+    joints: tuple[str, ...]
+    signals: Mapping[str, tuple[str, ...]]
+
+    def list_columns(self) -> dict[str, tuple[str, str]]:
+        """Return the signal and the joint of every column that these tables become."""
+        return {f"{signal}_{joint}": (signal, joint) for signal in self.signals for joint in self.joints}
+
+
+class WordCellsSource(FileSource):
+    """A file with written times in seconds, and signals called by the names of joints in its cells."""
+
+    def __init__(self, source: FileSource, times: Sequence[str], named: Sequence[_NamedTable]) -> None:
+        self._source, self._times = source, frozenset(times)
+        self._places = {column: (table, *place) for table in named for column, place in table.list_columns().items()}
+        used_columns = {
+            column for table in named for columns in (table.names, *table.signals.values()) for column in columns
+        }
+        names = [name for name in source.names if name not in used_columns]
+        units = {name: unit for name, unit in source.units.items() if name not in used_columns}
+        units |= {
+            name: source.units[columns[0]]
+            for name, (table, signal, _) in self._places.items()
+            if (columns := table.signals[signal])[0] in source.units
+        }
+        super().__init__([*names, *self._places], {**units, **dict.fromkeys(times, "s")})
+        self.sample_rows, self.remarks = source.sample_rows, source.remarks
+        self.texts = {name: cells for name, cells in source.texts.items() if name in names and name not in self._times}
+        # Where rows are of one joint each, those of the others are empty in them.
+        self.has_gaps = source.has_gaps or any(len(table.joints) > len(table.names) for table in named)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        needed: dict[str, None] = {}
+        for name in columns:
+            if name in self._places:
+                table, signal, _ = self._places[name]
+                needed |= dict.fromkeys((*table.names, *table.signals[signal]))
+            else:
+                needed[name] = None
+        first_row = 0
+        for batch in self._source.batches(list(needed)):
+            orders: dict[tuple[str, ...], tuple[IntArray, list[tuple[str, ...]]]] = {}
+            values = [self._column(batch, name, orders, first_row) for name in columns]
+            yield pa.RecordBatch.from_arrays(values, names=columns)
+            first_row += batch.num_rows
+
+    def _column(
+        self,
+        batch: pa.RecordBatch,
+        name: str,
+        orders: dict[tuple[str, ...], tuple[IntArray, list[tuple[str, ...]]]],
+        first_row: int,
+    ) -> pa.Array:
+        if name not in self._places:
+            column = batch.column(name)
+            return parse_seconds(column) if name in self._times else column
+        table, signal, joint = self._places[name]
+        # All signals of a table share the order of its names, which is found once for each batch.
+        if table.names not in orders:
+            orders[table.names] = _find_orders(batch, table.names)
+        which, combinations = orders[table.names]
+        sources = table.signals[signal]
+        # As a rule the joints stand in the same order in all rows: the column is then passed on as it is.
+        if len(combinations) == 1:
+            places = [place for place, word in enumerate(combinations[0]) if word == joint]
+            return batch.column(sources[places[0]]) if places else pa.nulls(batch.num_rows, pa.float64())
+        values = np.full(batch.num_rows, np.nan)
+        for number, words in enumerate(combinations):
+            if joint in words:
+                rows = which == number
+                values[rows] = to_float_column(batch, sources[words.index(joint)], first_row)[rows]
+        return from_numbers(values)
+
+
+def _find_orders(batch: pa.RecordBatch, names: Sequence[str]) -> tuple[IntArray, list[tuple[str, ...]]]:
+    """Return the number (m,) of every row's combination of names, and the combinations."""
+    # Names are compared by their numbers in a dictionary: texts are few, rows are many.
+    coded = [pc.dictionary_encode(_to_text(batch.column(name))) for name in names]
+    codes = np.column_stack([encoded.indices.to_numpy(zero_copy_only=False) for encoded in coded])
+    unique, which = np.unique(codes, axis=0, return_inverse=True)
+    words = [encoded.dictionary.to_pylist() for encoded in coded]
+    combinations = [tuple(words[k][code].strip() for k, code in enumerate(row)) for row in unique.tolist()]
+    return which.reshape(-1), combinations
+
+
+def _to_text(column: pa.Array) -> pa.Array:
+    """Return names as they stand there, whole numbers without a decimal point."""
+    if pa.types.is_floating(column.type):
+        column = column.cast(pa.int64(), safe=False)
+    return column.cast(pa.string()).fill_null("")
+
+
+def read_word_cells(source: FileSource) -> FileSource:
+    """Return the file with its written times as seconds, and its signals named by the joints in its cells.
+
+    Parameters
+    ----------
+    source : FileSource
+        The file as it is.
+
+    Returns
+    -------
+    FileSource
+        The same object if no cells hold such words.
+    """
+    times = [name for name, cells in source.texts.items() if are_times(cells)]
+    named = _find_named_tables(
+        source, {name: cells for name, cells in source.texts.items() if name not in times} | _find_joint_ids(source)
+    )
+    return WordCellsSource(source, times, named) if times or named else source
+
+
+def _find_named_tables(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_NamedTable]:
+    tables: list[_NamedTable] = []
+    numbers = _group_by_stem([name for name in source.names if name not in source.texts])
+    # Columns of names, one for each place in a list of joints, and as many columns of numbers for every signal.
+    for stem, columns in _group_by_stem(texts).items():
+        kind = _OF_NAMES.match(stem)
+        rows = set(zip(*(texts[column] for column in columns.values()), strict=True))
+        # A name that is empty or stands twice in one row does not tell whose numbers are whose.
+        if kind is None or any(len({word for word in row if word}) < len(columns) for row in rows):
+            continue
+        signals = {
+            other: tuple(places.values())
+            for other, places in numbers.items()
+            if other.startswith(kind["prefix"]) and places.keys() == columns.keys()
+        }
+        joints = tuple(dict.fromkeys(word for row in sorted(rows) for word in row))
+        if signals and len(joints) <= _MOST_JOINTS:
+            tables.append(_NamedTable(tuple(columns.values()), joints, signals))
+    return tables or _find_joint_rows(source, texts)
+
+
+def _find_joint_rows(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_NamedTable]:
+    """Return tables with a row for every joint and instant, with the joint's name in a column."""
+    for name, cells in texts.items():
+        joints = tuple(dict.fromkeys(cell for cell in cells if cell))
+        if not (_OF_NAMES.match(name) or _OF_IDS.search(name)) or not 1 < len(joints) <= min(
+            _MOST_JOINTS, len(cells) // 2
+        ):
+            continue
+        others = [
+            other
+            for other in source.names
+            if other not in (name, *source.texts) and not is_time_name(other) and not _OF_ROWS.search(other)
+        ]
+        return [_NamedTable((name,), joints, {other: (other,) for other in others})] if others else []
+    return []
+
+
+def _find_joint_ids(source: FileSource) -> dict[str, tuple[str, ...]]:
+    """Return the first cells of a column with the number of the joint that each row is of, if there is one."""
+    called = next((name for name in source.names if name not in source.texts and _OF_IDS.search(name)), None)
+    batch = None if called is None else next(iter(source.batches([called])), None)
+    if called is None or batch is None:
+        return {}
+    values = to_float_column(batch, called, 0)[:_ROWS]
+    # Rows of one motor stand between those of others, not in one stretch.
+    if not np.isfinite(values).all() or (values != np.rint(values)).any() or np.mean(np.diff(values) != 0) < 0.5:
+        return {}
+    return {called: tuple(str(int(value)) for value in values)}
+
+
+def _group_by_stem(names: Sequence[str] | Mapping[str, object]) -> dict[str, dict[int, str]]:
+    """Return columns whose names differ only by a number at the end: by what stands before it, and the number."""
+    families: dict[str, dict[int, str]] = {}
+    for name in names:
+        match = _COUNTED.match(name)
+        if match is not None and match["stem"]:
+            families.setdefault(match["stem"], {})[int(match["number"])] = name
+    return {
+        stem: dict(sorted(places.items()))
+        for stem, places in families.items()
+        # Only unbroken counts from 0 or 1 are families.
+        if sorted(places) == list(range(min(places), min(places) + len(places))) and min(places) in (0, 1)
+    }

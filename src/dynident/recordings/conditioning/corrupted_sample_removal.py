@@ -1,0 +1,176 @@
+"""Corrupted samples: values that leave the course of their signal and come back to it within a few samples.
+
+A bus that loses a frame, or a driver that answers late, gives zeros, largest values or old ones in single rows. One of
+them in thousands is enough to spoil a model, since differentiation turns it into huge accelerations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.recordings.conditioning.angle_wrapping import TURN, find_wrapping_columns
+from dynident.recordings.conditioning.corrupted_sample_detection import (
+    LONGEST,
+    SAME_VALUES,
+    TIMES_USUAL,
+    SignalSeries,
+    choose_step_threshold,
+    find_corrupted_samples,
+    measure_signal_steps,
+    measure_usual_steps,
+)
+from dynident.recordings.conditioning.windows_and_changed_rows import ChangedRows, Signals, Window
+from dynident.recordings.recording_metadata import Check
+
+LEAST_SHARE = {"smooth": 2e-4, "rough": 0.015}
+"""Share of a signal's span (1 % to 99 % quantile) below which nothing is called corrupted: it could do no harm."""
+
+LEAST_COUNTS = 6.0
+"""Smallest steps of a signal that a sample has to be off: two or three counts of an encoder come and go."""
+
+TURN_ROWS, TIMES_FRICTION = 3, 1.2
+"""Rows on either side of where a joint turns round in which friction changes, and times its largest jump there that
+it does not reach."""
+
+ROUNDING = 1e-12
+"""Share of a signal by which it changes through the rounding of numbers alone."""
+
+
+class CorruptedSamples:
+    """Removes samples that cannot have been measured: of positions, torques and the base's wrench."""
+
+    name = "corrupted_samples"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = ChangedRows()
+        # Whatever a signal did before: there and back within two samples no joint is so fast.
+        self._impossible = 2.0 * signals.fastest * signals.step
+
+    def apply(self, window: Window) -> None:
+        """Remove the corrupted samples of a window."""
+        signals = self._signals
+        needed = np.flatnonzero(signals.needed)
+        values, smooth = window.values[:, needed], signals.smooth[needed]
+        # At a wrap an angle jumps by a turn, which is no corruption: differences of such angles are folded.
+        periods = np.where(find_wrapping_columns(window, signals)[needed], TURN, 0.0)
+        steps = measure_signal_steps(values, window.t, window.run, smooth, periods)
+        usual = measure_usual_steps(steps)
+        impossible = np.where(smooth, self._impossible[needed], np.inf)
+        # Of a signal whose usual steps are large, too, what no joint can do is large all the same.
+        large = np.abs(steps) > np.minimum(TIMES_USUAL * usual, impossible)
+        marks = np.zeros(values.shape, dtype=bool)
+        for index in np.flatnonzero(large.any(axis=0)):
+            # The full search is slow: only signals with large steps up and down again go through it.
+            if _comes_back(steps[:, index], np.flatnonzero(large[:, index])):
+                course = self._describe_signal(
+                    window, int(needed[index]), steps[:, index], usual[:, index], periods[index]
+                )
+                marks[find_corrupted_samples(course), index] = True
+        if not marks.any():
+            return
+        back = np.sign(steps) * large
+        # Other torques that go up and down as well, uncorrupted, show that something has really happened.
+        swings = np.asarray(
+            (_mark_neighbours(back < 0.0) & _mark_neighbours(back > 0.0) & ~_mark_neighbours(marks))[:, ~smooth].any(
+                axis=1
+            )
+        )
+        for index in np.flatnonzero(marks.any(axis=0)):
+            column = int(needed[index])
+            rows = np.flatnonzero(marks[:, index])
+            # Positions cannot jump. Torques can, where the robot is pushed or where friction changes its sign.
+            if not smooth[index]:
+                rows = rows[~self._find_explained_rows(window, column, rows, swings)]
+            window.values[rows, column] = np.nan
+            own = window.select_own_rows(rows)
+            self._found.add(column, own, window.t[own - 1 - window.first_row])
+
+    def checks(self) -> list[Check]:
+        """Report which samples were removed."""
+        rows = self._found
+        if not rows.n:
+            return [Check(self.name, "ok", "No sample is an obvious outlier of its signal.")]
+        single = rows.n == 1
+        detail = (
+            f"{rows.n} sample{' is an obvious outlier' if single else 's are obvious outliers'} of "
+            f"{'its signal' if single else 'their signals'} and cannot have been measured: "
+            f"{rows.describe(self._signals.sources)}. {'It is' if single else 'They are'} interpolated between the "
+            "neighbours. Look for lost frames of the bus; if the recorded values are right"
+        )
+        return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
+
+    def _find_explained_rows(self, window: Window, column: int, rows: IntArray, swings: BoolArray) -> BoolArray:
+        """Return which rows of a torque may have been measured after all.
+
+        Those are rows without a value that stands in for lost samples, where other torques swing (m,) as well
+        (something has happened to the robot), or where the joint reverses and the torque is no
+        farther off than friction jumps there.
+        """
+        x = window.values[:, column].copy()
+        # Zero, and any value that several suspects share, is what a driver writes for a lost sample: it is never
+        # explained.
+        values, counts = np.unique(x[rows], return_counts=True)
+        stands_in = np.isin(x[rows], [0.0, *values[counts >= SAME_VALUES]])
+        happened = _mark_neighbours(swings[:, None])[rows, 0]
+        position = self._signals.position.get(column)
+        if position is not None:
+            turns, slow = _find_reversals(window.t, window.values[:, position])
+            measured = x.copy()
+            measured[rows] = np.nan
+            # The jump of friction at a reversal, from some rows before it to some rows behind, without the suspects.
+            at = np.flatnonzero(turns[TURN_ROWS:-TURN_ROWS]) + TURN_ROWS
+            jumps = np.abs(measured[at + TURN_ROWS] - measured[at - TURN_ROWS])
+            friction = float(np.nanmax(jumps)) if np.isfinite(jumps).any() else 0.0
+            present = np.isfinite(measured)
+            # How far off the suspects are is measured from a straight line between the samples that are no suspects.
+            off = np.abs(x[rows] - np.interp(window.t[rows], window.t[present], measured[present]))
+            happened |= _mark_neighbours(slow[:, None], TURN_ROWS)[rows, 0] & (off < TIMES_FRICTION * friction)
+        return np.asarray(happened & ~stands_in)
+
+    def _describe_signal(
+        self, window: Window, column: int, steps: FloatArray, usual: FloatArray, period: float
+    ) -> SignalSeries:
+        """Describe a signal by the smallest counts it comes in, its span, and the tails of its noise."""
+        signals = self._signals
+        x, smooth = window.values[:, column], bool(signals.smooth[column])
+        finite = x[np.isfinite(x)]
+        low, high = np.quantile(finite, (0.01, 0.99))
+        changes = np.abs(np.diff(finite))
+        changes = changes[changes > ROUNDING * max(abs(low), abs(high))]
+        # Nearly the smallest change, which is a count of the encoder where the signal has counts.
+        count = float(np.quantile(changes, 0.01)) if len(changes) else 0.0
+        usual = np.maximum(usual, count)
+        least = max(LEAST_COUNTS * count, LEAST_SHARE["smooth" if smooth else "rough"] * float(high - low))
+        threshold = np.maximum(choose_step_threshold(steps, usual) * usual, least)
+        if smooth:
+            impossible = float(self._impossible[column])
+            threshold, usual = np.minimum(threshold, impossible), np.minimum(usual, 0.25 * impossible)
+        return SignalSeries(window.t, x, window.run, usual, threshold, smooth, signals.step, period)
+
+
+def _find_reversals(t: FloatArray, q: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Mark the rows where a joint reverses or starts or stops; and these together with its standstills."""
+    turns, slow = np.zeros(len(q), dtype=bool), np.zeros(len(q), dtype=bool)
+    finite = np.isfinite(q)
+    if finite.any():
+        direction = np.sign(np.diff(np.interp(t, t[finite], q[finite])))
+        turns[1:-1] = direction[1:] != direction[:-1]
+        slow[1:] = direction == 0.0
+    return turns, slow | turns
+
+
+def _comes_back(steps: FloatArray, large: IntArray) -> bool:
+    """Return whether a signal with large steps in these rows soon goes up and down again, or down and up."""
+    turns = np.diff(np.sign(steps[large])) != 0.0
+    return bool((turns & (np.diff(large) <= LONGEST + 1)).any())
+
+
+def _mark_neighbours(marks: BoolArray, rows: int = 1) -> BoolArray:
+    """Mark the marked rows (m, c) and their neighbours."""
+    result = marks.copy()
+    for shift in range(1, rows + 1):
+        result[shift:] |= marks[:-shift]
+        result[:-shift] |= marks[shift:]
+    return result

@@ -1,0 +1,178 @@
+"""Signed registers that a log has read as unsigned: the sign is a bit, or numbers below zero have wrapped."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray
+from dynident.recordings.conditioning.windows_and_changed_rows import ChangedRows, Signals, Window
+from dynident.recordings.recording_metadata import Check
+
+_FEWEST_JUMPS = 3
+"""Jumps across zero that tell a register: a corrupted sample makes two."""
+
+_JUMPS_LEFT = 0.4
+"""Share of the jumps that may be left once the sign is read: torques of friction alone jump where joints reverse."""
+
+_SMOOTH = 0.1
+"""Share of the times that a signal passes the sign's place at which it may do so without a jump: one that is no
+register passes any place so."""
+
+BITS, WIDE_BITS = range(7, 32), (15, 31)
+"""Bits that signs of torques stand in, of registers of 8 to 32 bits; and of positions, since one that wraps after a
+turn, as those of absolute encoders do, is none whose sign was not read."""
+
+_FIRST = 64
+"""Rows that tell of most signals that they are no registers."""
+
+BITS_OF: Mapping[str, Collection[int]] = {"q": WIDE_BITS, "tau": BITS}
+
+_WHOLE = 1e-3
+"""How far a whole number may be from one, after its unit was taken into account and out again."""
+
+
+@dataclass(frozen=True)
+class Register:
+    """A signed register: `bit` holds the sign, of a magnitude, or of a two's complement."""
+
+    bit: int
+    is_magnitude: bool
+
+    def decode(self, raw: FloatArray) -> FloatArray:
+        """Return the signed numbers of a register that was read as unsigned."""
+        size = 2.0**self.bit
+        negative = size - raw if self.is_magnitude else raw - 2.0 * size
+        return np.where(raw >= size, negative, raw)
+
+    def __str__(self) -> str:
+        size = 2**self.bit
+        if self.is_magnitude:
+            return f"the values jump by {size} around zero, so bit {self.bit} is the sign: {size} + x means -x"
+        return (
+            f"the values jump by {2 * size} around zero, as signed numbers of {self.bit + 1} bits do when they are "
+            "read as unsigned"
+        )
+
+
+def find_register(raw: FloatArray, together: BoolArray, bits: Collection[int] = BITS) -> Register | None:
+    """Return the register that columns are of, if their sign was not read; None if they are no such registers.
+
+    Parameters
+    ----------
+    raw : (m, k)
+        Numbers as the file has them, of one kind of signal; NaN where one is missing.
+    together : (m - 1,)
+        Which rows follow the one before without a gap.
+    bits : collection of int
+        Where the sign may stand.
+
+    Returns
+    -------
+    Register or None
+        The register, which decodes the numbers.
+    """
+    # Most signals are no whole numbers, which their first rows tell.
+    if not (_are_counts(raw[:_FIRST]) and _are_counts(raw)):
+        return None
+    # If the sign was not read, negative numbers have the highest bit set: it shows in the largest number.
+    bit = int(np.floor(np.log2(max(float(np.nanmax(raw, initial=0.0)), 1.0))))
+    if bit not in bits:
+        return None
+    kinds = (Register(bit, is_magnitude=True), Register(bit, is_magnitude=False))
+    # Of the two codings the right one makes the jumps across zero vanish.
+    jumps = _count_jumps(raw, together, bit)
+    remaining_jumps, register = min(
+        ((_count_jumps(candidate.decode(raw), together, bit), candidate) for candidate in kinds),
+        key=lambda pair: pair[0],
+    )
+    # An ordinary signal passes the place of the sign in small steps; a register whose sign was not read jumps there.
+    passes = np.diff(raw >= 2.0**bit, axis=0)[together]
+    smooth = int(np.count_nonzero(passes & (np.abs(np.diff(raw, axis=0)[together]) <= 0.5 * 2.0**bit)))
+    is_register = jumps >= _FEWEST_JUMPS and remaining_jumps <= _JUMPS_LEFT * jumps and smooth <= _SMOOTH * passes.sum()
+    return register if is_register else None
+
+
+def _are_counts(raw: FloatArray) -> bool:
+    """Return whether all finite numbers are whole and not below zero."""
+    finite = raw[np.isfinite(raw)]
+    return bool((finite >= -_WHOLE).all() and (np.abs(finite - np.rint(finite)) <= _WHOLE).all())
+
+
+def _count_jumps(values: FloatArray, together: BoolArray, bit: int) -> int:
+    """Return the number of changes from row to row by more than half of what a register holds."""
+    return int(np.count_nonzero(np.abs(np.diff(values, axis=0)[together]) > 0.5 * 2.0**bit))
+
+
+class SignedRegisters:
+    """Reads the sign of torques, and of positions, that a log holds as unsigned registers."""
+
+    name = "registers"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._registers: dict[str, Register] = {}
+        self._found: dict[str, ChangedRows] = {}
+
+    def apply(self, window: Window) -> None:
+        """Read the signs in a window; from the first window on in which a register shows itself."""
+        together = np.diff(window.run) == 0
+        for kind, columns in self._signals.registers.items():
+            at = list(columns)
+            factors, offsets = self._signals.factors[at], self._signals.offsets[at]
+            # A factor of 0 stands for a column that is read as zero: there are no numbers of the file behind it.
+            if not factors.all():
+                continue
+            # Bits are those of the file's own numbers: back from SI units.
+            raw = (window.values[:, at] - offsets) / factors
+            register = self._registers.get(kind) or find_register(raw, together, BITS_OF[kind])
+            if register is None:
+                continue
+            self._registers[kind] = register
+            decoded = register.decode(np.rint(raw))
+            changed = decoded != np.rint(raw)
+            window.values[:, at] = np.where(changed, decoded * factors + offsets, window.values[:, at])
+            found_rows = self._found.setdefault(kind, ChangedRows())
+            for place, column in enumerate(columns):
+                own = window.select_own_rows(np.flatnonzero(changed[:, place] & np.isfinite(raw[:, place])))
+                found_rows.add(column, own, window.t[own - 1 - window.first_row])
+
+    def checks(self) -> list[Check]:
+        """Report which columns are registers, and how they are read."""
+        if not self._registers:
+            return [Check(self.name, "ok", "No column is a signed number that was read as unsigned.")]
+        return [self._report_register(kind, register) for kind, register in self._registers.items()]
+
+    def _report_register(self, kind: str, register: Register) -> Check:
+        rows, sources = self._found[kind], self._signals.sources
+        names = [sources[column] for column in self._signals.registers[kind]]
+        detail = (
+            f"{names[0]} … {names[-1]} are signed numbers that were read as unsigned: {register}. {rows.n} samples "
+            "are corrected; if the recorded values are right"
+        )
+        return rows.warn_of_correction(self.name, detail, sources)
+
+
+def decode_registers(raw: FloatArray, t: FloatArray, kind: str) -> tuple[FloatArray, Register | None]:
+    """Read the signs of columns of one kind of signal, if they are registers.
+
+    Parameters
+    ----------
+    raw : (m, k)
+        Numbers as the file has them.
+    t : (m,)
+        Times in s.
+    kind : "q" or "tau"
+        Kind of signal of all columns.
+
+    Returns
+    -------
+    values : (m, k)
+        The numbers with their signs.
+    register : Register or None
+        What the columns were; None if they are returned as they came.
+    """
+    register = find_register(raw, np.diff(t) > 0.0, BITS_OF[kind])
+    return (raw, None) if register is None else (register.decode(raw), register)

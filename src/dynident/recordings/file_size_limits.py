@@ -1,0 +1,129 @@
+"""Limits on what a stranger's file may demand, checked before anything of that size is read or unpacked.
+
+The limits stand here for all formats, each with its reason. They bound memory and disk; a file within all of them can
+still be slow.
+"""
+
+from __future__ import annotations
+
+from dynident.recordings.recording_metadata import RecordingError
+
+MOST_COLUMNS = 10_000
+"""Columns of a file. A humanoid of 60 joints with 20 signals each has 1,200."""
+
+BLOCK_ROWS = 32_768
+BLOCK_VALUES = 2**22
+"""Rows of a block, and numbers of all its columns (32 MB): up to 128 columns have blocks of full length."""
+
+LARGEST_CHUNK = 64 * 2**20
+"""Bytes that unpack at once: a chunk of HDF5, of a bag or of MCAP. Loggers write chunks of 16 kB to 8 MB, and those
+with images or point clouds some tens of MB."""
+
+LARGEST_MESSAGE = 4 * 2**20
+"""Bytes of a message with signals of joints: 10,000 columns with long names take 1.3 MB."""
+
+LARGEST_OBJECT = 2**24
+"""Characters of an object of JSON that holds all signals: as Python's numbers they take ten times as much memory."""
+
+LARGEST_DEFINITION = 2**18
+"""Characters that define a type of messages with all its parts. Those of ros2_control take 10,000."""
+
+MOST_UNPACKED, MOST_TIMES = 2**28, 100
+"""Bytes that any file may unpack to, and times its size that a larger one may: signals shrink to a tenth at the least,
+what shrinks to a thousandth was made to fill a memory or a disk."""
+
+MOST_TEXT = 2**25
+"""The same of text, which is parsed as it is unpacked and takes a hundred times as long: 300,000 rows of 12 numbers."""
+
+DEEPEST = 32
+"""Groups, structures and types of messages inside each other; MATLAB's and ROS's own need fewer than ten."""
+
+MOST_OBJECTS = 100_000
+"""Groups and data sets that an HDF5 file is searched through."""
+
+TITLE = "Unreadable file"
+
+
+def check_columns(number: int) -> None:
+    """Refuse a file of more columns than any recording has."""
+    if number > MOST_COLUMNS:
+        raise RecordingError(
+            f"The file has {number} columns; at most {MOST_COLUMNS} are read. If rows and columns are exchanged, "
+            "transpose the table; otherwise export only the signals of the joints.",
+            title=TITLE,
+        )
+
+
+def check_chunk(size: int, where: str) -> None:
+    """Refuse a part of a file that unpacks to more at once than loggers write.
+
+    Parameters
+    ----------
+    size : int
+        Bytes that the part unpacks to.
+    where : str
+        Which part it is, for the message.
+
+    Raises
+    ------
+    RecordingError
+        For a part of more than `LARGEST_CHUNK` bytes.
+    """
+    if size > LARGEST_CHUNK:
+        raise RecordingError(
+            f"{where} unpacks to {size / 2**20:.0f} MB at once; at most {LARGEST_CHUNK >> 20} MB are read. Write the "
+            "file in smaller chunks.",
+            title=TITLE,
+        )
+
+
+def check_unpacked(size: int, file_size: int, smallest: int | None = None) -> None:
+    """Refuse a file whose content is many times larger than the file, and than `smallest` bytes.
+
+    Parameters
+    ----------
+    size : int
+        Bytes that the file unpacks to.
+    file_size : int
+        Bytes of the file as it is stored.
+    smallest : int, optional
+        Bytes to which any file may unpack; `MOST_UNPACKED` where not given.
+
+    Raises
+    ------
+    RecordingError
+        For a file that unpacks to more.
+    """
+    most = max(MOST_UNPACKED if smallest is None else smallest, MOST_TIMES * file_size)
+    if size > most:
+        raise RecordingError(
+            f"The content of the file unpacks to more than {most / 2**20:.0f} MB, from {file_size / 2**20:.3g} MB: "
+            "signals do not compress so well. If the file is right, store it without compression.",
+            title=TITLE,
+        )
+
+
+def choose_block_rows(columns: int) -> int:
+    """Return how many rows are read at once of a file with so many columns."""
+    # A wide file has shorter blocks: it is the number of values that takes memory.
+    return max(1, min(BLOCK_ROWS, BLOCK_VALUES // max(columns, 1)))
+
+
+class UnpackedSize:
+    """Counts the bytes that a file has unpacked to.
+
+    Parameters
+    ----------
+    file_size : int
+        Bytes of the file as it is stored.
+    smallest : int, optional
+        Bytes to which any file may unpack; `MOST_UNPACKED` where not given.
+    """
+
+    def __init__(self, file_size: int, smallest: int | None = None) -> None:
+        self._file_size, self._smallest, self._size = file_size, smallest, 0
+
+    def add(self, size: int) -> None:
+        """Count more bytes; raise `RecordingError` if a file of this size never unpacks to so many."""
+        self._size += size
+        check_unpacked(self._size, self._file_size, self._smallest)

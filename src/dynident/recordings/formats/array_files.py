@@ -1,0 +1,286 @@
+"""Files that hold arrays by name (MAT, HDF5, NumPy): columns of one common length, read part by part, never whole."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import IO, Any
+
+import numpy as np
+import pyarrow as pa
+
+from dynident.array_types import FloatArray
+from dynident.recordings.arrow_tables import from_numbers
+from dynident.recordings.file_size_limits import TITLE, check_columns, choose_block_rows
+from dynident.recordings.file_source import FileSource
+from dynident.recordings.recording_metadata import RecordingError
+
+_AT_ONCE = 2**20
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayPlace:
+    """Where an array lies: the file, the first byte, how numbers are stored, and which axis runs first."""
+
+    file: IO[bytes]
+    start: int
+    kind: np.dtype[Any]
+    shape: tuple[int, ...]
+    by_columns: bool
+
+    @property
+    def end(self) -> int:
+        """The first byte behind the array."""
+        return self.start + self.kind.itemsize * math.prod(self.shape)
+
+    def to_array(self, name: str, field: str | None = None) -> StoredArray:
+        """Return the array under a name; `field` is one of its records', if it holds some."""
+        inner = () if field is None else self.kind[field].shape
+        shape = (*self.shape, *inner)
+
+        def read(first: int, last: int, axis: int) -> FloatArray:
+            if axis < len(self.shape):
+                values = self._read_rows(first, last, axis)
+                return np.asarray(values if field is None else values[field], dtype=np.float64)
+            # The rows run within the records, of which there are fewer than rows.
+            records = self._read_rows(0, self.shape[0], 0)
+            return np.array(records[field][:, first:last].T, dtype=np.float64)
+
+        return StoredArray(name, shape, read)
+
+    def _read_rows(self, first: int, last: int, axis: int) -> np.ndarray[Any, Any]:
+        """Return the part from `first` to `last` along an axis, which becomes the first axis."""
+        lines = self.shape[::-1] if self.by_columns else self.shape
+        width = math.prod(lines[1:])
+        # Along the slow axis the rows are contiguous; along the other one each line is read in a piece of its own.
+        if axis == (len(self.shape) - 1 if self.by_columns else 0):
+            return self._read_numbers(first * width, (last - first) * width).reshape(last - first, *lines[1:])
+        return np.stack([self._read_numbers(line * width + first, last - first) for line in range(lines[0])], axis=1)
+
+    def _read_numbers(self, first: int, count: int) -> np.ndarray[Any, Any]:
+        # Reading at a place moves no position, so that all arrays of a file can share it.
+        data = os.pread(self.file.fileno(), count * self.kind.itemsize, self.start + first * self.kind.itemsize)
+        return np.frombuffer(data, dtype=self.kind, count=count)
+
+
+class BoundedFile:
+    """A file that is never asked for more bytes than it has left: Python would allocate whatever is requested.
+
+    Parameters
+    ----------
+    file : binary file
+        The open file.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.size = os.fstat(file.fileno()).st_size
+
+    def read(self, size: int = -1) -> bytes:
+        """Read at most so many bytes; all that are left if `size` is negative."""
+        n_left = max(self.size - self._file.tell(), 0)
+        return self._file.read(n_left if size < 0 else min(size, n_left))
+
+    def readline(self, size: int = -1) -> bytes:
+        """Read a line."""
+        return self._file.readline(size)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Go to a byte."""
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        """Return the position of the next byte."""
+        return self._file.tell()
+
+    def seekable(self) -> bool:
+        """Return True."""
+        return True
+
+    def fileno(self) -> int:
+        """Return the number of the open file."""
+        return self._file.fileno()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+class UnpackedParts:
+    """The decompressed parts of a file, one behind another in a temporary file, where parts of them can be read.
+
+    Parameters
+    ----------
+    size : int
+        Bytes of all parts.
+
+    Raises
+    ------
+    RecordingError
+        The disk has no room for them.
+    """
+
+    def __init__(self, size: int) -> None:
+        free = shutil.disk_usage(tempfile.gettempdir()).free
+        if size > free:
+            detail = f"The file unpacks to {size / 2**20:.0f} MB, but only {free / 2**20:.0f} MB are free on the disk."
+            raise RecordingError(detail, title="Not enough disk space")
+        self.file: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it is closed with the arrays that lie in it
+
+    def append(self, read: Callable[[int], bytes], size: int) -> tuple[int, int]:
+        """Unpack one more part.
+
+        Parameters
+        ----------
+        read : callable
+            Gives the next bytes, at most so many, and none at the end.
+        size : int
+            Bytes that it says to unpack to. `ValueError` where there are fewer; more are not read.
+
+        Returns
+        -------
+        int, int
+            Its first byte, and the first one behind it.
+        """
+        start, n_left = self.file.seek(0, 2), size
+        # In pieces, so that memory does not grow with the file.
+        while n_left and (part := read(min(_AT_ONCE, n_left))):
+            n_left -= len(part)
+            self.file.write(part)
+        if n_left:
+            raise ValueError("a compressed part ends too early")
+        # Arrays are read by the file's number, past Python's buffer: what waits in it would be missing.
+        self.file.flush()
+        return start, start + size
+
+
+FEWEST_ROWS = 8
+"""Arrays that are shorter both ways are settings, not signals."""
+
+_PERIOD = re.compile(r"ts|dt|delta_?t|(sampl\w*_?)?(time_?step|period)|sampl\w*_?time", re.IGNORECASE)
+_RATE = re.compile(r"fs|f_?s\w*_?hz|hz|(sampl\w*_?)?(rate|freq|frequency)(_?hz)?", re.IGNORECASE)
+"""Names of single numbers that say how far apart the rows are, in s, and how many a second there are."""
+_SLOWEST, _FASTEST = 1.0, 1e5
+"""Hz that are believed: ms taken for s would be slower."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredArray:
+    """One array of a file: its name, its shape (one or two axes), and the function that reads a part of it.
+
+    `read(first, last, axis)` takes the axis that the rows run along, and returns (rows, width) or (rows,).
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    read: Callable[[int, int, int], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class _ArrayColumn:
+    stored: StoredArray
+    axis: int
+    index: int
+
+
+class ArrayFileSource(FileSource):
+    """The arrays of a file as columns: an array q of m x 6 is q1 … q6, whichever way it lies."""
+
+    def __init__(self, arrays: Sequence[StoredArray]) -> None:
+        self._places: dict[str, _ArrayColumn] = {}
+        self.stated_rate = _find_stated_rate(arrays)
+        arrays = [
+            array
+            for array in arrays
+            if 1 <= len(array.shape) <= 2 and min(array.shape) > 0 and max(array.shape) >= FEWEST_ROWS
+        ]
+        if not arrays:
+            raise RecordingError("The file contains no arrays of numbers with rows.", title=TITLE)
+        # Arrays do not say which of their axes is time: it is the length that they share.
+        self._length = _find_length(arrays)
+        # The common group is stripped of names before arrays of other lengths, settings mostly, are left out.
+        prefix = _find_prefix([array.name for array in arrays])
+        arrays = [array for array in arrays if self._length in array.shape]
+        check_columns(sum(math.prod(array.shape) // self._length for array in arrays))
+        for array in arrays:
+            axis = array.shape.index(self._length)
+            width = array.shape[1 - axis] if len(array.shape) == 2 else 1
+            name = array.name[len(prefix) :] or "column"
+            joint = "_" if name[-1].isdigit() else ""
+            for index in range(width):
+                column = name if width == 1 else f"{name}{joint}{index + 1}"
+                self._places[column] = _ArrayColumn(array, axis, index)
+        super().__init__(list(self._places))
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        # Arrays of several columns are read once for each block, not once for each column.
+        step = choose_block_rows(len(self._places))
+        for first in range(0, self._length, step):
+            last = min(first + step, self._length)
+            blocks: dict[int, FloatArray] = {}
+            values = []
+            for column in columns:
+                place = self._places[column]
+                whole = blocks.get(id(place.stored))
+                if whole is None:
+                    whole = blocks[id(place.stored)] = _read_rows(place, first, last)
+                values.append(from_numbers(np.asarray(whole[:, place.index], dtype=np.float64)))
+            yield pa.RecordBatch.from_arrays(values, names=columns)
+
+
+def _read_rows(place: _ArrayColumn, first: int, last: int) -> FloatArray:
+    """Read the rows of an array, and say which array it is if that fails."""
+    try:
+        return place.stored.read(first, last, place.axis).reshape(last - first, -1)
+    except (OSError, RuntimeError, TypeError, ValueError, ArithmeticError) as error:
+        raise RecordingError(
+            f"{place.stored.name} cannot be read from row {first + 1} on: {error}",
+            pointer=place.stored.name,
+            title=TITLE,
+        ) from error
+
+
+def _find_stated_rate(arrays: Sequence[StoredArray]) -> float | None:
+    """Return the Hz that a single number of the file says, such as Ts = 0.005; None where none or several do."""
+    rates = set()
+    for array in arrays:
+        name = re.split(r"[./]", array.name)[-1]
+        if math.prod(array.shape) != 1 or not (_PERIOD.fullmatch(name) or _RATE.fullmatch(name)):
+            continue
+        value = float(np.ravel(array.read(0, 1, 0))[0])
+        rate = value if _RATE.fullmatch(name) else 1.0 / value if value > 0.0 else 0.0
+        if _SLOWEST <= rate <= _FASTEST:
+            rates.add(rate)
+    return rates.pop() if len(rates) == 1 else None
+
+
+def _find_length(arrays: Sequence[StoredArray]) -> int:
+    """Return the number of rows: the length that most columns share, and of these the largest.
+
+    It is the longer side of one array at the least: a recording has more rows than signals.
+    """
+    longer = {max(array.shape) for array in arrays}
+    shared: Counter[int] = Counter()
+    for array in arrays:
+        for axis, size in enumerate(array.shape):
+            if size >= FEWEST_ROWS and size in longer:
+                # A square or wide array of settings may have many columns: it counts as no more than 64.
+                shared[size] += min(64, array.shape[1 - axis]) if len(array.shape) == 2 else 1
+    return max(shared, key=lambda size: (shared[size], size))
+
+
+def _find_prefix(names: Sequence[str]) -> str:
+    """Return the group that all arrays are in, which says nothing."""
+    if len(names) < 2:
+        return ""
+    shortest = min(names, key=len)
+    for cut in range(len(shortest), 0, -1):
+        if shortest[cut - 1] in "./" and all(name.startswith(shortest[:cut]) for name in names):
+            return shortest[:cut]
+    return ""

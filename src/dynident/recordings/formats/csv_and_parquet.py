@@ -1,0 +1,191 @@
+"""Tables: CSV in its dialects, and Parquet."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import IO
+
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+
+from dynident.recordings.arrow_tables import open_parquet_stream, parse_numbers
+from dynident.recordings.cells_without_numbers import (
+    expand_lists,
+    expand_names,
+    find_stored_name,
+    list_columns,
+    name_list_places,
+)
+from dynident.recordings.csv_dialects import Dialect, detect_dialect, dialect_bytes, empty_repeated_names
+from dynident.recordings.file_size_limits import TITLE, check_columns, check_unpacked, choose_block_rows
+from dynident.recordings.file_source import FileSource
+from dynident.recordings.formats.text_streams import RewrittenText, TextContent
+from dynident.recordings.recording_metadata import RecordingError
+
+CSV_BLOCK_BYTES = 1 << 19
+"""Arrow reads up to 32 such blocks ahead; smaller ones are as fast, and 4 MiB took 150 MB."""
+
+_VALUE_BYTES = 8
+_BROKEN_PARQUET = (pa.ArrowException, OSError, ValueError, KeyError, UnicodeError)
+"""What pyarrow raises of files that are damaged."""
+
+_NULLS = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "null", "NULL", "None", "inf", "-inf", "Inf", "-Inf"]
+
+
+class ParquetFileSource(FileSource):
+    """A user's Parquet file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        try:
+            with open_parquet_stream(path) as file:
+                _check_parquet(file.metadata, path.stat().st_size)
+                schema = file.schema_arrow
+                self.has_gaps = _has_nulls(file.metadata)
+            self._lists = name_list_places(path, list_columns(path, schema))
+            super().__init__(expand_names(schema, self._lists))
+        except _BROKEN_PARQUET as error:
+            raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        try:
+            with open_parquet_stream(self._path) as file:
+                stored = list(dict.fromkeys(find_stored_name(name, self._lists) for name in columns))
+                rows = choose_block_rows(len(self.names))
+                for batch in file.iter_batches(rows, columns=stored, use_threads=False):
+                    yield expand_lists(batch, columns, self._lists) if self._lists else batch
+        except _BROKEN_PARQUET as error:
+            raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
+
+
+def _has_nulls(metadata: pq.FileMetaData) -> bool:
+    """Return whether the first rows have empty cells, as far as the file's statistics say."""
+    if not metadata.num_row_groups:
+        return False
+    group = metadata.row_group(0)
+    all_statistics = (group.column(k).statistics for k in range(group.num_columns))
+    return any(
+        statistics is not None and statistics.has_null_count and bool(statistics.null_count)
+        for statistics in all_statistics
+    )
+
+
+def _check_parquet(metadata: pq.FileMetaData, size: int) -> None:
+    """Refuse a file that is said to hold many times its size: in bytes, or in values, which may be repeated."""
+    check_columns(metadata.num_columns)
+    groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
+    check_unpacked(sum(group.total_byte_size for group in groups), size)
+    values = sum(group.column(k).num_values for group in groups for k in range(group.num_columns))
+    check_unpacked(max(values, metadata.num_rows) * _VALUE_BYTES, size)
+
+
+class CsvFileSource(FileSource):
+    """A user's CSV file: comma, semicolon, tab or bar between columns; point or comma in numbers."""
+
+    def __init__(self, content: TextContent) -> None:
+        self._content = content
+        self._dialect = detect_dialect(content.read_start(dialect_bytes))
+        check_columns(len(self._dialect.names))
+        super().__init__(self._dialect.names, self._dialect.units)
+        self.texts = dict(self._dialect.texts)
+        self.has_gaps = self._dialect.has_gaps
+        self._worded: set[str] = set()
+        self._is_rewritten = False
+
+    def _open_text(self) -> str | IO[bytes]:
+        """Return what pyarrow reads: the path if its lines are plain, which is fastest, else a stream."""
+        dialect, plain = self._dialect, self._content.plain_path
+        if dialect.rewrite or dialect.encoding != "utf-8":
+            return io.BufferedReader(RewrittenText(self._content.open(), dialect.rewrite, dialect.encoding))
+        return self._content.open() if plain is None else str(plain)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        # Rows given before a word was found are skipped when the file is read again.
+        n_given = 0
+        while True:
+            try:
+                n_skipped = n_given
+                for batch in self._parse_batches(columns):
+                    new = batch.slice(min(n_skipped, batch.num_rows))
+                    n_skipped -= batch.num_rows - new.num_rows
+                    if new.num_rows:
+                        n_given += new.num_rows
+                        yield new
+                return
+            except pa.ArrowInvalid as error:
+                column = _find_word_column(str(error), self._dialect)
+                if column is None or column in self._worded:
+                    raise _make_csv_error(str(error), self._dialect) from error
+                if f"invalid value '{column}'" in str(error) and not self._is_rewritten:
+                    # Read again with these lines empty, which Arrow passes by: the rows above them stay the same.
+                    self._is_rewritten = True
+                    empty_names = partial(empty_repeated_names, dialect=self._dialect)
+                    self._dialect = replace(self._dialect, rewrite=(*self._dialect.rewrite, empty_names))
+                    continue
+                # Read again: words among the numbers of a column are cells without one.
+                self._worded.add(column)
+
+    def _parse_batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        dialect = self._dialect
+        # Arrow stops at the first cell that is no number: columns with words are read as text.
+        words = self._worded | self.texts.keys()
+        types = {name: pa.string() if name in words else pa.float64() for name in columns}
+        with pacsv.open_csv(
+            self._open_text(),
+            read_options=pacsv.ReadOptions(
+                column_names=list(dialect.names),
+                skip_rows=dialect.lines_before_data,
+                block_size=CSV_BLOCK_BYTES,
+                use_threads=False,
+            ),
+            parse_options=pacsv.ParseOptions(delimiter=dialect.delimiter),
+            convert_options=pacsv.ConvertOptions(
+                include_columns=columns,
+                column_types=types,
+                null_values=_NULLS,
+                decimal_point=dialect.decimal_point,
+            ),
+        ) as reader:
+            for batch in reader:
+                yield self._parse_word_columns(batch) if self._worded.intersection(columns) else batch
+
+    def _parse_word_columns(self, batch: pa.RecordBatch) -> pa.RecordBatch:
+        """Return the batch with numbers in columns with words; a word is a missing value."""
+        arrays = []
+        for name, column in zip(batch.schema.names, batch.columns, strict=True):
+            if name in self._worded:
+                column = parse_numbers(column, self._dialect.decimal_point)
+            arrays.append(column)
+        return pa.RecordBatch.from_arrays(arrays, names=batch.schema.names)
+
+
+def _find_word_column(message: str, dialect: Dialect) -> str | None:
+    """Return the column in which pyarrow found something else than a number; None for any other error."""
+    column = re.search(r"CSV column #(\d+)", message)
+    if column is None or "invalid value" not in message:
+        return None
+    return dialect.names[int(column.group(1))]
+
+
+def _make_csv_error(message: str, dialect: Dialect) -> RecordingError:
+    """Return pyarrow's error in the user's terms: the column by name, the row of data."""
+    row = re.search(r"Row #(\d+)", message)
+    column = re.search(r"CSV column #(\d+)", message)
+    # Arrow counts the lines of the file, and users the rows of data.
+    number = int(row.group(1)) - dialect.lines_before_data if row else None
+    name = dialect.names[int(column.group(1))] if column else ""
+    value = re.search(r"invalid value '(.*)'", message)
+    where = (f" in column {name}" if name else "") + (f", row {number}" if number else "")
+    if value:
+        detail = f"{value.group(1)!r}{where} is not a number."
+        if "," in value.group(1) and dialect.delimiter == ",":
+            detail += " With decimal commas, separate the columns by semicolons."
+    else:
+        detail = f"The file cannot be read as CSV{where}: {message.split(': ', 1)[-1]}"
+    return RecordingError(detail, pointer=name, title="Not a number" if value else "Unreadable file", row=number)

@@ -1,0 +1,219 @@
+"""Open a file of any format: the format is told from its first bytes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import get_args
+
+from dynident.recordings.cells_without_numbers import read_word_cells
+from dynident.recordings.file_names_and_digests import split_path
+from dynident.recordings.file_source import FileSource
+from dynident.recordings.formats import json_records
+from dynident.recordings.formats.csv_and_parquet import CsvFileSource, ParquetFileSource
+from dynident.recordings.formats.kuka_rsi import START, open_telegrams
+from dynident.recordings.formats.multiple_files import has_arrays, open_joined_files
+from dynident.recordings.formats.text_streams import TextContent
+from dynident.recordings.recording_metadata import Format, RecordingError
+from dynident.recordings.sample_series_join import join_sparse_rows
+from dynident.recordings.time_columns import add_stated_time, is_time_name, join_split_stamps
+from dynident.text_encoding import escape_surrogates
+
+FORMATS: tuple[str, ...] = get_args(Format)
+
+_STARTS: tuple[tuple[bytes, Format], ...] = (
+    (b"PAR1", "parquet"),
+    (b"\x93NUMPY", "npy"),
+    (b"PK\x03\x04", "npz"),
+    (b"MATLAB 5.0", "mat"),
+    (b"MATLAB 7.3", "hdf5"),
+    (b"\x89HDF", "hdf5"),
+    (b"#ROSBAG", "rosbag"),
+    (b"SQLite format 3", "rosbag2"),
+    (b"\x89MCAP", "mcap"),
+)
+
+_NOT_READ = (
+    (b"\xd0\xcf\x11\xe0", "an Excel workbook (.xls): save the sheet as CSV."),
+    (b"\x80\x04", "a pickle of Python, which may run programs and is never opened: save the table as CSV or Parquet."),
+    (b"\x80\x05", "a pickle of Python, which may run programs and is never opened: save the table as CSV or Parquet."),
+    (b"ULog", "a log of PX4 (.ulg): convert it with ulog2csv."),
+    (b"header:", "a printout of messages: record a bag, or write a table with `ros2 topic echo --csv TOPIC`."),
+    (b"---\nheader:", "a printout of messages: record a bag, or write a table with `ros2 topic echo --csv TOPIC`."),
+)
+_WRITTEN = {"csv": "CSV", "parquet": "Parquet", "jsonl": "JSON"}
+_LOOKED_AT = 4096
+"""Bytes: a logger may write some lines of its own before the first telegram."""
+
+
+def format_of(path: Path) -> str:
+    """Return the name of a file's format; "csv" for whatever is none of the others.
+
+    Parameters
+    ----------
+    path : path
+        Of several files, the first counts.
+
+    Returns
+    -------
+    str
+        One of `FORMATS`; "zip" is an archive of text files.
+
+    Raises
+    ------
+    RecordingError
+        For an empty file, or one of a format that is known and not read.
+    """
+    parts = split_path(path)
+    if len(parts) > 1:
+        return format_of(parts[0])
+    content = TextContent(path)
+    start = content.read_start(_LOOKED_AT)
+    if not start:
+        raise RecordingError("The file is empty.", title="Unreadable file")
+    detected = next((name for first, name in _STARTS if start.startswith(first)), None)
+    # What was read is unpacked already: it shows what the compressed file holds.
+    if content.compression is not None and (detected or START.search(start)):
+        raise RecordingError(
+            f"The file has the format {detected or 'rsi'} and is compressed with {content.compression}; only "
+            "compressed text can be read directly. Unpack the file first.",
+            title="Unreadable file",
+        )
+    # Both are archives of ZIP: their members tell NumPy's from one with text files.
+    if detected == "npz":
+        return "npz" if has_arrays(path) else "zip"
+    if detected is not None:
+        return detected
+    _refuse_foreign(start)
+    if json_records.START.search(start):
+        return "jsonl"
+    return "rsi" if START.search(start) else "csv"
+
+
+def _refuse_foreign(start: bytes) -> None:
+    """Refuse files of formats that are known but not read, and say what to do."""
+    for begin, advice in _NOT_READ:
+        if start.startswith(begin):
+            raise RecordingError(f"The file is {advice}", title="Unreadable file")
+
+
+def open_source(path: Path, file_format: str | None, rate: float | None = None) -> FileSource:
+    """Open a user's file.
+
+    Parameters
+    ----------
+    path : path
+        Of one file, or of several that are one recording: q.csv+dq.csv+tau.csv.
+    file_format : str, optional
+        Told from its first bytes if not given.
+    rate : float, optional
+        Hz of the rows, if they have no time.
+
+    Returns
+    -------
+    FileSource
+        Its columns, with times joined and rows of several series brought together.
+
+    Raises
+    ------
+    RecordingError
+        If the file is empty, or not what it is said to be, or its name is no text.
+    """
+    if escape_surrogates(str(path)) != str(path):
+        raise RecordingError(
+            f"The file's name {escape_surrogates(path.name)!r} is not UTF-8; rename the file.", title="Unreadable file"
+        )
+    # Each wrapper repairs one thing: words in cells first, since times may be among them; then split stamps; then
+    # rows of several series; the stated rate last, which replaces any time.
+    source = _open_source(path, file_format)
+    if rate is None and not any(is_time_name(name) for name in source.names):
+        rate = source.stated_rate
+        if rate is not None:
+            source.remarks += (
+                f"No column is a time: by what the file says beside its columns the rate is {rate:g} Hz.",
+            )
+    return add_stated_time(join_sparse_rows(join_split_stamps(read_word_cells(source))), rate)
+
+
+def _open_source(path: Path, file_format: str | None) -> FileSource:
+    parts = split_path(path)
+    if len(parts) > 1:
+        return _join_files(path, parts)
+    detected = format_of(path)
+    if file_format == "parquet" and detected == "csv":
+        return ParquetFileSource(path)  # which says what is wrong with it
+    # MATLAB's files from version 7.3 on are HDF5.
+    if file_format not in (None, detected) and (detected, file_format) != ("hdf5", "mat"):
+        raise RecordingError(
+            f"The file is {_WRITTEN.get(detected, detected)}, not {_WRITTEN.get(file_format, file_format)}; say "
+            f'"format": "{detected}".',
+            pointer="/format",
+        )
+    if detected == "parquet":
+        return ParquetFileSource(path)
+    if detected in ("csv", "jsonl"):
+        return open_text(TextContent(path))
+    if detected == "zip":
+        return _join_files(path, parts)
+    return _open_foreign(path, detected)
+
+
+def _join_files(path: Path, parts: list[Path]) -> FileSource:
+    """Open the files of a recording in several files, or those in an archive."""
+    for part in parts:
+        name = format_of(part)
+        if len(parts) > 1 and name not in ("csv", "jsonl"):
+            raise RecordingError(
+                f"{part.name} has the format {name}; only text files (CSV or JSON) can be joined.",
+                title="Unreadable file",
+            )
+    return open_joined_files(
+        path, parts, lambda content: join_sparse_rows(join_split_stamps(read_word_cells(open_text(content))))
+    )
+
+
+def open_text(content: TextContent) -> FileSource:
+    """Open text: JSON, or a table.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read.
+    """
+    is_json = json_records.START.search(content.read_start(_LOOKED_AT))
+    return json_records.open_json(content) if is_json else CsvFileSource(content)
+
+
+def _open_foreign(path: Path, name: str) -> FileSource:
+    """Open a file of a format that is neither CSV nor Parquet.
+
+    Raises
+    ------
+    RecordingError
+        For a file that cannot be read, or a package that reads it and is not installed.
+    """
+    try:
+        # Each reader is loaded when it is needed: its package may not be installed.
+        if name in ("npy", "npz"):
+            from dynident.recordings.formats.numpy_files import open_numpy
+
+            return open_numpy(path, name)
+        if name == "mat":
+            from dynident.recordings.formats.matlab import open_matlab
+
+            return open_matlab(path)
+        if name == "hdf5":
+            from dynident.recordings.formats.hdf5 import open_hdf5
+
+            return open_hdf5(path)
+        if name == "rsi":
+            return open_telegrams(path)
+        from dynident.recordings.formats.bags import open_bag
+
+        return open_bag(path, name)
+    except ModuleNotFoundError as missing:
+        raise RecordingError(
+            f"Reading files of the format {name} needs the package {missing.name}, which is not installed: pip "
+            "install 'dynident[formats]'. Or export the file as CSV or Parquet.",
+            pointer="/format",
+            title="Not installed",
+        ) from missing

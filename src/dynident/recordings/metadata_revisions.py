@@ -1,0 +1,177 @@
+"""Revise the metadata of a file: other windows, another order, a sign, a unit; the file itself stays as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import get_args
+
+from dynident.recordings.recording_metadata import Axis, Check, RecordingError, RecordingMetadata, Revision, Windows
+
+
+def adapt_cures(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Sequence[str]) -> tuple[Check, ...]:
+    """Return checks whose proposed revisions take the present metadata into account.
+
+    A check sees the recording as it was read, and knows neither the order nor the signs nor the delay that were stated.
+
+    Parameters
+    ----------
+    checks : sequence of Check
+        Checks of the recording as it was read.
+    metadata : RecordingMetadata
+        What the user says of the file.
+    joint_names : sequence of str
+        Names of the n joints, in the robot's order.
+
+    Returns
+    -------
+    tuple of Check
+        The same checks, with revisions of the file.
+    """
+    return tuple(
+        check if check.apply is None else replace(check, apply=adapt_revision(check.apply, metadata, joint_names))
+        for check in checks
+    )
+
+
+def adapt_revision(revision: Revision, metadata: RecordingMetadata, joint_names: Sequence[str]) -> Revision:
+    """Return a revision of the recording as it was read as a revision of its file.
+
+    Parameters
+    ----------
+    revision : Revision
+        Found on the recording, to which the metadata were applied already.
+    metadata : RecordingMetadata
+        What the user says of the file.
+    joint_names : sequence of str
+        Names of the n joints, in the robot's order.
+
+    Returns
+    -------
+    Revision
+        What is to be said of the file.
+    """
+    before = ColumnArrangement(metadata, joint_names)
+    n = before.n
+    permutation = {
+        kind: tuple(before.find_source_joint(kind, column - 1) + 1 for column in order)
+        for kind, order in revision.permutation.items()
+    }
+    signs: dict[str, float] = {}
+    scale: dict[str, float] = {}
+    for kind in get_args(Axis):
+        # Signs and factors are stated of joints, and belong to columns: a new order takes them along.
+        order = revision.permutation.get(kind, tuple(range(1, n + 1)))
+        for stated, new, changed in ((before.sign, revision.signs, signs), (before.scale, revision.scale, scale)):
+            for joint, column in enumerate(order):
+                # A sign goes with its column to the joint that reads it from now on.
+                value = new.get(f"{kind}{joint + 1}", 1.0) * stated(kind, column - 1)
+                if value != stated(kind, joint):
+                    changed[f"{kind}{joint + 1}"] = value
+    # What was found comes on top of what was corrected while reading.
+    delay = None if revision.torque_delay is None else metadata.torque_delay + revision.torque_delay
+    exclude = None if revision.exclude is None else (*metadata.exclude, *revision.exclude)
+    return replace(revision, permutation=permutation, signs=signs, scale=scale, torque_delay=delay, exclude=exclude)
+
+
+def exclude_from_windows(windows: Windows, exclude: Windows, first: float, last: float) -> Windows:
+    """Return the windows to use when some seconds of t are excluded.
+
+    Parameters
+    ----------
+    windows : pairs (from, to)
+        Seconds of t to use; empty: all of the recording.
+    exclude : pairs (from, to)
+        Seconds of t to leave out.
+    first, last : float
+        Times of the recording's ends in s.
+
+    Returns
+    -------
+    pairs (from, to)
+        Seconds of t that are left.
+
+    Raises
+    ------
+    RecordingError
+        If nothing is left.
+    """
+    remaining = [(float(start), float(end)) for start, end in (windows or ((first, last),))]
+    if not exclude:
+        return windows
+    for start, end in exclude:
+        # Of every window, what lies before the excluded interval and what lies behind it; either may be empty.
+        parts = [((a, min(b, start)), (max(a, end), b)) for a, b in remaining]
+        remaining = [part for pair in parts for part in pair if part[1] > part[0]]
+    if not remaining:
+        raise RecordingError(
+            f"exclude removes the whole recording, which runs from {first:.6g} to {last:.6g} s.",
+            pointer="/exclude",
+            title="Empty window",
+        )
+    return tuple(remaining)
+
+
+class ColumnArrangement:
+    """Which joint's columns each joint reads, and the factor that they are multiplied by."""
+
+    def __init__(self, metadata: RecordingMetadata, joint_names: Sequence[str]) -> None:
+        self._names = tuple(joint_names)
+        self._metadata = metadata
+        self._check()
+
+    def find_source_joint(self, kind: str, joint: int) -> int:
+        """Return the joint, from 0, whose column is read for a signal of a joint."""
+        group = _GROUPS.get(kind)
+        order = None if group is None else self._metadata.permutation.get(group)
+        return joint if order is None else order[joint] - 1
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self._names)
+
+    def factor(self, kind: str, joint: int) -> float:
+        """Return what the column that is read is multiplied by, besides its unit."""
+        group = _GROUPS.get(kind)
+        return 1.0 if group is None else self.sign(group, joint) * self.scale(group, joint)
+
+    def sign(self, group: str, joint: int) -> float:
+        """Return 1 or -1 for a joint's position ("q") or torque ("tau")."""
+        return self._find_value(self._metadata.signs, group, joint)
+
+    def scale(self, group: str, joint: int) -> float:
+        """Return the factor of a joint's position or torque."""
+        return self._find_value(self._metadata.scale, group, joint)
+
+    def _find_value(self, values: Mapping[str, float], group: str, joint: int) -> float:
+        keys = (f"{group}{joint + 1}", f"{group}_{self._names[joint]}", group)
+        return float(next((values[key] for key in keys if key in values), 1.0))
+
+    def _check(self) -> None:
+        n, metadata = len(self._names), self._metadata
+        for kind, order in metadata.permutation.items():
+            if kind not in ("q", "tau") or sorted(order) != list(range(1, n + 1)):
+                raise RecordingError(
+                    f"permutation gives {kind!r} the order {list(order)}; give q or tau the numbers 1 to {n}, each "
+                    "once: entry k is the number of the column of joint k.",
+                    pointer=f"/permutation/{kind}",
+                    title="Unusable order",
+                )
+        endings = ["", *(str(joint + 1) for joint in range(n)), *(f"_{name}" for name in self._names)]
+        known_keys = {f"{kind}{ending}" for kind in ("q", "tau") for ending in endings}
+        for field_name, values in (("signs", metadata.signs), ("scale", metadata.scale)):
+            for key, value in values.items():
+                if key not in known_keys:
+                    raise RecordingError(
+                        f"{field_name} names {key!r}; name q, tau, or the signal of one joint: tau2, "
+                        f"tau_{self._names[0]}.",
+                        pointer=f"/{field_name}/{key}",
+                        title="Unknown column",
+                    )
+                if field_name == "signs" and abs(value) != 1.0:
+                    raise RecordingError(f"signs of {key} is {value}; give 1 or -1.", pointer=f"/signs/{key}")
+
+
+_GROUPS: dict[str, Axis] = {"q": "q", "q_command": "q", "dq": "q", "ddq": "q", "tau": "tau", "current": "tau"}
+"""Signals that change place and sign together."""

@@ -1,0 +1,349 @@
+"""Series of samples with clocks of their own, in tables of sparse rows too: joined on the time of one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from dynident.array_types import BoolArray, FloatArray
+from dynident.recordings.arrow_tables import batch_from_arrays
+from dynident.recordings.file_size_limits import choose_block_rows
+from dynident.recordings.file_source import FileSource, to_float_column
+from dynident.recordings.recording_metadata import RecordingError
+from dynident.recordings.time_columns import is_time_name
+
+_LOOKED_AT = 4000
+_BLOCK_SAMPLES = 8192
+_FEWEST = 8
+"""Samples of a signal in the rows that are looked at, of which its pattern can be told."""
+_FULL = 0.7
+"""Share of its rows that a signal has, from which on the others are single samples that were lost."""
+_SLOWEST = 0.03
+"""Share below which a signal beside full rows is one that is held, as of a thermometer: not read between samples."""
+_RUN = 20.0
+"""Usual steps by which the time goes back where another run begins."""
+
+
+@dataclass(frozen=True)
+class _SeriesPattern:
+    """The column of time, columns by series, the usual steps of each, and the one whose samples are the rows."""
+
+    time: str
+    series: Mapping[str, tuple[str, ...]]
+    steps: Mapping[str, float]
+    main: str
+    main_is_full: bool
+
+
+class SparseSource(FileSource):
+    """A table whose series were joined: the rows of the most frequent one, the others read at their times."""
+
+    def __init__(self, source: FileSource, pattern: _SeriesPattern) -> None:
+        self._source, self._pattern = source, pattern
+        self._places = {
+            column: name for name, columns in pattern.series.items() if name != pattern.main for column in columns
+        }
+        super().__init__(source.names, source.units)
+        self.sample_rows = source.sample_rows
+        others = ", ".join(_name_columns(columns) for name, columns in pattern.series.items() if name != pattern.main)
+        self.remarks = (
+            *source.remarks,
+            f"Signals are on different rows: the rows of {_name_columns(pattern.series[pattern.main])} are used, and "
+            f"{others} are interpolated linearly at those times.",
+        )
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        pattern = self._pattern
+        own = [name for name in columns if name not in self._places and name != pattern.time]
+        by_series: dict[str, list[str]] = {pattern.main: own}
+        for name in columns:
+            if name in self._places:
+                by_series.setdefault(self._places[name], []).append(name)
+        probe = pattern.series[pattern.main][0]
+        needed = list(
+            dict.fromkeys([pattern.time, probe, *(column for names in by_series.values() for column in names)])
+        )
+        size = min(_BLOCK_SAMPLES, choose_block_rows(len(columns)))
+        join, latest, first_row = self._make_join(by_series, size), -np.inf, 0
+        for batch in self._source.batches(needed):
+            values = {name: to_float_column(batch, name, first_row) for name in needed}
+            t = values[pattern.time]
+            lost = np.flatnonzero(~np.isfinite(t))
+            if len(lost):
+                row = first_row + int(lost[0]) + 1
+                raise RecordingError(
+                    f"Column {pattern.time} has no number in row {row}; every row needs a time, because the signals "
+                    "are joined by time.",
+                    pointer=pattern.time,
+                    title="Time is not a number",
+                    row=row,
+                )
+            back = _RUN * pattern.steps[pattern.main]
+            # Where the time goes back another run begins, and nothing is joined across: what waits is given first.
+            for part in _split_runs(t, back):
+                if len(t[part]) and t[part][0] < latest - back:
+                    yield from self._make_batch(join.rows(last=True), by_series, columns)
+                    join = self._make_join(by_series, size)
+                self._add_samples(join, by_series, {name: column[part] for name, column in values.items()}, probe)
+                latest = float(t[part][-1]) if len(t[part]) else latest
+                if join.is_full:
+                    yield from self._make_batch(join.rows(), by_series, columns)
+            first_row += batch.num_rows
+        yield from self._make_batch(join.rows(last=True), by_series, columns)
+
+    def _make_join(self, by_series: Mapping[str, list[str]], size: int) -> TimeJoin:
+        steps = self._pattern.steps
+        return TimeJoin(
+            {name: SampleSeries(own, steps[name]) for name, own in by_series.items()}, self._pattern.main, size
+        )
+
+    def _add_samples(
+        self, join: TimeJoin, by_series: Mapping[str, list[str]], values: Mapping[str, FloatArray], probe: str
+    ) -> None:
+        t = values[self._pattern.time]
+        for name, own in by_series.items():
+            table = np.column_stack([values[column] for column in own]) if own else np.empty((len(t), 0))
+            if name == self._pattern.main:
+                # Of the main series a row counts if its first column has a number; of others, if any of them has.
+                has_sample = np.isfinite(values[probe]) | self._pattern.main_is_full
+            else:
+                has_sample = np.asarray(np.isfinite(table).any(axis=1))
+            join.add(name, t[has_sample], own, table[has_sample])
+
+    def _make_batch(
+        self, joined: JoinedSamples, by_series: Mapping[str, list[str]], columns: list[str]
+    ) -> Iterator[pa.RecordBatch]:
+        if not len(joined.times):
+            return
+        values = {self._pattern.time: joined.times}
+        for name, own in by_series.items():
+            values |= {column: joined.values[name][:, place] for place, column in enumerate(own)}
+        yield batch_from_arrays(values, columns)
+
+
+def join_sparse_rows(source: FileSource) -> FileSource:
+    """Return the file with its series joined, if they have rows of their own.
+
+    Parameters
+    ----------
+    source : FileSource
+        The file as it is.
+
+    Returns
+    -------
+    FileSource
+        The same object if nothing is to be joined.
+    """
+    if not source.has_gaps:
+        return source
+    pattern = _find_pattern(source)
+    return source if pattern is None else SparseSource(source, pattern)
+
+
+def _name_columns(columns: Sequence[str]) -> str:
+    return columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"
+
+
+def _split_runs(t: FloatArray, back: float) -> list[slice]:
+    """Return slices of rows between which the time goes back by more than `back`."""
+    begins = np.flatnonzero(np.diff(t) < -back) + 1
+    edges = [0, *begins.tolist(), len(t)]
+    return [slice(first, last) for first, last in pairwise(edges)]
+
+
+def _find_pattern(source: FileSource) -> _SeriesPattern | None:
+    """Return which columns have their rows together, from the first rows; None if all have all rows."""
+    blocks, rows = [], 0
+    for block in source.blocks():
+        blocks.append(block[: _LOOKED_AT - rows])
+        rows += len(blocks[-1])
+        if rows >= _LOOKED_AT:
+            break
+    if rows < 2 * _FEWEST:
+        return None
+    values = np.concatenate(blocks)
+    has_value = np.isfinite(values)
+    # Time and row counters never go back and are never empty.
+    running = has_value.all(axis=0) & (np.diff(values, axis=0) >= 0).all(axis=0) & (np.ptp(values, axis=0) > 0)
+    time = _find_time_column(source.names, values, running)
+    if time is None:
+        return None
+    t = values[:, time]
+    patterns: dict[bytes, list[int]] = {}
+    for column in np.flatnonzero(~running & (has_value.sum(axis=0) >= _FEWEST)).tolist():
+        # Columns that are filled in the same rows are one series.
+        patterns.setdefault(np.packbits(has_value[:, column]).tobytes(), []).append(column)
+    groups = sorted(patterns.values(), key=lambda columns: -has_value[:, columns[0]].sum())
+    if not any(_alternates(has_value[:, columns[0]]) for columns in groups):
+        return None
+    main, *others = groups
+    is_full = bool(has_value[:, main[0]].mean() >= _FULL)
+    if is_full:
+        # Signals that are only short of some samples stay in their rows, and so do those that are held.
+        others = [
+            group
+            for group in others
+            if _alternates(has_value[:, group[0]]) and has_value[:, group[0]].mean() >= _SLOWEST
+        ]
+    if not others:
+        return None
+    series = {source.names[group[0]]: tuple(source.names[column] for column in group) for group in (main, *others)}
+    steps = {source.names[group[0]]: float(np.median(np.diff(t[has_value[:, group[0]]]))) for group in (main, *others)}
+    return _SeriesPattern(source.names[time], series, steps, source.names[main[0]], is_full)
+
+
+def _alternates(has_value: BoolArray) -> bool:
+    """Return whether a signal has only part of the rows, and these lie between the others, not in one block."""
+    present = int(has_value.sum())
+    absent = len(has_value) - present
+    begins = int((np.diff(has_value.astype(np.int8)) == 1).sum())
+    return present < _FULL * len(has_value) and begins >= 0.5 * min(present, absent)
+
+
+def _find_time_column(names: Sequence[str], values: FloatArray, running: BoolArray) -> int | None:
+    """Return the column of the time that rows are joined on: one that never goes back, and no row counter."""
+    columns = np.flatnonzero(running).tolist()
+    called = [column for column in columns if is_time_name(names[column])]
+    even = [column for column in columns if not (np.diff(values[:, column]) == 1.0).all()]
+    return next(iter((*called, *even)), None)
+
+
+_LONGEST_STEP = 10.0
+"""Usual steps of a series beyond which it is not read between its samples."""
+_PATIENCE = 8
+"""Blocks of samples after which a series that has fallen silent is not waited for."""
+
+
+class SampleSeries:
+    """The samples of one series that are still needed.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of its columns.
+    step : float
+        Its usual step of time in s.
+    """
+
+    def __init__(self, names: Sequence[str], step: float) -> None:
+        self.names, self._step = tuple(names), step
+        self._places = {name: index for index, name in enumerate(names)}
+        self._times, self._rows = np.empty(0), np.empty((0, len(self.names)))
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    @property
+    def latest(self) -> float:
+        """The time of the last sample."""
+        return float(self._times[-1])
+
+    def add(self, times: FloatArray, names: Sequence[str], values: FloatArray) -> None:
+        """Append samples: times (m,), and values (m, c) of the named columns; others are ignored."""
+        rows = np.full((len(times), len(self.names)), np.nan)
+        positions = [index for index, name in enumerate(names) if name in self._places]
+        rows[:, [self._places[names[index]] for index in positions]] = values[:, positions]
+        self._times = np.concatenate([self._times, times])
+        self._rows = np.concatenate([self._rows, rows])
+
+    def take(self, until: float) -> tuple[FloatArray, FloatArray]:
+        """Return the samples up to a time, and forget them."""
+        count = int(np.searchsorted(np.maximum.accumulate(self._times), until, side="right"))
+        times, rows = self._times[:count], self._rows[:count]
+        self._times, self._rows = self._times[count:], self._rows[count:]
+        return times, rows
+
+    def read_at(self, stamps: FloatArray) -> FloatArray:
+        """Return the values at times (m,), by a straight line between the samples; NaN if there are none near."""
+        result = np.full((len(stamps), len(self.names)), np.nan)
+        if not len(self):
+            return result
+        order = np.argsort(self._times, kind="stable")
+        # Stamps of different sources may come a little out of order.
+        times, rows = self._times[order], self._rows[order]
+        after = np.clip(np.searchsorted(times, stamps), 0, len(times) - 1)
+        before = np.maximum(after - 1, 0)
+        longest = _LONGEST_STEP * max(self._step, 1e-9)
+        # The distance to the nearest sample outside the series, else the gap between the two samples around.
+        near = np.where(
+            stamps > times[-1],
+            stamps - times[-1],
+            np.where(stamps < times[0], times[0] - stamps, times[after] - times[before]),
+        )
+        for index in range(len(self.names)):
+            result[:, index] = np.interp(stamps, times, rows[:, index])
+        # Over a long gap, or beyond the ends, a straight line would invent the signal.
+        result[near > longest] = np.nan
+        return result
+
+    def forget(self, before: float) -> None:
+        """Forget the samples before the last one that is at most at this time."""
+        count = int(np.searchsorted(self._times, before, side="right")) - 1
+        if count > 0:
+            self._times, self._rows = self._times[count:], self._rows[count:]
+
+
+class JoinedSamples(NamedTuple):
+    """Times (m,), and the values (m, c) of every series at them."""
+
+    times: FloatArray
+    values: dict[str, FloatArray]
+
+
+class TimeJoin:
+    """Reads series at the samples of one of them.
+
+    Parameters
+    ----------
+    series : mapping of str to SampleSeries
+        The series by name; samples are added to them in the order of time.
+    main : str
+        The series whose samples are the rows.
+    block_samples : int
+        Samples of the main series that are joined at once.
+    """
+
+    def __init__(self, series: Mapping[str, SampleSeries], main: str, block_samples: int) -> None:
+        self._series, self._main, self._block_samples = series, main, block_samples
+
+    def add(self, series: str, times: FloatArray, names: Sequence[str], values: FloatArray) -> None:
+        """Append samples of a series: times (m,), and values (m, c) of the named columns."""
+        self._series[series].add(times, names, values)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the main series has samples for a block."""
+        return len(self._series[self._main]) >= self._block_samples
+
+    def rows(self, *, last: bool = False) -> JoinedSamples:
+        """Return the rows up to the time that every series has reached, and forget them.
+
+        Parameters
+        ----------
+        last : bool
+            Whether no more samples follow: then all rows are returned.
+
+        Returns
+        -------
+        JoinedSamples
+            Times, and the values of all series at them.
+        """
+        main = self._series[self._main]
+        # A series that has ended or fallen silent must not hold up all others.
+        is_stalled = len(main) >= _PATIENCE * self._block_samples
+        latest = [other.latest for other in self._series.values() if len(other)]
+        until = np.inf if last or is_stalled or not latest else min(latest)
+        times, rows = main.take(until)
+        values = {self._main: rows}
+        for name, other in self._series.items():
+            if other is not main:
+                values[name] = other.read_at(times)
+                if len(times):
+                    # The sample before the next row is still needed, to interpolate from.
+                    other.forget(float(times[-1]))
+        return JoinedSamples(times, values)

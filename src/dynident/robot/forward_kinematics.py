@@ -1,0 +1,88 @@
+"""Forward kinematics in numpy, for whole blocks of configurations at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.robot.joint import Joint
+from dynident.robot.robot_model import Robot
+
+
+def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return the frames of all joints in the base frame.
+
+    A frame moves with its joint, so the link's inertial parameters are constant in it.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q : ndarray (m, n)
+        Positions of the driven joints, rad or m.
+
+    Returns
+    -------
+    ndarray (m, N, 4, 4)
+        One homogeneous transform a joint of the tree; N > n where joints follow others.
+    """
+    q = np.asarray(q, dtype=float)
+    if robot.linkage is not None:
+        q, robot = robot.linkage.compute_positions(q), robot.tree
+    frames = np.empty((len(q), robot.n, 4, 4))
+    # One pass is enough, since every antecedent comes before its successors.
+    for index, joint in enumerate(robot.joints):
+        local = joint.placement @ joint_motion(joint, q[:, index])
+        frames[:, index] = local if joint.parent < 0 else frames[:, joint.parent] @ local
+    return frames
+
+
+def joint_motion(joint: Joint, q: FloatArray) -> FloatArray:
+    """Return the transforms that positions add behind a joint's placement.
+
+    Parameters
+    ----------
+    joint : Joint
+        A joint, with its axis.
+    q : ndarray (m,)
+        Its positions, rad or m.
+
+    Returns
+    -------
+    ndarray (m, 4, 4)
+        Homogeneous transforms, m.
+    """
+    motion = np.zeros((len(q), 4, 4))
+    motion[:, range(4), range(4)] = 1.0
+    if joint.kind == "prismatic":
+        motion[:, :3, 3] = q[:, None] * joint.axis
+        return motion
+    x, y, z = joint.axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    # Rodrigues' formula for a rotation about the axis: I + sin q [a]x + (1 - cos q) [a]x².
+    motion[:, :3, :3] += np.sin(q)[:, None, None] * cross + (1.0 - np.cos(q))[:, None, None] * (cross @ cross)
+    return motion
+
+
+def tool_path(robot: Robot, q: FloatArray, joint: int = -1, point: FloatArray | None = None) -> FloatArray:
+    """Return the path of a point of the robot in the base frame.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q : ndarray (m, n)
+        Positions of the driven joints, rad or m.
+    joint : int
+        Index of the joint (in the tree) that carries the point; the last one by default.
+    point : ndarray (3,), optional
+        The point in that joint's frame (m); the frame's origin by default.
+
+    Returns
+    -------
+    ndarray (m, 3)
+        In m.
+    """
+    frame = joint_frames(robot, q)[:, joint]
+    path: FloatArray = frame[:, :3, 3] if point is None else frame[:, :3, :3] @ point + frame[:, :3, 3]
+    return path

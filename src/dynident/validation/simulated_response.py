@@ -1,0 +1,368 @@
+"""Validate a model by simulation: the response against the recorded one (§12.7), and the drift without a controller.
+
+A simulator that follows a recorded motion under joint control hides what its model lacks: the controller makes up for
+it. Started from a measured state under the measured torque alone, the error of the torque becomes one of the position.
+Most arms are unstable then (a link that stands upright falls to either side), so only short times are simulated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray
+from dynident.blas_threads import single_threaded
+from dynident.effects.hysteresis_states import MemoryStates
+from dynident.errors import DynidentError
+from dynident.estimation import Errors
+from dynident.estimation.parameter_covariance import NORMAL_95
+from dynident.identification import Estimate, Identification
+from dynident.identification.estimators.identified_robot_simulator import (
+    RecordedMotion,
+    Simulator,
+    build_simulator,
+    read_longest_piece,
+)
+from dynident.identification.thresholds import LARGEST_DRIFT, LARGEST_ERROR, LARGEST_OF_JOINT
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import Recording, low_pass
+from dynident.recordings.joint_phases import SLOW, STANDS
+from dynident.schema.fields import check_value
+from dynident.simulation.true_effects import may_be_negative
+from dynident.validation.validation_outcome import ValidationOutcome
+from dynident.validation.validation_request import LONGEST_SIMULATED, Simulation
+
+AFTER = (0.1, 0.5, 2.0)
+"""Seconds: a few samples of a controller, a quick move, and a whole motion from point to point."""
+
+# Step of the integration in s.
+_STEP = 1e-3
+# Seconds between starts: closer ones tell the same again.
+_APART = 0.5
+# Starts over all recordings: a mean over more of them hardly changes, and each costs a simulation.
+_MOST_STARTS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """How far a simulated robot drifts from the recorded one under the measured torque.
+
+    Infinite where the simulation diverged, nan where no segment of the recordings is that long.
+
+    Parameters
+    ----------
+    joint_names : tuple of str
+        Names of the joints.
+    distance : (3, n)
+        Root mean square distance of the simulated from the recorded positions after `AFTER` s, in rad or m.
+    way : (3, n)
+        Root mean square of how far the joints moved meanwhile, in rad or m.
+    starts : int
+        Number of states that simulations were started from.
+    """
+
+    joint_names: tuple[str, ...]
+    distance: FloatArray
+    way: FloatArray
+    starts: int
+
+    @property
+    def after(self) -> tuple[float, ...]:
+        """Seconds of simulation after which the drift is given."""
+        return AFTER
+
+    @property
+    def share(self) -> FloatArray:
+        """Distance over way (3, n). For a joint that hardly moves, over what a standing joint may move."""
+        return np.asarray(self.distance / np.maximum(self.way, STANDS))
+
+    @property
+    def worst_share(self) -> float:
+        """Largest share within half a second; infinite where a simulation diverged, nan where none is that long.
+
+        After two seconds most arms have left the motion, whatever the model: they are unstable without a controller.
+        """
+        short = self.share[: AFTER.index(0.5) + 1]
+        return float(np.nanmax(short)) if not np.isnan(short).all() else np.nan
+
+    def describe(self) -> str:
+        """Describe the drift of the worst joint after each time, in a sentence."""
+        phrases = []
+        for after, share in zip(AFTER, self.share, strict=True):
+            if np.isnan(share).all():
+                continue
+            worst = int(np.nanargmax(share))
+            size = "all of" if not np.isfinite(share[worst]) else f"{share[worst]:.0%} of"
+            phrases.append(f"{size} its travel after {after:g} s ({self.joint_names[worst]})")
+        return f"Without a controller, under the measured torque, the worst joint is off by {', '.join(phrases)}."
+
+
+@single_threaded
+def compute_open_loop_drift(identification: Identification, recordings: Sequence[Recording]) -> Drift:
+    """Simulate a robot with the identified parameters, without a controller, from many states of recorded motions.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recordings : sequence of Recording
+        Recordings of the same robot, held out as a rule.
+
+    Returns
+    -------
+    Drift
+        Distances after each of `AFTER`, over all starts.
+
+    Raises
+    ------
+    DynidentError
+        Where no robot can have the identified parameters, or no recording has a motion to follow.
+    """
+    # Built once for all starts: its equation of motion does not change.
+    simulator = build_simulator(identification.model, identification.values)
+    motions = [read_longest_piece(recording, identification.preprocessing, np.inf) for recording in recordings]
+    drift = _simulate_from_many_starts(simulator, motions)
+    if drift is None:
+        raise DynidentError(
+            f"no segment of the recordings is {AFTER[0]:g} s long; use longer recordings or wider windows",
+            pointer="/windows",
+            title="Too short",
+        )
+    return drift
+
+
+def _simulate_from_many_starts(simulator: Simulator, motions: Sequence[RecordedMotion]) -> Drift | None:
+    """Return the drift from starts spread over the motions; None where no motion is long enough."""
+    each = max(1, _MOST_STARTS // max(len(motions), 1))
+    outcomes = [
+        _simulate_without_control(simulator, motion, start)
+        for motion in motions
+        for start in _choose_starts(motion, each)
+    ]
+    if not outcomes:
+        return None
+    away, moved = (np.array(distances) for distances in zip(*outcomes, strict=True))
+    return Drift(simulator.robot.dynamics.robot.joint_names, _compute_rms(away), _compute_rms(moved), len(outcomes))
+
+
+def _choose_starts(motion: RecordedMotion, most: int) -> list[int]:
+    """Return the samples that simulations start from, spread over the motion; the longest horizon fits where it can."""
+    t = motion.reference.t
+    length = float(t[-1] - t[0])
+    # A segment that is too short for the longest horizon still serves the shorter ones.
+    last = length - AFTER[-1] if length > AFTER[-1] else length - AFTER[0]
+    if last < 0:
+        return []
+    times = np.linspace(0.0, last, min(most, int(last / _APART) + 1)) + t[0]
+    return [int(k) for k in np.searchsorted(t, times - 1e-9)]
+
+
+def _simulate_without_control(
+    simulator: Simulator, motion: RecordedMotion, start: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far the simulated robot is off, and how far the real one moved: (3, n) each."""
+    whole, robot = motion.reference, simulator.robot
+    n = whole.q.shape[1]
+    here = whole.t[start]
+    # A sample's time may be off by rounding; a horizon that ends there is there.
+    after = np.array([horizon for horizon in AFTER if here + horizon <= whole.t[-1] + 1e-9])
+    t = here + _STEP * np.arange(round(after[-1] / _STEP) + 1)
+    tau = np.column_stack([np.interp(t, whole.t, column) for column in motion.tau.T])
+    heat = None if whole.temperature is None else whole.temperature[start:]
+    rest = replace(
+        whole, t=whole.t[start:], q=whole.q[start:], dq=whole.dq[start:], ddq=whole.ddq[start:], temperature=heat
+    )
+    signals = robot.dynamics.signals
+    # Presliding friction and backlash depend on the path before the start, so their states are carried along up to it.
+    memory = MemoryStates(signals.memory_signals).push(signals.robot.positions(whole.q[: start + 1]))[-1]
+    # A simulation that diverges overflows. That is a result, infinite drift, and no error.
+    with np.errstate(all="ignore"):
+        q = robot.move_freely(rest, tau, _STEP, memory=memory, run=motion.label)
+    rows = np.rint(after / _STEP).astype(np.intp)
+    measured = np.column_stack([np.interp(t[rows], whole.t, column) for column in whole.q.T])
+    away, way = np.full((len(AFTER), n), np.nan), np.full((len(AFTER), n), np.nan)
+    # A state that is no number has diverged: infinitely far, and not missing.
+    away[: len(after)] = np.nan_to_num(np.abs(q[rows] - measured), nan=np.inf)
+    way[: len(after)] = np.abs(measured - whole.q[start])
+    return away, way
+
+
+def _compute_rms(values: FloatArray) -> FloatArray:
+    """Return the root mean square (3, n) over the starts (k, 3, n) that reach so far; nan where none does."""
+    # Infinite distances stay in the mean, so that one diverged start shows.
+    there = ~np.isnan(values)
+    counts = there.sum(axis=0)
+    squares = np.where(there, values, 0.0) ** 2
+    return np.where(counts > 0, np.sqrt(squares.sum(axis=0) / np.maximum(counts, 1)), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationValidation:
+    """A simulated robot that followed the recorded motion under control, and one that was left alone.
+
+    Fields are None where nothing could be simulated.
+
+    Parameters
+    ----------
+    name : str
+        Name of the recording.
+    duration : float
+        Simulated time in s.
+    torque : Errors or None
+        Errors of the simulated torque against the measured one while each joint moves, both behind the same low-pass.
+    position : (n,) or None
+        Root mean square distance of the simulated from the recorded positions, in rad or m.
+    position_share : (n,) or None
+        The same over the range that the joint moved through. A controller keeps it small whatever the model.
+    drift : Drift or None
+        Distance from the recorded motion without a controller, under the measured torque.
+    limit : float
+        Largest relative torque error over all joints that passes.
+    judged : ValidationOutcome
+        Whether the simulated robot behaves as the recorded one, and the reason.
+    """
+
+    name: str
+    duration: float
+    torque: Errors | None
+    position: FloatArray | None
+    position_share: FloatArray | None
+    drift: Drift | None
+    limit: float
+    judged: ValidationOutcome
+
+
+@single_threaded
+def validate_simulation(
+    identification: Identification,
+    recording: Recording,
+    limit: float = LARGEST_ERROR,
+    longest: float = LONGEST_SIMULATED,
+    progress: Progress = ignore_progress,
+) -> SimulationValidation:
+    """Let a robot with the identified parameters make the recorded motion under joint control, and without any.
+
+    The controlled robot is judged by its torque, since the controller keeps it on the motion. Without a controller the
+    measured torque alone moves it, again and again from a measured state; then it is judged by how far it drifts.
+    Unlike a prediction of torque along the recorded positions, this integrates the equation of motion: parameters that
+    make an indefinite inertia matrix, or friction that drives, do not follow.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recording : Recording
+        The recording whose motion is simulated.
+    limit : float
+        Largest relative torque error over all joints that passes.
+    longest : float
+        Seconds that are simulated at most, from the longest unbroken segment of the recording.
+    progress : Progress
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    SimulationValidation
+        Errors of the simulated torque and of the motion, judged against the limit.
+
+    Raises
+    ------
+    DynidentError
+        For a limit or duration that is not above zero, or a recording without motion to follow.
+    """
+    check_value(Simulation, "limit", limit)
+    check_value(Simulation, "longest", longest)
+    motion = read_longest_piece(recording, identification.preprocessing, longest)
+    duration = motion.reference.duration
+    # Before the simulation: negative friction or inertia would make it diverge without saying why.
+    impossible = _name_impossible_parameters(identification.estimate)
+    if impossible:
+        judged = ValidationOutcome("fail", f"No physical robot can have the identified parameters: {impossible}.")
+        return SimulationValidation(recording.name, duration, None, None, None, None, limit, judged)
+    try:
+        simulator = build_simulator(identification.model, identification.values)
+        measured = simulator.follow(motion, scale_progress(progress, 0.05, 0.6))
+    except DynidentError as error:
+        judged = ValidationOutcome(
+            "fail", f"A robot with the identified parameters cannot make this motion: {error.detail}."
+        )
+        return SimulationValidation(recording.name, duration, None, None, None, None, limit, judged)
+    # The simulation may end a sample early or late, by rounding of the duration.
+    count = min(len(measured.tau), len(motion.tau))
+    still = np.abs(motion.reference.dq[:count]) < SLOW
+    errors = _compute_torque_errors(identification, recording, measured.tau[:count], motion.tau[:count], still)
+    off = measured.truth.q[:count] - motion.reference.q[:count]
+    position = np.sqrt(np.mean(off**2, axis=0))
+    span = np.maximum(np.ptp(motion.reference.q, axis=0), 1e-9)
+    # A joint that hardly moves has no range to be off by: its share would be noise over nearly zero.
+    share = np.where(np.ptp(motion.reference.q, axis=0) > 1e-3, position / span, 0.0)
+    progress(0.6, "simulating without a controller")
+    drift = _simulate_from_many_starts(simulator, [motion])
+    judged = _judge_response(identification, motion, errors, drift, limit)
+    return SimulationValidation(recording.name, duration, errors, position, share, drift, limit, judged)
+
+
+def _name_impossible_parameters(estimate: Estimate) -> str:
+    """Name the parameters that are below zero by more than chance, where nature allows no such sign."""
+    deviations = estimate.statistics.standard_deviations
+    return ", ".join(
+        f"{column.name} is {value:.3g} ± {NORMAL_95 * deviation:.2g} {column.unit}, below zero"
+        for column, value, deviation in zip(estimate.model.kept, estimate.values, deviations, strict=True)
+        if value < -NORMAL_95 * deviation and not may_be_negative(column.effect, column.parameter, column.runs)
+    )
+
+
+def _compute_torque_errors(
+    identification: Identification, recording: Recording, simulated: FloatArray, measured: FloatArray, still: BoolArray
+) -> Errors | None:
+    """Return errors behind the parallel filter's low-pass, where it is filled; None where no rows are left.
+
+    A joint does not count while it is `still` (m, n): static friction then holds any torque, another one in either
+    robot.
+    """
+    # Importing it takes half a second, so that only those who need it do.
+    from scipy.signal import fftconvolve
+
+    taps = low_pass(recording.sampling_rate, identification.preprocessing.torque_cutoff)
+    if len(measured) < 2 * len(taps):
+        return None
+    # Only where the filter is filled: its ends would compare a transient, not the torque.
+    smooth = [fftconvolve(tau, taps[:, None], mode="valid", axes=0) for tau in (measured, simulated)]
+    # A filtered row is used only where the joint moves over the whole length of the filter.
+    touched = fftconvolve(still.astype(np.float64), np.ones((len(taps), 1)), mode="valid", axes=0) > 0.5
+    recorded = recording.has_torque & identification.model.robot.has_torque
+    counted = ~touched & recorded
+    rest, known = (np.where(counted, signal, 0.0) for signal in (smooth[0] - smooth[1], smooth[0]))
+    return Errors((rest**2).sum(axis=0), (known**2).sum(axis=0), counted.sum(axis=0).astype(np.float64))
+
+
+def _judge_response(
+    identification: Identification, motion: RecordedMotion, errors: Errors | None, drift: Drift | None, limit: float
+) -> ValidationOutcome:
+    if errors is None:
+        return ValidationOutcome(
+            "not_evaluated",
+            f"The longest segment, {motion.reference.duration:.1f} s, is too short for the torque filter.",
+        )
+    names = identification.model.robot.joint_names
+    worst = int(np.argmax(np.where(errors.counts > 0, errors.relative, 0.0)))
+    text = (
+        f"Over {motion.reference.duration:.1f} s, while joints move, the simulated torque differs by "
+        f"{errors.relative_total:.1%} from the measured one (largest on {names[worst]}, {errors.relative[worst]:.1%})"
+    )
+    if errors.relative_total > limit:
+        return ValidationOutcome("fail", f"{text}, above the limit of {limit:.1%}.")
+    useless = [
+        f"{name} ({errors.relative[j]:.1%})" for j, name in enumerate(names) if errors.relative[j] > LARGEST_OF_JOINT
+    ]
+    if useless:
+        return ValidationOutcome("fail", f"{text}, and above {LARGEST_OF_JOINT:.0%} on {', '.join(useless)}.")
+    if drift is None or np.isnan(drift.worst_share):
+        return ValidationOutcome("not_evaluated", f"{text}. The motion is too short to be simulated without control.")
+    # Written so that an infinite drift is too large.
+    if not drift.worst_share <= LARGEST_DRIFT:
+        complaint = f"More than {LARGEST_DRIFT:.0%} of the travel within half a second is too much for a simulation."
+        return ValidationOutcome("fail", f"{text}. {drift.describe()} {complaint}")
+    return ValidationOutcome("pass", f"{text}, within the limit of {limit:.1%}. {drift.describe()}")

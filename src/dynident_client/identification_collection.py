@@ -1,0 +1,231 @@
+"""Identifications: models identified from measurements, and what goes on from one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal, Unpack
+
+from dynident_client import answers
+from dynident_client.collection_bases import LabelledCollection, replace_resources
+from dynident_client.computation_options import (
+    IdentificationOptions,
+)
+from dynident_client.resource_objects import (
+    Batch,
+    Identification,
+    Record,
+    get_identifier,
+)
+
+Effects = Sequence[Mapping[str, object] | str]
+
+
+class Identifications(LabelledCollection[Identification]):
+    """Identified models."""
+
+    kind = Identification
+
+    def create(
+        self,
+        robot: Record | str,
+        measurements: Sequence[Record | str],
+        *,
+        validation: Sequence[Record | str] = (),
+        effects: Effects | None = None,
+        **more: Unpack[IdentificationOptions],
+    ) -> Identification:
+        """Identify the base parameters of a robot.
+
+        Parameters
+        ----------
+        robot : Record or str
+            The robot or its identifier.
+        measurements, validation : sequence of Record or str
+            Measurements to identify from, and to try the model on, or their identifiers.
+        effects : sequence, optional
+            Effects of the model: ids, or mappings with effect, joints and so on; the usual ones where not given.
+        **more : object
+            Other fields of the request, as `IdentificationOptions` has them.
+
+        Returns
+        -------
+        Identification
+            The model, whose job is queued; see `wait`.
+        """
+        body: dict[str, object] = {
+            "robot_id": get_identifier(robot),
+            "measurement_ids": [get_identifier(measurement) for measurement in measurements],
+            # Held-out measurements: no parameter is fitted to them.
+            "validation_ids": [get_identifier(measurement) for measurement in validation],
+            "effects": None if effects is None else list_effects(effects),
+            **more,
+        }
+        return self._post(body)
+
+    def create_many(self, bodies: Sequence[Mapping[str, object]]) -> Batch:
+        """Identify many models by one request: all are accepted, or none.
+
+        Parameters
+        ----------
+        bodies : sequence of mapping
+            Requests {"robot_id", "measurement_ids", …} as the contract has them; resources may stand for ids.
+
+        Returns
+        -------
+        Batch
+            The batch, with all its identifications.
+        """
+        # Resources may stand anywhere in these requests, which are given as the contract has them.
+        items = [replace_resources(body) for body in bodies]
+        return Batch(self._transport, self._transport.post(Batch.path, dict, {"items": items}))
+
+    def batch(self, batch: Batch | str) -> Batch:
+        """Read a batch: its identifications, and how many are in which state."""
+        return Batch(self._transport, self._transport.get(f"{Batch.path}/{get_identifier(batch)}", dict))
+
+    def cancel_batch(self, batch: Batch | str) -> Batch:
+        """Stop all identifications of a batch that have not ended."""
+        return Batch(self._transport, self._transport.post(f"{Batch.path}/{get_identifier(batch)}/cancel", dict))
+
+    def forget_batch(self, batch: Batch | str) -> None:
+        """Delete a batch; its identifications stay."""
+        self._transport.delete(f"{Batch.path}/{get_identifier(batch)}")
+
+    def extend(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
+        """Add effects: a new identification, whose parent is this one, with a step of the ladder for each of them.
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+        effects : sequence
+            Ids of effects, or mappings with effect, joints and so on.
+        name : str, optional
+            What the new model is called.
+
+        Returns
+        -------
+        Identification
+            The new model, whose job is queued; see `wait`.
+        """
+        return self._post({"effects": list_effects(effects), "name": name}, f"/{get_identifier(identification)}/extend")
+
+    def remove(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
+        """Take effects out, off some joints or off all: a new identification, whose parent is this one.
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+        effects : sequence
+            Ids of effects, or mappings with effect, joints and so on.
+        name : str, optional
+            What the new model is called.
+
+        Returns
+        -------
+        Identification
+            The new model, whose job is queued; see `wait`.
+        """
+        return self._post({"effects": list_effects(effects), "name": name}, f"/{get_identifier(identification)}/remove")
+
+    def essential(self, identification: Record | str, *, ratio: float | None = None) -> answers.EssentialView:
+        """Read the essential parameters, found by backward elimination, with the errors along the way."""
+        return self._transport.get(
+            f"{self.path}/{get_identifier(identification)}/essential", answers.EssentialView, ratio=ratio
+        )
+
+    def correlation(self, identification: Record | str) -> answers.CorrelationView:
+        """Read the correlation of the estimates, and what the motion determines only together, in words."""
+        return self._transport.get(f"{self.path}/{get_identifier(identification)}/correlation", answers.CorrelationView)
+
+    def tables(self, identification: Record | str) -> list[answers.Table]:
+        """Read the parameters and shape constants as tables in words: title, columns, rows of cells."""
+        return self._transport.get(f"{self.path}/{get_identifier(identification)}/tables", answers.Tables)["items"]
+
+    def verdict(self, identification: Record | str) -> answers.VerdictView:
+        """Read for which uses the model is fit and why or why not, and whether to stop: uses, held_out, stop, …."""
+        return self._transport.get(f"{self.path}/{get_identifier(identification)}/verdict", answers.VerdictView)
+
+    def lineage(self, identification: Record | str) -> list[answers.LadderStep]:
+        """Read the ladder of models that led to this one, the first one first.
+
+        What an extension by several effects made on its way has the id "{id}/1", … and says what it is `part_of`.
+        `best` marks the smallest validation error, `rises` the steps above it whose error is larger.
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+
+        Returns
+        -------
+        list of answers.Rung
+            The steps of the ladder.
+        """
+        return self._transport.get(f"{self.path}/{get_identifier(identification)}/lineage", answers.Lineage)["items"]
+
+    def compare_lineages(self, identification: Record | str, against: Record | str) -> answers.Lineage:
+        """Read two ladders beside each other.
+
+        Parameters
+        ----------
+        identification, against : Record or str
+            The two models or their identifiers.
+
+        Returns
+        -------
+        answers.Lineage
+            Items, against, common_ancestor, and the differences step by step.
+        """
+        path = f"{self.path}/{get_identifier(identification)}/lineage"
+        return self._transport.get(path, answers.Lineage, against=get_identifier(against))
+
+    def export(
+        self,
+        identification: Record | str,
+        format: Literal[
+            "json",
+            "urdf",
+            "mjcf",
+            "c",
+            "c_header",
+            "cpp_header",
+            "casadi",
+            "urscript",
+            "franka_load",
+            "kuka_load",
+            "load_urdf",
+        ] = "json",
+        *,
+        nearest: bool | None = None,
+        anyway: bool | None = None,
+    ) -> bytes:
+        """Read the model in a format that other programs read; what the format leaves out stands in the file.
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+        format : str
+            "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", or for the load alone "urscript",
+            "franka_load", "kuka_load", "load_urdf".
+            Format of the file.
+        nearest : bool, optional
+            For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that
+            can.
+        anyway : bool, optional
+            Whether a model whose error says that it is not to be used is written, too; it is refused otherwise.
+
+        Returns
+        -------
+        bytes
+            The file.
+        """
+        path = f"{self.path}/{get_identifier(identification)}/export"
+        return self._transport.get_bytes(path, format=format, nearest=nearest, anyway=anyway)
+
+
+def list_effects(effects: Effects) -> list[dict[str, object]]:
+    """Return effects as the service takes them: each a mapping, of its name alone where nothing else is stated."""
+    return [{"effect": effect} if isinstance(effect, str) else dict(effect) for effect in effects]
