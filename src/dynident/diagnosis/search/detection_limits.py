@@ -301,7 +301,7 @@ class _PlantedEffect:
         # As in scoring: no loss counts for more than there was, and no block for more than three usual ones.
         gain = np.maximum(before - self._errors_after[number], -before)
         whole = before[:, :, -1]
-        factor = np.minimum(whole, 3.0 * np.median(whole, axis=1, keepdims=True)) / whole
+        factor = np.minimum(whole, RULES.most_of_block * _compute_medians(whole)) / whole
         own_before, own_gain = before[:, :, :-1], gain[:, :, :-1]
         drops = np.einsum("ds,dsn->dn", factor, own_gain) / np.einsum("ds,dsn->dn", factor, own_before)
         return _Comparison(gain[:, :, -1] * factor, drops, own_before.sum(axis=1), own_gain.sum(axis=1))
@@ -330,11 +330,12 @@ class _PlantedEffect:
     def _fit_held_out(self, kind: _HeldOut) -> FloatArray:
         whole_squares = self.fitted_squares.sum(axis=0)
         after = np.empty((_DRAWS, *kind.errors.shape))
-        for fold in kind.folds:
+        # All folds at once: each of these matrices is small.
+        others = np.array([whole_squares - self.fitted_squares[fold].sum(axis=0) for fold in kind.folds])
+        for fold, inverse in zip(kind.folds, np.linalg.pinv(others, rcond=1e-8, hermitian=True), strict=True):
             left_out = np.ones(len(kind.errors), dtype=bool)
             left_out[fold] = False
             noise = self._signs[:, left_out] @ self.fitted_scores[left_out]
-            inverse = np.linalg.pinv(whole_squares - self.fitted_squares[fold].sum(axis=0), rcond=1e-8, hermitian=True)
             miss = noise @ inverse
             products = (miss[:, :, None] * miss[:, None, :]).reshape(_DRAWS, -1)
             quadratic = products @ kind.squares[fold].reshape(-1, products.shape[1]).T
@@ -369,6 +370,12 @@ class _PlantedEffect:
             pushed.T @ pushed,
             mixed + mixed.transpose(0, 2, 1),
         )
+
+
+def _compute_medians(values: FloatArray) -> FloatArray:
+    """Return the medians (d, 1) of values (d, s); several times as fast as numpy's for a few values each."""
+    middle = (values.shape[1] - 1) // 2, values.shape[1] // 2
+    return np.asarray(np.partition(values, middle, axis=1)[:, middle].mean(axis=1, keepdims=True))
 
 
 def _list_planted(

@@ -370,6 +370,10 @@ def _is_superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[st
     """
     if candidate.columns == chosen.columns:
         return True
+    effect = get_effect(candidate.effect)
+    # What rubs more under a load that was added rubs under any load: that is friction of all runs, and no change.
+    if get_effect(chosen.effect).in_some_runs and effect.is_friction and effect.needs_load:
+        return bool(candidate.runs) and candidate.runs == chosen.runs
     if candidate.effect in get_effect(chosen.effect).covers and _is_slow_wave(candidate):
         return set(candidate.joints) <= set(reached)
     if candidate.effect != chosen.effect or bool(candidate.runs) != bool(chosen.runs):
