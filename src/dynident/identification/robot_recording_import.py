@@ -235,14 +235,17 @@ def _list_cures(robot: Robot, outcome: Sequence[Revision] | RecordingError) -> I
     else:
         said = [(field, getattr(revision, field)) for revision in outcome for field in _FACTS]
     for field, value in said:
-        for key in value if isinstance(value, Mapping) else ():
-            number = re.search(r"\d+$", key)
-            place = robot.joint_names[int(number[0]) - 1] if number else key
-            yield f"another {_FACTS[field]} of {place}"
+        for key, own in value.items() if isinstance(value, Mapping) else ():
+            if field == "signs":
+                # The column of a joint, or "q" or "tau" for all joints.
+                number = re.search(r"\d+$", key)
+                yield f"another sign of {robot.joint_names[int(number[0]) - 1] if number else key}"
+            else:
+                yield f"another order of {key} ({' '.join(map(str, own))})"
 
 
 CONTRADICTION = "Recordings contradict each other"
 """Title of the error where no one cure fits all recordings of a robot."""
 
-_FACTS = {"signs": "sign", "permutation": "order"}
-"""Fields of a revision that are facts of the robot, in words: units and columns are those of a file."""
+_FACTS = ("signs", "permutation")
+"""Fields of a revision that are facts of the robot: units and columns are those of a file."""
