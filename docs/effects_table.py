@@ -13,18 +13,19 @@ from dynident.robot import robot_from_library
 HERE = Path(__file__).resolve().parent
 ROBOT = robot_from_library("ur10")
 WHEN = {
-    "angle_spectrum": "where the residual has a line in its spectrum over the joint's position",
-    "time_spectrum": "where the residual has a line in its spectrum over time that the motion has not",
-    "burst": "where a stretch of time is far above the rest",
+    "angle_spectrum": "if the residual has a line in its spectrum over the joint's position",
+    "time_spectrum": "if the residual has a line in its spectrum over time that the motion does not have",
+    "burst": "if the residual of an interval of time is far above the rest",
 }
 INTRODUCTION = """\
 # The catalogue of effects
 
-What can be identified, diagnosed, designed for and simulated. Each effect is one definition, linear in its parameters
-once its shape constants stand; `dynident effects` and `GET /v1/effects` say the same for programs. Symbols are those of
-[Concepts](concepts.md): $q$ the position of a joint, $\\hat\\tau_l$ the torque of the links on it as the model predicts
-it, $\\hat\\Gamma$ all of its predicted torque, $z$ a state that remembers. Units are those of a revolute joint. The
-shape constants that a diagnosis tries are those of a joint of the UR10; the best of them is refined.
+These effects can be identified, diagnosed, designed for and simulated. Each is defined once, and is linear in its
+parameters for given shape constants. `dynident effects` and `GET /v1/effects` give the same description to programs.
+Symbols are those of [Concepts](concepts.md): $q$ is the position of a joint, $\\hat\\tau_l$ the predicted torque of
+the links on it, $\\hat\\Gamma$ all of its predicted torque, and $z$ a state that depends on the path. Units are those
+of a revolute joint. The shape constants that a diagnosis tries are those of a joint of the UR10; the best of them is
+refined.
 
 `rigid_body`, `rotor_inertia`, `coulomb` and `viscous` are in every model by default. You can add [an effect of your
 own](own-effects.md).
@@ -92,17 +93,17 @@ def _shape(effect: Effect, spec: ShapeSpec) -> str:
 
 def _tried(effect: Effect) -> str:
     if effect.id in ("rigid_body", "rotor_inertia"):
-        return "never; every model has it"
+        return "not as a candidate, because every model has it"
     if effect.in_some_runs:
-        return "for every run and for the first and last few, where there are several"
+        return "on each run by itself, and on the first and the last few runs, if there are several"
     where = "on the whole robot" if effect.scope == "robot" else "joint by joint"
     if effect.is_friction and effect.scope == "joint":
-        where += " and on all joints at once"
+        where += " and on all joints together"
     conditions = [WHEN[effect.proposal]] if effect.proposal in WHEN else []
     if effect.needs_temperature:
-        conditions.append("where temperatures were recorded")
+        conditions.append("if temperatures were recorded")
     if effect.needs_session:
-        conditions.append("where the clock runs on through a session of two minutes or more")
+        conditions.append("if the times of the runs belong to one session of two minutes or more")
     return ", ".join([where, *conditions])
 
 

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+import gc
+import hashlib
 import os
+import pickle
+import sys
 import zlib
+from collections import Counter
+from collections.abc import Generator, Iterator, Sequence
+from functools import wraps
+from typing import TYPE_CHECKING
 
 # Small matrices jitter in a multi-threaded BLAS, the more so beside other work.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
+# Ten thousand tests are objects that stay: looking through them for garbage again and again takes a sixth of the time
+# of their collection.
+gc.set_threshold(100_000, 50, 50)
+
 import pytest  # noqa: E402
 
 from dynident.parallel import count_processors  # noqa: E402
+
+if TYPE_CHECKING:
+    from dynident.identification.recording_faults.fault_checks import DynamicsCheck
+    from dynident.recordings import Recording
+    from dynident.robot import Robot
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -41,6 +58,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
                 item.add_marker(pytest.mark.skip(reason=f"{name}: run with --{name}"))
     if not thorough:
         _sample_sweeps(config, items)
+    gc.freeze()
 
 
 def _sample_sweeps(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -62,3 +80,61 @@ def _sample_sweeps(config: pytest.Config, items: list[pytest.Item]) -> None:
 def thorough(pytestconfig: pytest.Config) -> bool:
     """Whether all cases of a study are wanted, and not only as many as show that something broke."""
     return bool(pytestconfig.getoption("--thorough"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _the_same_rows_are_checked_once() -> Iterator[None]:
+    """Check rows that tests read from many files, and import again and again, against their robot once in a process."""
+    checks = sys.modules.get("dynident.identification.recording_faults.fault_checks")
+    if checks is None:
+        yield
+        return
+    compute, known = checks.check_recording_faults, {}
+
+    @wraps(compute)
+    def check(robot: Robot, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> DynamicsCheck:
+        read = recording.source.rows(0, sum(segment.length for segment in recording.segments), 100_000)
+        about = (recording.joint_names, recording.sampling_rate, recording.segments, recording.windows)
+        content = (robot, about, recording.joints_without_torque, tuple(q), tuple(tau), [rows[:2] for rows in read])
+        key = hashlib.sha256(pickle.dumps(content)).digest()
+        if key not in known:
+            known[key] = compute(robot, recording, q, tau)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in list(sys.modules.values()):
+            if getattr(module, "__name__", "").startswith("dynident") and vars(module).get(compute.__name__) is compute:
+                patch.setattr(module, compute.__name__, check)
+        yield
+
+
+_BEGUN = pytest.StashKey[float]()
+
+
+def _processor_seconds() -> float:
+    """Those of this process, and of its children that have ended."""
+    return sum(os.times()[:4])
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    item.stash[_BEGUN] = _processor_seconds()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Generator[None, object, object]:
+    if call.when == "teardown" and _BEGUN in item.stash:
+        item.user_properties.append(("processor_seconds", _processor_seconds() - item.stash[_BEGUN]))
+    return (yield)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say where the processor time of a whole run is: in the dearest files, with fixtures and ended children."""
+    seconds: Counter[str] = Counter()
+    for report in (report for reports in terminalreporter.stats.values() for report in reports):
+        if getattr(report, "when", None) == "teardown":
+            seconds[report.nodeid.partition("::")[0]] += dict(report.user_properties).get("processor_seconds", 0.0)
+    if terminalreporter.config.getoption("--slow") and len(seconds) > 10:
+        terminalreporter.section(f"dearest files, of {seconds.total():.0f} s of processor time")
+        for path, spent in seconds.most_common(10):
+            terminalreporter.write_line(f"{spent:7.1f} s  {path}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from http import HTTPStatus
 from typing import Any, TypedDict, Unpack
 
@@ -108,11 +108,25 @@ def make_unusable(detail: str, pointer: str, *, title: str = "Unusable input") -
     return ProblemError(422, detail, title=title, errors=[ProblemField(pointer=pointer, detail=detail)])
 
 
-def to_problem(error: DynidentError | ProblemError) -> Problem:
-    """Convert an error that the user can correct into a problem."""
+# Fields of requests that name stored resources, by the parameter of the library that takes what they hold.
+_FIELDS = {"recordings": "measurement_ids", "validation": "validation_ids"}
+
+
+def to_problem(error: DynidentError | ProblemError, fields_by_parameter: Mapping[str, str] = _FIELDS) -> Problem:
+    """Convert an error that the user can correct into a problem.
+
+    Parameters
+    ----------
+    error : DynidentError or ProblemError
+        What was raised. The library points to its own parameters.
+    fields_by_parameter : mapping of str to str
+        Fields of the request by parameter, where they have other names.
+    """
     if isinstance(error, ProblemError):
         return error.problem
-    fields = [ProblemField(pointer=error.pointer, detail=error.detail)]
+    root, *inside = error.pointer.split("/")[1:] if error.pointer.startswith("/") else [""]
+    pointer = "/".join(["", fields_by_parameter[root], *inside]) if root in fields_by_parameter else error.pointer
+    fields = [ProblemField(pointer=pointer, detail=error.detail)]
     return make_problem(422, error.detail, title=error.title, errors=fields)
 
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import doctest
-import subprocess
-import sys
 from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import pytest
+from support.page_commands import run_commands
 
 import dynident as dy
 
 NAMES = [name for name in dy.__all__ if isinstance(getattr(dy, name), FunctionType)] + ["Model", "Recordings"]
-COMMAND_LINE = "from dynident_service.command_line import main; main()"
 
 
 @pytest.fixture(scope="module")
@@ -22,9 +20,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files that `read_recordings` describes, by the command that it states."""
     folder = tmp_path_factory.mktemp("examples")
     for number in (1, 2):
-        options = ["--effects", "stribeck@elbow", "--rate", "200", "--seed", str(number), "-o", f"run{number}.csv"]
-        command = [sys.executable, "-c", COMMAND_LINE, "simulate", "scara", *options]
-        subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=300)
+        options = f"--effects stribeck@elbow --rate 200 --seed {number} -o run{number}.csv"
+        run_commands(folder, f"dynident simulate scara {options}")
     return folder
 
 

@@ -188,7 +188,7 @@ def test_a_report_is_one_page_with_the_diagnosis_in_it(
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert text.count("My arm") >= 1
     assert "Stribeck friction" in text
-    assert "cross: on data that no parameter saw" in text
+    assert "cross: on held-out data" in text
     page.save(tmp_path / "report.pdf")
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
     with pytest.raises(DynidentError, match=r"report\.txt; the file name must end in \.html, \.htm or \.pdf"):

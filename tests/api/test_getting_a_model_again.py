@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 import re
 import shlex
-import subprocess
-import sys
 from html import unescape
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.page_commands import run_commands
 
 import dynident as dy
 from dynident.effects import EffectChoice
@@ -24,11 +23,8 @@ from dynident.reports.sections.provenance import ROBOT, build_commands
 def run_again(lines: tuple[str, ...] | list[str], desk: Path, folder: Path) -> list[dy.Model]:
     """The models that the commands make, with the files that their names stand for."""
     files = {ROBOT: str(desk / "arm.urdf"), **{name: str(desk / f"{name}.csv") for name in ("run1", "run2")}}
-    program = Path(sys.executable).with_name("dynident")
     for line in lines:
-        words = [files.get(word, word) for word in shlex.split(line)]
-        done = subprocess.run([program, *words[1:]], cwd=folder, capture_output=True, text=True, timeout=120)
-        assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+        run_commands(folder, shlex.join(files.get(word, word) for word in shlex.split(line)))
     return [dy.load_model(folder / f"model{number}.npz") for number, _ in enumerate(lines, 1)]
 
 
@@ -62,9 +58,8 @@ def test_gains_locked_joints_and_gravity_are_among_the_commands(desk: Path, tmp_
     gains = {"shoulder": 14.9, "elbow": 13.3, "quill": 101.0}
     options = ["--gravity", "0,0,9.81", "--lock", "tool_roll=0.3"]
     drive_gains = ",".join(f"{joint}={gain}" for joint, gain in gains.items())
-    program = Path(sys.executable).with_name("dynident")
-    simulate = [program, "simulate", desk / "arm.urdf", *options, "--drive-gains", drive_gains, "--current"]
-    subprocess.run([*simulate, "--rate", "100", "-o", tmp_path / "hung.csv"], check=True, timeout=120)
+    simulate = ["dynident", "simulate", str(desk / "arm.urdf"), *options, "--drive-gains", drive_gains, "--current"]
+    run_commands(tmp_path, shlex.join([*simulate, "--rate", "100", "-o", "hung.csv"]))
     robot = dy.load_robot(
         desk / "arm.urdf", gravity=(0.0, 0.0, 9.81), locked_joints={"tool_roll": 0.3}, drive_gains=gains
     )
@@ -137,10 +132,8 @@ def assert_made_again(model: dy.Model, files: dict[str, str], desk: Path, folder
     (line,) = (unescape(one) for one in re.findall(r"<li><code>(dynident .+?)</code></li>", page))
     for name, content in re.findall(r"<dt>(\S+\.json)</dt><dd><code>(.+?)</code></dd>", page):
         (folder / name).write_text(unescape(content))
-    words = [{ROBOT: str(desk / "arm.urdf"), **files}.get(word, word) for word in shlex.split(line)]
-    program = Path(sys.executable).with_name("dynident")
-    done = subprocess.run([program, *words[1:]], cwd=folder, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+    words = ({ROBOT: str(desk / "arm.urdf"), **files}.get(word, word) for word in shlex.split(line))
+    run_commands(folder, shlex.join(words))
     again = dy.load_model(folder / "model1.npz")
     np.testing.assert_allclose(again.identification.values, model.identification.values, rtol=1e-6, atol=1e-9)
 

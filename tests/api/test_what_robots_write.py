@@ -358,31 +358,31 @@ REAL: dict[str, Writer] = {
 
 
 @pytest.fixture(scope="module")
-def ur10e() -> tuple[Robot, dict[str, Signals], float]:
+def ur10e() -> tuple[Robot, Signals, dy.Recordings, float]:
+    """The arm, the signals of one of its files, another file to be tried on, and the error there from the one."""
     if not (DATA / "ur10e").is_dir():
         pytest.skip("the recordings of real robots are not here (../shared/data is missing)")
     robot = dy.load_robot(DATA / "ur10e" / "robot.urdf", drive_gains=UR10E_GAINS)
     rng = np.random.default_rng(1)
-    found = {}
-    for name in ("id_30s_12harm", "id_50s_12harm"):
-        table = pq.read_table(DATA / "ur10e" / f"{name}.parquet")
-        wide = {
-            kind: np.column_stack([table[f"{kind}{j}"].to_numpy() for j in range(1, 7)])
-            for kind in ("q", "dq", "current", "current_des", "tau_des")
-        }
-        found[name] = Signals(
-            t=table["t"].to_numpy(),
-            q=wide["q"],
-            dq=wide["dq"],
-            tau=wide["current"] * UR10E_GAINS,
-            current=wide["current"],
-            q_command=wide["q"] + 1e-4,
-            tau_command=wide["tau_des"],
-            current_command=wide["current_des"],
-            external=rng.normal(0.0, 1.0, wide["q"].shape),
-        )
-    runs = [dy.read_recordings(DATA / "ur10e" / f"{name}.parquet", robot=robot) for name in found]
-    return robot, found, held_out(robot, *runs)
+    training, validation = (DATA / "ur10e" / f"{name}.parquet" for name in ("id_30s_12harm", "id_50s_12harm"))
+    table = pq.read_table(training)
+    wide = {
+        kind: np.column_stack([table[f"{kind}{j}"].to_numpy() for j in range(1, 7)])
+        for kind in ("q", "dq", "current", "current_des", "tau_des")
+    }
+    measured = Signals(
+        t=table["t"].to_numpy(),
+        q=wide["q"],
+        dq=wide["dq"],
+        tau=wide["current"] * UR10E_GAINS,
+        current=wide["current"],
+        q_command=wide["q"] + 1e-4,
+        tau_command=wide["tau_des"],
+        current_command=wide["current_des"],
+        external=rng.normal(0.0, 1.0, wide["q"].shape),
+    )
+    clean, tried = (dy.read_recordings(path, robot=robot) for path in (training, validation))
+    return robot, measured, tried, held_out(robot, clean, tried)
 
 
 def held_out(robot: Robot, training, validation) -> float:
@@ -395,12 +395,10 @@ def held_out(robot: Robot, training, validation) -> float:
 @pytest.mark.real_data
 @pytest.mark.parametrize("log", REAL)
 def test_a_ur10e_is_predicted_as_well_from_any_log_as_from_the_clean_file(tmp_path, ur10e, log):
-    robot, found, clean = ur10e
-    runs = []
-    for name, s in found.items():
-        path = REAL[log](s, tmp_path / name)
-        seen = dy.inspect(path, robot)
-        # Its masses are a third off, so that telegrams' per cent and A are not told apart by them.
-        assert {one.field for one in seen.questions} == ({"drives"} if log == "RSI" else set())
-        runs.append(dy.read_recordings(path, robot=robot, **seen.said))
-    assert held_out(robot, *runs) == pytest.approx(clean, rel=0.01)
+    robot, measured, tried, clean = ur10e
+    path = REAL[log](measured, tmp_path / "log")
+    seen = dy.inspect(path, robot)
+    # Its masses are a third off, so that telegrams' per cent and A are not told apart by them.
+    assert {one.field for one in seen.questions} == ({"drives"} if log == "RSI" else set())
+    read = dy.read_recordings(path, robot=robot, **seen.said)
+    assert held_out(robot, read, tried) == pytest.approx(clean, rel=0.01)

@@ -117,6 +117,7 @@ def test_an_effect_is_hidden_only_where_it_can_be_seen() -> None:
     assert [one.joint for one in find_hideable_effects(ROBOT, "base_tilt", "")] == [""]
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("effect", sorted(set(CATALOGUE) - {"rigid_body", "rotor_inertia", "coulomb", "viscous"}))
 def test_every_other_effect_of_the_catalogue_can_be_hidden(effect: str) -> None:
     scenario = Scenario.draw(ROBOT, effect, "", 0, quick=True)

@@ -11,7 +11,7 @@ from support.joints_at_rest import COULOMB, write_resting_run
 from support.running_commands import ROBOT, dynident
 
 from dynident.identification import from_bytes
-from dynident.reports.number_format import format_percent
+from dynident.number_format import format_percent
 from dynident.robot.bundled_arms import library_table
 
 FIGURES = {"rms", "relative", "relative_total"}

@@ -18,7 +18,7 @@ from dynident.diagnosis import Examination
 from dynident.effects import CATALOGUE
 from dynident.excitation import DesignRequest
 from dynident.identification import from_bytes
-from dynident.reports.number_format import format_number
+from dynident.number_format import format_number
 from dynident.robot import urdf_from_robot
 from dynident_service.cli.argument_loading import load_robot_argument
 from dynident_service.cli.option_parsers import parse_windows

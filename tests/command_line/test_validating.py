@@ -24,7 +24,7 @@ def test_what_fails_ends_with_exit_code_1_and_its_reason(desk: Path):
     answer = dynident("validate", desk / "model.npz", "cross", desk / "run2.csv", "--limit", "0.001")
     assert answer.code == 1
     assert "fail" in answer.out
-    assert "limit of 0.1%" in answer.out
+    assert "limit of 0.10\u202f%" in answer.out
 
 
 def test_the_worst_posture(desk: Path):

@@ -82,6 +82,8 @@ def test_a_level_of_the_search_decides_and_gives_its_reason(values, changed, cod
 def test_the_significance_of_a_request_is_that_of_the_rules() -> None:
     case = CASES["viscous_nonlinear"]
     run = experiment(case.hidden, case.effects)
-    diagnosis = diagnose(run.identification, [run.training], significance=0.05)
+    diagnosis = diagnose(
+        run.identification, [run.training], candidates=[case.effect, "stribeck", "offset"], significance=0.05
+    )
     assert (diagnosis.recommended[0].effect, diagnosis.recommended[0].joints) == (case.effect, (NAMES[case.joint],))
     assert DecisionRules().significance == 0.01

@@ -80,7 +80,7 @@ def test_every_hidden_effect_alone_is_named_with_its_shape_and_leaves_nothing_bu
     assert_named(CASES[effect], seed)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=THOROUGH) for seed in (1, 2))])
 def test_nothing_is_recommended_where_nothing_is_missing(seed):
     run = experiment(seed=seed)
     found = diagnose(run.identification, [run.training])
@@ -92,7 +92,7 @@ def test_nothing_is_recommended_where_nothing_is_missing(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [*range(3, 7), *(pytest.param(seed, marks=THOROUGH) for seed in range(7, 16))])
+@pytest.mark.parametrize("seed", [3, 4, *(pytest.param(seed, marks=THOROUGH) for seed in range(5, 16))])
 def test_no_false_alarm_on_many_clean_runs(seed):
     run = experiment(seed=seed)
     assert diagnose(run.identification, [run.training]).recommended == ()

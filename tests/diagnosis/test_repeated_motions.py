@@ -138,6 +138,7 @@ def test_tracks_of_a_recording_lie_in_its_windows(run):
         np.testing.assert_allclose(track.q[:, 0], np.interp(track.t, expected.t, expected.q[:, 0]), atol=1e-6)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_driving_the_same_again_is_no_evidence_for_a_name(seed):
     """What no effect of the catalogue says comes again in every period: whatever resembles it there gains each time."""

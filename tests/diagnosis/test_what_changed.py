@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -60,6 +61,7 @@ def two_days(since: Hidden) -> tuple[Recording, Recording]:
     return recorded(first, nothing, 70, "monday"), recorded(second, since, 71, "friday")
 
 
+@cache
 def asked(since: Hidden) -> Diagnosis:
     monday, friday = two_days(since)
     return diagnose(identify(ROBOT, [monday], [], CHOICES), [friday], baseline=[monday])
@@ -242,7 +244,7 @@ def test_how_much_the_friction_of_each_joint_differs_is_told_where_nothing_chang
     assert all(abs(one.value) < 0.01 * one.before for one in still.friction)
     # Of six intervals of 95 % one may miss.
     assert sum(one.interval[0] <= 0.0 <= one.interval[1] for one in still.friction) >= 5
-    assert "Friction differs by no more than" in still.summary
+    assert "The friction of each joint differs by no more than" in still.summary
     elbow = asked(worn).friction[2]
     # A third of what `recorded` gives the joint.
     truth = 0.3 * EFFORT[2] * (0.04 + 0.03 * elbow.speed)

@@ -85,12 +85,13 @@ def test_every_code_becomes_a_sentence(code):
 
 def test_sentences_tell_the_numbers():
     assert SAMPLES["explained"].text == (
-        "Explained by step 1 (Joint spring on elbow): beside it, 12 % of what this effect removes by itself is left."
+        "Explained by step 1 (Joint spring on elbow): beside it, 12\u202f% of what this effect removes by itself is "
+        "left."
     )
-    assert "1.3 %" in SAMPLES["too_small"].text
-    assert "2 %" in SAMPLES["too_small"].text
+    assert "1.3\u202f%" in SAMPLES["too_small"].text
+    assert "2\u202f%" in SAMPLES["too_small"].text
     assert "Fv3 would be -1.2 N m s/rad, which is below zero" in SAMPLES["impossible"].text
-    assert "62 %" in SAMPLES["unstable"].text
+    assert "62\u202f%" in SAMPLES["unstable"].text
 
 
 def test_what_was_accepted_answers_before_the_joint_and_the_joint_before_a_group():
@@ -200,6 +201,6 @@ def test_patterns_of_many_joints_are_told_by_the_variable():
     unknown = [UnknownPattern(name, "velocity", 0.1 + 0.01 * k) for k, name in enumerate(names[:-1])]
     unknown.append(UnknownPattern("left_knee", "other_joints", 0.3))
     assert group_patterns(unknown, names) == [
-        ("velocity", "all but right_elbow", "10% to 16%"),
-        ("other joints", "left_knee", "30%"),
+        ("velocity", "all but right_elbow", "10\u202f% to 16\u202f%"),
+        ("other joints", "left_knee", "30\u202f%"),
     ]

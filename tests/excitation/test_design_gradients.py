@@ -46,6 +46,7 @@ def test_the_fast_observation_matrix_is_that_of_identification_and_predicts_the_
     np.testing.assert_allclose(w @ model.nominal_values, model.torque(q, dq, ddq), atol=1e-4)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("criterion", CRITERIA)
 @pytest.mark.parametrize(("name", "effects"), [("scara", MOST), ("ur10", FRICTION)])
 def test_the_gradient_over_the_coefficients_agrees_with_finite_differences(name, effects, criterion):
@@ -96,6 +97,7 @@ NOT_IN_THE_MOTION = ("temperature_friction", "warm_up_friction", "payload", "ext
 ABSORBED = ("rigid_body", "rotor_coupling", "encoder_zero_error")
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("effect", [name for name in CATALOGUE if name not in (*NOT_IN_THE_MOTION, *ABSORBED)])
 def test_every_effect_of_the_motion_can_be_designed_for_with_an_exact_gradient(scara, effect):
     joints = CATALOGUE[effect].applicable(scara)

@@ -99,6 +99,7 @@ def design_of(file: Path) -> Design:
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ARMS)
 def test_a_motion_is_neither_below_the_floor_nor_through_the_arm_and_what_is_unchecked_is_a_warning(name: str) -> None:
     if STOCK is None:

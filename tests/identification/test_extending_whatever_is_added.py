@@ -65,6 +65,7 @@ def test_columns_that_are_known_to_be_independent_stay_whatever_other_states_sho
     np.testing.assert_allclose(found.grouping[:, 3], [0, 1, 1], atol=1e-4)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", ["ur10", "franka_panda"])
 def test_a_model_keeps_its_parameters_whatever_is_added(name, seed):
@@ -114,7 +115,7 @@ def test_extending_works_or_says_why_not(name):
 
 @pytest.mark.real_data
 @pytest.mark.skipif(not DATA.is_dir(), reason="the recordings of real robots are not here")
-@pytest.mark.parametrize("files", [("run1",), ("run1", "run2", "run3")])
+@pytest.mark.parametrize("files", [pytest.param(("run1",), marks=pytest.mark.thorough), ("run1", "run2", "run3")])
 def test_a_diagnosis_of_an_arm_with_rounded_angles_can_be_added(files, tmp_path):
     robot = robot_from_urdf("kinova", (DATA / "kinova.urdf").read_text(encoding="utf-8"))
     recordings = [

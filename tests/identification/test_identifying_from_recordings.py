@@ -257,7 +257,7 @@ def test_a_joint_that_never_moved_is_an_error_that_names_its_parameters():
     still = Motion(MOTION.t, q, dq, ddq)
     with pytest.raises(EstimationError, match=r"Ia4.*Fv4") as caught:
         identify(ROBOT, [record(ROBOT, still, torque(ROBOT, still))], [], choices(*PLAIN))
-    assert caught.value.pointer == "/measurement_ids"
+    assert caught.value.pointer == "/recordings"
     assert "lock" in caught.value.detail
 
 
@@ -284,12 +284,12 @@ def test_a_recording_that_is_too_short_says_so(seconds):
 def test_a_recording_of_another_robot_is_refused_by_the_names_of_its_joints():
     with pytest.raises(DynidentError, match="training has the joints") as caught:
         identify(arm("scara"), [TRAINING])
-    assert caught.value.pointer == "/measurement_ids/0"
+    assert caught.value.pointer == "/recordings/0"
     motion = fourier_motion(arm("scara"), 10.0, RATE, 1)
     own = record(arm("scara"), motion, torque(arm("scara"), motion))
     with pytest.raises(DynidentError) as caught:
         identify(arm("scara"), [own], [VALIDATION])
-    assert caught.value.pointer == "/validation_ids/0"
+    assert caught.value.pointer == "/validation/0"
 
 
 def test_no_recordings_at_all_are_refused():

@@ -34,7 +34,7 @@ def run(duration: float = 10.0, silent: tuple[int, ...] = (), still: tuple[int, 
 def test_a_joint_whose_torque_is_zero_throughout_is_named(estimator):
     with pytest.raises(DynidentError, match=r"torque of elbow_joint is zero everywhere.*weight") as raised:
         identify(ROBOT, [run(silent=(2,))], choices=replace(CHOICES, estimator=estimator))
-    assert raised.value.pointer == "/measurement_ids"
+    assert raised.value.pointer == "/recordings"
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)

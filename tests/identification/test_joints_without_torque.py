@@ -64,6 +64,7 @@ def errors_without(errors: Errors, joint: int) -> float:
     return float(np.sqrt(errors.squares[keep].sum() / errors.measured[keep].sum()))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(("name", "joint", "seed", "rate"), CASES)
 def test_the_other_joints_are_identified_as_well_as_with_it(
     folder: Path, name: str, joint: int, seed: int, rate: float

@@ -21,6 +21,7 @@ from dynident.identification.identified_models.held_out_gain import (
     list_confirming_rows,
 )
 from dynident.identification.identified_models.model_files import from_bytes, to_bytes
+from dynident.number_format import format_percent
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.regressors.errors_by_phase import compute_errors_by_phase, compute_moving_errors, compute_phase_squares
 
@@ -73,7 +74,9 @@ def test_an_effect_that_is_not_there_is_warned_of_and_its_step_is_not_the_best(g
     assert list_confirming_rows(false) == ()
     (warning, *_) = list_addition_warnings(false)
     before, after = (model.held_out_moving.relative_total for model in (grown, false))
-    assert f"where joints move from {before:.2%} to {after:.2%}" in warning
+    assert (
+        f"where joints move from {format_percent(before, decimals=2)} to {format_percent(after, decimals=2)}" in warning
+    )
     assert find_best_step(list(false.ladder())).best == 1
 
 

@@ -81,7 +81,7 @@ def test_the_filter_predicts_torque_as_well_as_weighted_least_squares(both):
 
 def test_the_user_is_told_what_the_filter_began_with_and_how_far_its_own_covariance_is_off(both):
     filtered, _ = both
-    assert "used the first 25% of the data for its initial values, and processed 19." in filtered.warnings[0]
+    assert "used the first 25\u202f% of the data for its initial values, and processed 19." in filtered.warnings[0]
     assert "times those of its own covariance" in filtered.warnings[0]
 
 
@@ -144,7 +144,7 @@ def test_a_joint_that_stands_still_with_its_brake_on_does_not_spoil_the_others()
 
 def test_where_a_quarter_of_the_data_does_not_determine_the_parameters_the_filter_begins_with_more():
     found = identify(ROBOT, [braked(6.0), recorded(14.0, 0.3, rate=100.0)], [], choices("ekf"))
-    assert "used the first 50% of the data" in found.warnings[0]
+    assert "used the first 50\u202f% of the data" in found.warnings[0]
     torque = found.estimate.solution.scales
     assert np.abs((found.values - TRUTH) * torque).max() < 0.03 * np.abs(TRUTH * torque).max()
 

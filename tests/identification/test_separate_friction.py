@@ -146,7 +146,7 @@ def test_runs_of_single_joints_are_found_in_ordinary_recordings_too():
 def test_motions_of_all_joints_are_no_friction_runs():
     with pytest.raises(DynidentError, match="each joint alone") as caught:
         identify(UR10, [whole_motion(UR10, drawn_standard(UR10))], [], choices())
-    assert caught.value.pointer == "/measurement_ids"
+    assert caught.value.pointer == "/recordings"
 
 
 def test_friction_tests_alone_are_not_enough_to_identify_a_robot():

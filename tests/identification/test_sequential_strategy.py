@@ -246,7 +246,7 @@ def test_torque_that_is_zero_throughout_is_refused():
     for strategy in ("global", "sequential"):
         with pytest.raises(EstimationError, match="torque") as caught:
             identify(UR10, [run], [], choices(strategy=strategy, preprocessing=Preprocessing(10.0, 8.0, 3)))
-        assert caught.value.pointer == "/measurement_ids"
+        assert caught.value.pointer == "/recordings"
 
 
 def locked_run(still, seed: int, name: str, standard):

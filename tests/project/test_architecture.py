@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ast
+import runpy
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
 
 import pytest
+from support.sources import tree_of
 
 ROOT = Path(__file__).resolve().parents[2]
 MODULES = sorted(path for folder in ("src", "service") for path in (ROOT / folder).rglob("*.py"))
@@ -29,6 +31,12 @@ def test_no_module_is_longer_than_one_can_read() -> None:
     assert {name: length for name, length in lengths.items() if length > LONGEST} == {}
 
 
+def test_the_page_of_the_architecture_lists_every_module() -> None:
+    modules = runpy.run_path(str(ROOT / "docs" / "list_modules.py"))["list_modules"]()
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    assert f"\n{modules}\n" in page, "run `python docs/list_modules.py`"
+
+
 def test_imports_run_downward_only() -> None:
     command = Path(sys.executable).with_name("lint-imports")
     if not command.exists():
@@ -42,7 +50,7 @@ def test_no_function_takes_more_parameters_than_one_can_keep_in_mind() -> None:
     """Signatures that are made of a request, of commands and of the client's `**options`, stand in no module."""
     found = {}
     for path in MODULES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 taken = node.args
                 names = [one.arg for one in (*taken.posonlyargs, *taken.args, *taken.kwonlyargs)]
@@ -64,5 +72,5 @@ def test_no_class_of_the_service_is_called_as_one_of_the_validations() -> None:
 
 
 def public_classes(room: Path) -> list[str]:
-    bodies = (node for path in room.rglob("*.py") for node in ast.parse(path.read_text(encoding="utf-8")).body)
+    bodies = (node for path in room.rglob("*.py") for node in tree_of(path).body)
     return [node.name for node in bodies if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]

@@ -13,6 +13,7 @@ from pathlib import Path
 import click
 import pytest
 import typer
+from support.sources import tree_of
 
 from dynident_service.cli.program_and_exit_codes import app
 
@@ -79,9 +80,9 @@ def test_every_command_that_a_page_names_is_there_with_its_options(page: Path) -
     assert not {one: wrong for one, wrong in found.items() if wrong}
 
 
-def messages_of(text: str) -> Iterator[str]:
+def messages_of(tree: ast.Module) -> Iterator[str]:
     """The texts in a module's code, with an X for what is put into them; docstrings, too."""
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr):
             yield "".join(part.value if isinstance(part, ast.Constant) else "X" for part in node.values)
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
@@ -91,7 +92,7 @@ def messages_of(text: str) -> Iterator[str]:
 def commands_in_messages() -> Iterator[tuple[str, str]]:
     """Commands that the program's own messages name, with the module: from `dynident` to the end of the sentence."""
     for path in sorted([*(ROOT / "src").rglob("*.py"), *(ROOT / "service").rglob("*.py")]):
-        for message in messages_of(path.read_text(encoding="utf-8")):
+        for message in messages_of(tree_of(path)):
             for quoted in re.findall(r"`(dynident [^`]*)`", message):
                 yield path.name, " ".join(quoted.split())
             for named in re.findall(r"(?<!`)\bdynident ([a-z]+(?: [^`.,:;()\n]*)?)", message):

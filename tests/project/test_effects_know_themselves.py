@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.sources import tree_of
 
 from dynident.effects import CATALOGUE, DEFAULT_EFFECTS
 
@@ -45,9 +46,8 @@ CONTRACT = {
 }
 
 
-def named(source: str) -> Iterator[tuple[int, str]]:
-    """Lines of a Python source at which the id of an effect stands as a string, and the id."""
-    tree = ast.parse(source)
+def named(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Lines of a Python module at which the id of an effect stands as a string, and the id."""
     meant = {id(node) for whole in ast.walk(tree) for node in _of_effects(whole)}
     for node in ast.walk(tree):
         if not isinstance(node, ast.Constant) or not isinstance(node.value, str):
@@ -75,18 +75,18 @@ def _of_effects(node: ast.AST) -> list[ast.AST]:
     ],
 )
 def test_the_search_finds_an_effect_that_is_known_by_name(source: str) -> None:
-    assert list(named(source))
+    assert list(named(ast.parse(source)))
 
 
 def test_the_search_leaves_a_payload_that_is_no_effect() -> None:
-    assert not list(named('body.get("payload"); role == "payload"'))
+    assert not list(named(ast.parse('body.get("payload"); role == "payload"')))
 
 
 def test_no_effect_is_known_by_name_outside_its_own_room() -> None:
     found = [
         f"{name}:{line}: {effect}"
         for path in PYTHON
-        for line, effect in named(path.read_text(encoding="utf-8"))
+        for line, effect in named(tree_of(path))
         if effect not in CONTRACT.get(name := path.relative_to(ROOT).as_posix(), ())
     ]
     assert len(PYTHON) > 400

@@ -5,8 +5,9 @@ from __future__ import annotations
 import ast
 import re
 from collections import Counter
-from functools import cache
 from pathlib import Path
+
+from support.sources import tree_of
 
 ROOT = Path(__file__).resolve().parents[2]
 MODULES = sorted(path for folder in ("src", "service") for path in (ROOT / folder).rglob("*.py"))
@@ -80,9 +81,8 @@ DOCUMENTED = {
 """Names that users or templates read as data, or that documents show; no new ones."""
 
 
-@cache
 def parse_modules() -> dict[Path, ast.Module]:
-    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
+    return {path: tree_of(path) for path in MODULES}
 
 
 def is_participle(name: str) -> bool:

@@ -59,6 +59,7 @@ def test_nothing_is_called_corrupted_in_a_clean_recording(rate, moves, noise, co
         np.testing.assert_array_equal(right, values)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("longest", [1, 4])
 @pytest.mark.parametrize("share", [0.002, 0.02])
@@ -339,6 +340,7 @@ def trial_runs():
     return robot, [(run.t, np.column_stack([np.round(run.q, 5), run.tau])) for run in runs]
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("share", "kind", "longest"),
     [(3e-4, "zero", 1), (0.002, "spike", 1), (0.02, "zero", 1), (0.02, "stuck", 3), (0.02, "largest", 5)],

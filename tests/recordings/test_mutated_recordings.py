@@ -11,6 +11,7 @@ PEAK = 600 * 2**20
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.parametrize("kind", RECORDINGS)
 def test_a_damaged_recording_is_read_or_refused_in_words(kind, thorough):
     pytest.importorskip("h5py")

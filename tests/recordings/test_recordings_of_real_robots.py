@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from dynident.identification.recording_faults.fault_checks import build_dynamics_checks
+from dynident.number_format import format_percent
 from dynident.recordings import (
     RecordedJoints,
     RecordingError,
@@ -73,6 +74,7 @@ def known(path: Path) -> set[str]:
     return peculiar.get(path.parent.name, set())
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("path", all_files(), ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_every_recording_comes_in_and_raises_no_false_alarm(path, tmp_path):
     recording, checks = imported(path, tmp_path / "stored")
@@ -110,7 +112,9 @@ def test_standstill_is_told_joint_by_joint_and_is_no_warning(tmp_path):
     assert check.status == "ok"
     # A motion from point to point: every joint rests between the points.
     shares = phase_shares(recording).standing
-    assert all(f"{name} {100 * share:.2g} %" in check.detail for name, share in zip(JOINTS, shares, strict=True))
+    assert all(
+        f"{name} {format_percent(float(share), 2)}" in check.detail for name, share in zip(JOINTS, shares, strict=True)
+    )
 
 
 def changed(tmp_path: Path, change) -> Path:

@@ -48,6 +48,7 @@ def with_torque_of(model: Model, values: np.ndarray) -> Recording:
     return recorded(np.concatenate(torques))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", EFFECTS)
 def test_the_torque_of_an_effect_satisfies_the_equations_of_every_model(name):
     runs = ("run#1",) if CATALOGUE[name].in_some_runs else ()

@@ -227,4 +227,4 @@ def test_a_recording_without_a_wrench_is_refused_by_name():
     bare = recording_from_arrays(t, rows.q, rows.tau, joint_names=robot.joint_names, name="bare")
     with pytest.raises(DynidentError, match="bare has no wrench of the base: record the columns base_fx") as caught:
         identify(robot, [whole, bare], [], IdentificationChoices(LINKS, model="base_wrench"))
-    assert caught.value.pointer == "/measurement_ids/1"
+    assert caught.value.pointer == "/recordings/1"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynident.reports.number_format import format_count, format_estimate, format_number, format_p_value, format_percent
+from dynident.number_format import format_count, format_estimate, format_number, format_p_value, format_percent
 
 
 @pytest.mark.parametrize(
@@ -40,6 +42,18 @@ def test_per_cents_beyond_all_reason_are_not_written_out() -> None:
     assert format_percent(12345.0) == "> 1000\u202f%"
     assert format_percent(math.inf) == "> 1000\u202f%"
     assert format_percent(-0.01) == "−1.00\u202f%"
+
+
+def test_limits_in_sentences_have_the_decimals_that_are_asked_for() -> None:
+    assert format_percent(0.15, decimals=0) == "15\u202f%"
+    assert format_percent(0.0358, decimals=2) == "3.58\u202f%"
+
+
+@pytest.mark.parametrize("folder", ["src", "service"])
+def test_no_other_code_writes_percentages(folder: str) -> None:
+    """Python's own format has no space before the sign."""
+    modules = (Path(__file__).resolve().parents[2] / folder).rglob("*.py")
+    assert not [path for path in modules if re.search(r":[+,\d]*\.\d%\}", path.read_text(encoding="utf-8"))]
 
 
 def test_counts_and_their_nouns_agree() -> None:

@@ -10,6 +10,7 @@ PEAK = 600 * 2**20
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.parametrize("kind", [kind for kind in MUTABLE_FILES if kind in (*MESHES, *DESCRIPTIONS)])
 def test_a_damaged_mesh_or_description_is_read_or_refused_in_words(kind, thorough):
     pytest.importorskip("mujoco")

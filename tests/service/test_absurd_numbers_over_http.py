@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 from support.one_joint_robots import one_joint_urdf
+from support.openapi_contract import CONTRACT
 
 from dynident_client import Client
-from dynident_service.openapi import render_contract
 
-CONTRACT = json.loads(render_contract())
 ABSURD = ("1e300", "1e-300", "Infinity", "-Infinity", "NaN", "-1", "0", str(2**70), "1e999", "9" * 5000)
 NONE = "xxx_01m8dfgap685y6e1s7z5jh44kp"
 

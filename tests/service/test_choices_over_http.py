@@ -46,11 +46,13 @@ def test_a_virtual_robot_goes_from_point_to_point_and_dwells(bench: Bench) -> No
     assert lasts[1] - lasts[0] == pytest.approx(3 * 0.5, abs=0.02)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("model", [name for name in AVAILABLE_MODELS if name != "base_wrench"])
 def test_every_model_predicts_what_no_parameter_saw(bench: Bench, model: str) -> None:
     assert bench.identified(model=model).result["validation"]["relative_total"] < 0.3
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("estimator", AVAILABLE_ESTIMATORS)
 def test_every_estimator_predicts_what_no_parameter_saw(bench: Bench, estimator: str) -> None:
     assert bench.identified(estimator=estimator).result["validation"]["relative_total"] < 0.3

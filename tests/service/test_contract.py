@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,25 +27,30 @@ pytestmark = pytest.mark.skipif(older_than_locked("fastapi"), reason="the contra
 FILE = Path(__file__).parents[2] / "openapi" / "openapi.json"
 
 
+@cache
+def rendered() -> str:
+    return render_contract()
+
+
 def test_the_committed_contract_is_what_the_service_does() -> None:
-    assert FILE.read_text(encoding="utf-8") == render_contract(), "run `python -m dynident_service.openapi`"
+    assert FILE.read_text(encoding="utf-8") == rendered(), "run `python -m dynident_service.openapi`"
 
 
 def test_the_types_of_the_client_are_those_of_the_contract() -> None:
     # Beside an installed package there are no sources.
     written = Path(dynident_client.__file__).with_name(Path(TYPES).name).read_text(encoding="utf-8")
-    assert written == build_request_types(json.loads(render_contract())), "run `python -m dynident_service.openapi`"
+    assert written == build_request_types(json.loads(rendered())), "run `python -m dynident_service.openapi`"
 
 
 def test_what_the_client_says_of_robots_and_recordings_is_the_contract_s() -> None:
     written = Path(dynident_client.__file__).with_name(Path(DESCRIPTIONS_FILE).name).read_text(encoding="utf-8")
-    assert written == build_description_types(json.loads(render_contract())), "run `python -m dynident_service.openapi`"
+    assert written == build_description_types(json.loads(rendered())), "run `python -m dynident_service.openapi`"
 
 
 def test_what_the_client_says_of_answers_is_the_contract_s() -> None:
     folder = Path(dynident_client.__file__).with_name(Path(ANSWERS_FOLDER).name)
     written = {file.name: file.read_text(encoding="utf-8") for file in folder.glob("*.py")}
-    assert written == build_answer_types(json.loads(render_contract())), "run `python -m dynident_service.openapi`"
+    assert written == build_answer_types(json.loads(rendered())), "run `python -m dynident_service.openapi`"
 
 
 def unlimited(schema: Any, components: dict[str, Any], seen: set[str], place: str) -> Iterator[str]:
@@ -64,7 +70,7 @@ def unlimited(schema: Any, components: dict[str, Any], seen: set[str], place: st
 
 
 def test_every_list_in_a_request_has_a_limit() -> None:
-    written = json.loads(render_contract())
+    written = json.loads(rendered())
     seen: set[str] = set()
     operations = [one for path in written["paths"].values() for one in path.values()]
     bodies = [one["requestBody"] for one in operations if "requestBody" in one]

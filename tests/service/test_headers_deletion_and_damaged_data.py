@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -30,16 +31,29 @@ from dynident_service.storage.resource_repository import Resources
 from dynident_service.storage_and_engine import Services
 
 
-@pytest.fixture
-def own(tmp_path: Path) -> Iterator[TestClient]:
-    """A service of a test's own, which it may damage."""
-    app = app_of(Settings(data_dir=tmp_path / "data", workers=1))
+@contextmanager
+def started(folder: Path) -> Iterator[TestClient]:
+    app = app_of(Settings(data_dir=folder / "data", workers=1))
 
     @app.get("/broken")
     def broken() -> None:
         raise RuntimeError("secret of the machine room")
 
     with TestClient(app, "http://127.0.0.1", raise_server_exceptions=False) as client:
+        yield client
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Iterator[TestClient]:
+    """A service of a test's own, which it may damage."""
+    with started(tmp_path) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def unharmed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
+    """A service with a route that breaks, which is only asked."""
+    with started(tmp_path_factory.mktemp("unharmed")) as client:
         yield client
 
 
@@ -71,8 +85,10 @@ PATHS = [
 
 
 @pytest.mark.parametrize("path", [*PATHS, "/", "/workbench/style.css", "/workbench/nothing.js"])
-def test_every_answer_is_taken_for_what_it_says_and_runs_nothing_from_elsewhere(own: TestClient, path: str) -> None:
-    answer = own.get(path)
+def test_every_answer_is_taken_for_what_it_says_and_runs_nothing_from_elsewhere(
+    unharmed: TestClient, path: str
+) -> None:
+    answer = unharmed.get(path)
     assert answer.headers["x-content-type-options"] == "nosniff"
     policy = answer.headers["content-security-policy"]
     assert "default-src 'none'" in policy or "default-src 'self'" in policy

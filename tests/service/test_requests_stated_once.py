@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from support.installed_versions import older_than_locked
+from support.openapi_contract import CONTRACT
 from typer.testing import CliRunner
 
 from dynident.diagnosis import DiagnosisChoices
@@ -34,11 +35,9 @@ from dynident.validation.validation_request import TRIALS, build_trial
 from dynident_service.adapters.field_by_field import to_body, to_body_value, to_request
 from dynident_service.adapters.measurements import show_revision, to_recording_metadata, to_revision
 from dynident_service.cli.program_and_exit_codes import app
-from dynident_service.openapi import render_contract
 from dynident_service.wire_types import designs, identifications
 from dynident_service.wire_types.measurements import MeasurementMetadata
 
-CONTRACT = json.loads(render_contract())
 PAGE = (Path(__file__).parents[2] / "docs" / "own-methods.md").read_text(encoding="utf-8")
 NEW = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0]
 

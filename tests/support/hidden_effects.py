@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from support.oracles import FloatArray, Motion, arm, fourier_motion, pinocchio_torque, record
@@ -122,6 +122,7 @@ class Experiment:
     validation: Recording
 
 
+@lru_cache(maxsize=16)
 def experiment(hidden: Hidden = nothing, effects: tuple[EffectChoice, ...] = WITH_OFFSET, seed: int = 0) -> Experiment:
     learn, trial = motions(seed)
     training = recorded(learn, hidden, 10 * seed, "training")

@@ -11,6 +11,7 @@ from support.measured_arm import ROBOT
 from dynident.errors import DynidentError
 from dynident.identification import identify
 from dynident.identification.identification_choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS, AVAILABLE_STRATEGIES
+from dynident.number_format import format_percent
 from dynident.regressors.row_phases import RowPhases
 from dynident.validation import Method, available_methods, get_method, validate_methods
 from dynident.validation.method_comparison import judge_methods
@@ -101,7 +102,7 @@ def test_methods_that_disagree_fail_and_are_named(identified, training, unseen):
     worse = replace(second, held_out_moving=replace(second.held_out_moving, squares=squares), torque_distance=0.5)
     judged = judge_methods(identified, [first, worse], held_out=True)
     assert judged.verdict == "fail"
-    assert f"dynamic, global, ols ({worse.held_out_moving.relative_total:.1%})" in judged.reason
+    assert f"dynamic, global, ols ({format_percent(worse.held_out_moving.relative_total, decimals=1)})" in judged.reason
 
 
 def test_one_method_alone_is_not_evaluated(identified, training):

@@ -24,7 +24,7 @@ def test_the_cross_error_is_that_of_data_that_no_parameter_saw(identified, unsee
     found = validate_cross(identified, [unseen])
     assert found.total.relative == pytest.approx(identified.held_out.relative)
     assert found.judged.verdict == "pass"
-    assert "15.0%" in found.judged.reason
+    assert "15\u202f%" in found.judged.reason
 
 
 def test_several_recordings_count_by_their_squares(identified, training, unseen):

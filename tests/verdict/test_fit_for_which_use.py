@@ -10,6 +10,7 @@ from support.one_joint_robots import one_joint_run
 from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
+from dynident.number_format import format_percent
 from dynident.recordings import Recording, Revision, recording_from_arrays
 from dynident.recordings.sample_hashes import SampleHashes
 from dynident.validation import ValidationOutcome
@@ -52,7 +53,7 @@ def test_a_good_model_is_fit_for_prediction_and_says_so(model: Identification) -
     assert not is_stopped(model)
     (feed_forward,) = (one for one in found.uses if one.use == "feed_forward")
     assert feed_forward.state == "yes"
-    assert f"{model.held_out_moving.relative_total:.1%}" in feed_forward.reason
+    assert format_percent(model.held_out_moving.relative_total, decimals=1) in feed_forward.reason
     assert all(one.next_step for one in found.uses)
 
 

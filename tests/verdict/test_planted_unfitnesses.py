@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -70,6 +71,7 @@ def memory_lost() -> ModelVerdict:
     return judged(arm, *measured(arm))
 
 
+@cache
 def a_wrong_payload() -> ModelVerdict:
     return weighed(ARM, *measured(ARM), ARM.measure_loaded(3, stated=2.0 * LOAD))
 
@@ -98,12 +100,14 @@ def gravity_from_elsewhere() -> ModelVerdict:
     return judged(ARM, *measured(ARM, lambda motion: ARM.torque(motion, tilted)))
 
 
+@cache
 def friction_that_drives() -> ModelVerdict:
     sign = np.where(np.arange(ARM.robot.n) == 1, -1.0, 1.0)
     arm = replace(ARM, coulomb=sign * ARM.coulomb, viscous=sign * ARM.viscous)
     return judged(arm, *measured(arm))
 
 
+@cache
 def much_noise() -> ModelVerdict:
     """A heavy arm whose torque is disturbed within the band of its motion."""
     arm = replace(ARM, robot=replace(ARM.robot, inertias=8.0 * np.array(ARM.robot.inertias)))
@@ -165,6 +169,7 @@ def test_mistakes_that_are_certain_are_told_as_such() -> None:
     assert noise["feed_forward"] == "yes"
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("seed", range(10))
 def test_sound_models_pass_every_use(seed: int) -> None:
     arm = draw_arm(seed)
@@ -185,7 +190,7 @@ def test_a_joint_at_45_percent_fails_the_simulation_along_a_recording() -> None:
     wrong = ARM.measure("other", 2, ARM.torque(motion) + np.outer(wave, size(ARM) * (np.arange(ARM.robot.n) == 3)))
     judged_so = validate_simulation(found, wrong, limit=1.0, longest=5.0).judged
     assert judged_so.verdict == "fail"
-    assert "above 30% on j3" in judged_so.reason
+    assert "above 30\u202f% on j3" in judged_so.reason
 
 
 def test_a_model_tried_on_its_own_data_is_not_to_be_used() -> None:

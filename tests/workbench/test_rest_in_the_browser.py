@@ -56,7 +56,7 @@ def test_rest_is_drawn_as_what_friction_may_hold_and_every_effect_has_its_rung(
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
         page.goto(f"/?identification={models[1]}&tab=compare")
-        expect(page.locator("#zoom-state")).to_contain_text("On grey ground the joint stands still")
+        expect(page.locator("#zoom-state")).to_contain_text("Where the background is grey, the joint stands still")
         page.locator("#torque-chart canvas").wait_for()
         page.screenshot(path=tmp_path / f"rest_{scheme}.png", full_page=True)
     moving = page.locator("#torque-title ~ *").last

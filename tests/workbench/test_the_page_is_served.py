@@ -19,9 +19,11 @@ OWN = sorted(path for path in workbench.FOLDER.rglob("*") if path.suffix in (".j
 OWN = [path for path in OWN if "vendor" not in path.parts]
 
 
-@pytest.fixture
-def client(tmp_path: Path) -> TestClient:
-    settings = Settings(data_dir=tmp_path, workers=1, api_keys=["a-key-of-the-test"], require_keys=True)  # type: ignore[list-item]
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> TestClient:
+    settings = Settings(
+        data_dir=tmp_path_factory.mktemp("page"), workers=1, api_keys=["a-key-of-the-test"], require_keys=True
+    )  # type: ignore[list-item]
     # Not started: the page needs neither database nor engine.
     return TestClient(create_app(settings), "http://127.0.0.1", raise_server_exceptions=False)
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from math import inf
 
 from dynident.identification import DriveGains, PayloadEstimate
-from dynident.reports.number_format import format_estimate
+from dynident.number_format import format_estimate
 from dynident.reports.table_cells import Cell, ReportedTable, make_interval_cell, make_number_cell, make_text_cells
 from dynident.robot import Robot
 from dynident_service.adapters.field_by_field import to_view

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from dynident.validation.validation_request import TrialResult
 from collections.abc import Iterator
 
-from dynident.reports.number_format import format_number
+from dynident.number_format import format_number, format_percent
 from dynident.reports.reported_data import ReportedValidation
 from dynident.reports.table_cells import (
     Cell,
@@ -51,7 +51,7 @@ from dynident_service.wire_types.validations import (
 
 TITLES = {
     "direct": "Direct validation: the identification's own data",
-    "cross": "Cross validation: data that no parameter saw",
+    "cross": "Cross validation: held-out data",
     "inertia_matrix": "Inertia matrix over the whole joint range",
     "payload": "A known load",
     "methods": "Different methods on the same data",
@@ -141,7 +141,7 @@ def _build_drift_rows(simulation: SimulationOnMeasurement) -> Iterator[tuple[Cel
 def _make_drift_cell(distance: float | None, share: float | None) -> Cell:
     if distance is None or share is None:
         return Cell("diverged", mark="warning")
-    return Cell(f"{format_number(distance, 2)} ({share:.0%})", distance)
+    return Cell(f"{format_number(distance, 2)} ({format_percent(share, decimals=0)})", distance)
 
 
 def _build_method_tables(methods: Sequence[MethodView], joint_columns: Sequence[str]) -> Iterator[ReportedTable]:
@@ -155,7 +155,7 @@ def _build_method_tables(methods: Sequence[MethodView], joint_columns: Sequence[
         yield ReportedTable(title, columns, rows)
     failed_rows = tuple((Cell(method.method), Cell(method.problem)) for method in methods if method.problem)
     if failed_rows:
-        title = f"Methods that cannot use this data: {len(failed_rows)}"
+        title = f"Methods that cannot use these data: {len(failed_rows)}"
         yield ReportedTable(title, ("method", "why"), failed_rows, numbers_from=2)
 
 

@@ -134,7 +134,7 @@ class RecordingFile(RequestModel):
     """A recording, and how its file is read."""
 
     path: _Path = Field(description="Files of one recording are joined by +: q.csv+tau.csv")
-    cure: bool = Field(default=False, description="Read what would be refused as its checks propose")
+    cure: bool = Field(default=False, description="Read a file that would be refused with the cures of its checks")
 
 
 Recordings = Annotated[list[_Path | RecordingFile], Field(max_length=100)]
@@ -157,7 +157,7 @@ class RobotSource(RequestModel):
     drive_gains: dict[str, float] = Field(
         default={}, description="By joint: torque per unit of current [12.17], for recordings of currents"
     )
-    locked_joints: dict[str, float] = Field(default={}, description="By joint that no recording has: its position")
+    locked_joints: dict[str, float] = Field(default={}, description="Positions of joints that are in no recording")
     gravity: tuple[float, float, float] | None = Field(default=None, description="In the base frame, m/s²")
 
 
@@ -168,8 +168,10 @@ class InspectArguments(RequestModel):
     """A file to inspect."""
 
     file: _Path
-    robot: SomeRobot | None = Field(default=None, description="Without it, columns are only listed")
-    rate: float | None = Field(default=None, gt=0, le=1e6, description="Hz of the rows, where the file has no time")
+    robot: SomeRobot | None = Field(
+        default=None, description="The robot of the recording; without it, columns are only listed"
+    )
+    rate: float | None = Field(default=None, gt=0, le=1e6, description="Rows per second of a file without time, Hz")
 
 
 @derive_body(IdentificationChoices, only=_list_fields(IdentificationChoices, "effects", "preprocessing", "tolerance"))
@@ -199,21 +201,23 @@ class WhyNotArguments(RequestModel):
 
     diagnosis: _Path
     effect: str = Field(max_length=_LONGEST)
-    joint: str = Field(default="", max_length=_LONGEST, description="By default, where it explains most")
+    joint: str = Field(
+        default="", max_length=_LONGEST, description="By default, the joint where the effect explains most"
+    )
 
 
 @derive_body(DesignRequest, only=_list_fields(DesignRequest, "model"))
 class DesignArguments(RequestModel):
     """The experiment to design."""
 
-    robot: SomeRobot | None = Field(default=None, description="Or a model of it")
+    robot: SomeRobot | None = Field(default=None, description="The robot; give either it or a model")
     model: _Path | None = Field(
         default=None, description="An identified model of the robot, by which torque is predicted for its limits"
     )
     diagnosis: _Path | None = Field(
         default=None, description="Design its next experiment; other options but limits and surroundings are ignored"
     )
-    earlier: Recordings = Field(default=[], description="Recordings that the motion is to complement")
+    earlier: Recordings = Field(default=[], description="Recordings that the motion complements")
     effects: Effects | None = None
     criterion: Criterion = Field(default_factory=Criterion)
     trajectory: Trajectory = Field(default_factory=Trajectory)
@@ -234,8 +238,8 @@ class ValidateArguments(RequestModel):
     """A model, and recordings to test it by."""
 
     model: _Path
-    recordings: Recordings = Field(default=[], description="Those that the model was identified from")
-    validation: Recordings = Field(default=[], description="Recordings that it has not seen")
+    recordings: Recordings = Field(default=[], description="The recordings from which the model was identified")
+    validation: Recordings = Field(default=[], description="Held-out recordings")
     limit: float = Field(default=LARGEST_ERROR, gt=0, le=1, description="Largest relative error that passes")
 
 

@@ -57,7 +57,7 @@ class _Call:
             except RecordingError as error:
                 return describe_file_problem(error)
             except DynidentError as error:
-                return to_problem(error)
+                return to_problem(error, {})
             except ModuleNotFoundError as missing:
                 # Formats need packages that not everybody installs; a module of ours that is missing is a bug.
                 if (missing.name or "").startswith("dynident"):

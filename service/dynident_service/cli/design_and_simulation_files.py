@@ -25,8 +25,8 @@ from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.known_robots import locate_robot
 from dynident.motion import Surroundings
+from dynident.number_format import format_number, format_percent
 from dynident.progress import Progress
-from dynident.reports.number_format import format_number, format_percent
 from dynident.robot import Limits, Robot
 from dynident.robot.collision_reader import find_mesh_folders
 from dynident.simulation import ActingEffect, Reference
@@ -123,12 +123,12 @@ def show_design(console: Console, design: Design) -> None:
         best = baseline.best
         rows.append(
             [
-                f"best of {baseline.count} random ones",
+                f"best of {baseline.count} random motions",
                 format_number(best.condition_number),
                 format_number(best.smallest_singular_value),
             ]
         )
-        rows.append(["median of those", format_number(baseline.median_condition_number), ""])
+        rows.append(["median of these motions", format_number(baseline.median_condition_number), ""])
     console.print(build_table("", ("trajectory", "condition number", "smallest singular value"), rows))
     # A share of 1 touches the limit; the five nearest are what somebody decides by.
     nearest = sorted(design.margins, key=lambda margin: -margin.share)[:5]

@@ -18,6 +18,7 @@ from dynident.identification.identified_models.correlated_and_essential_paramete
     parameter_dependence,
 )
 from dynident.identification.identified_models.held_out_gain import find_best_step
+from dynident.number_format import format_number, format_percent
 from dynident.recordings import phase_shares
 from dynident.recordings.joint_phases import Phase
 from dynident.reports.labels import (
@@ -29,7 +30,6 @@ from dynident.reports.labels import (
     get_effect_title,
     get_step_mark,
 )
-from dynident.reports.number_format import format_number, format_percent
 from dynident.reports.result_tables import CANDIDATE_COLUMNS as CANDIDATES
 from dynident.reports.result_tables import (
     CHANGE_COLUMNS,
@@ -156,8 +156,8 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
     console.print(build_table(f"Measured against predicted: {name}", columns, rows))
     if (comparison.phase == Phase.STANDING).any():
         console.print(
-            "  While a joint stands still, static friction may balance the torque. Compared with the predicted "
-            f"torque itself, the error on all rows is {format_percent(comparison.raw_errors.relative_total)}."
+            "  While a joint stands still, static friction may balance the torque. Compared with the predicted torque "
+            f"itself, the error on all rows is {format_percent(comparison.raw_errors.relative_total)}."
         )
     worst = [
         [
@@ -215,11 +215,11 @@ def show_diagnosis(
         rows = format_limits(diagnosis.detection_limits, robot)
         console.print(build_table("What these data would have shown", LIMIT_COLUMNS, rows, wrapped=3))
     elif diagnosis.not_visible:
-        console.print(f"  This data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
+        console.print(f"  These data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
     if diagnosis.recommended:
         console.print(f"To add what is missing: {extend_command}", soft_wrap=True, markup=False, highlight=False)
     for variable, joints, shares in group_patterns(diagnosis.unknown, robot.joint_names):
-        console.print(f"  Depends still on {variable}: {joints} ({shares})")
+        console.print(f"  The residual still depends on the {variable}: {joints} ({shares})")
     if diagnosis.conclusion is not None:
         console.print(f"  {diagnosis.conclusion.headline} {diagnosis.conclusion.next_step}")
     if n_open:
@@ -250,7 +250,7 @@ def show_changes(console: Console, diagnosis: Diagnosis, robot: Robot) -> None:
 
 
 def _show_evidence(console: Console, change: Change) -> None:
-    doubt = f" This data cannot distinguish it from: {', '.join(change.equivalent)}." if change.equivalent else ""
+    doubt = f" These data cannot distinguish it from: {', '.join(change.equivalent)}." if change.equivalent else ""
     console.print(f"  {change.evidence}{doubt}")
 
 

@@ -13,8 +13,8 @@ from rich.console import Console
 from dynident.effects import get_effect
 from dynident.errors import DynidentError
 from dynident.identification import to_bytes
+from dynident.number_format import format_number, format_percent
 from dynident.progress import scale_progress
-from dynident.reports.number_format import format_number, format_percent
 from dynident.reports.result_tables import CANDIDATE_COLUMNS, format_candidates
 from dynident.robot import Robot
 from dynident.text_encoding import encode_text
@@ -61,7 +61,7 @@ def print_experiment(console: Console, runs: Sequence[MeasuredRun], seconds: flo
         kind = "optimised" if run.design.request.kind == "optimized" else "from point to point"
         rows.append([run.path.name, kind, f"{run.design.duration:.0f} s", str(run.n_samples),
                      format_number(values.condition_number), best])  # fmt: skip
-    columns = ("recording", "trajectory", "length", "samples", "condition number", "best random one")
+    columns = ("recording", "trajectory", "length", "samples", "condition number", "best random motion")
     console.print(build_table("", columns, rows, right_from=2))
     console.print(
         f"Encoders of 2^19 counts, torque noise of 0.5 % of each joint's limit; {seconds:.1f} s to design and "
@@ -77,8 +77,8 @@ def print_findings(console: Console, robot: Robot, analysis: Analysis) -> None:
     held_out = first.held_out_judged
     assert held_out is not None
     console.print(
-        f"{first.model.n_parameters} base parameters: links, rotor inertia, Coulomb and viscous friction. Error "
-        f"where joints move: {format_percent(first.fit_judged.relative_total)} in the fit, "
+        f"{first.model.n_parameters} base parameters: links, rotor inertia, Coulomb and viscous friction. Error where "
+        f"joints move: {format_percent(first.fit_judged.relative_total)} in the fit, "
         f"{format_percent(held_out.relative_total)} held out.",
     )
     _print_heading(console, "Compare")
@@ -179,7 +179,8 @@ def _print_candidates(console: Console, robot: Robot, analysis: Analysis) -> Non
     console.print(analysis.diagnosis.summary, style="bold")
     for item in analysis.diagnosis.candidates:
         if item.significant and item.equivalent:
-            console.print(f"This data cannot distinguish {item.effect} from {', '.join(item.equivalent)}.")
+            others = ", ".join(get_effect(name).title for name in item.equivalent)
+            console.print(f"These data cannot distinguish {item.title} from {others}.")
 
 
 def _print_ladder(console: Console, robot: Robot, analysis: Analysis) -> None:

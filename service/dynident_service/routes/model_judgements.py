@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request
 
+from dynident.number_format import format_percent
 from dynident_service.problems import ProblemError
 from dynident_service.routes.paging_and_retries import require_succeeded
 from dynident_service.science_preload import hold_import_lock
@@ -125,7 +126,8 @@ def refuse_stopped(identification: Resource) -> None:
         raise ProblemError(409, detail, title="Not fit for use")
     if worst > STOP:
         detail = (
-            f"The error of this model is {worst:.0%}, above {STOP:.0%}: too large for a missing effect (GET "
+            f"The error of this model is {format_percent(worst, decimals=0)}, above "
+            f"{format_percent(STOP, decimals=0)}: too large for a missing effect (GET "
             f"/v1/identifications/{identification.id}/verdict names the probable cause). To export it anyway, add "
             "anyway=true."
         )

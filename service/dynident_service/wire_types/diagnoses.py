@@ -91,7 +91,7 @@ class Candidate(ViewModel):
     p_value: float | None
     significant: bool
     evidence: str
-    equivalent: list[str] = Field(description="Effects that this data cannot distinguish from it")
+    equivalent: list[str] = Field(description="Effects that these data cannot distinguish from it")
     separability: float | None = Field(description="Share of its column that the model does not explain")
     shape_parameters: Annotated[dict[str, float], SourcePath("choice.shape")]
     runs: Annotated[list[str], SourcePath("choice.runs")] = Field(
@@ -125,7 +125,9 @@ class Change(ChangedValue):
     runs: Annotated[list[str], SourcePath("choice.runs")] = Field(default=[], description="The later runs that show it")
     p_value: float | None
     evidence: str
-    equivalent: list[str] = Field(default=[], description="Effects or joints that this data cannot distinguish from it")
+    equivalent: list[str] = Field(
+        default=[], description="Effects or joints that these data cannot distinguish from it"
+    )
     more: list[ChangedValue] = Field(default=[], description="Its other parameters")
 
 
@@ -151,7 +153,7 @@ class UnknownPattern(ViewModel):
 
 
 class NotVisible(ViewModel):
-    """An effect that this data could not show."""
+    """An effect that these data could not show."""
 
     effect: str
     joints: list[str]

@@ -402,7 +402,7 @@ class AdvisedDiagnosis(Diagnosis):
     unknown : tuple of UnknownPattern
         Dependences in the residual that no effect explains.
     not_visible : tuple of Invisible
-        Effects that this data could not have shown.
+        Effects that these data could not have shown.
     failure_map : tuple of FailureSpot
         Where the residual of each joint is largest.
     changes : tuple of Change, optional

@@ -20,6 +20,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import Identification, check_same_recordings, extend, remove, to_bytes
 from dynident.identification.identified_models.held_out_gain import find_best_step
+from dynident.number_format import format_count, format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.reports.labels import (
     describe_condition_number,
@@ -28,7 +29,6 @@ from dynident.reports.labels import (
     get_effect_title,
     get_step_mark,
 )
-from dynident.reports.number_format import format_count, format_percent
 from dynident.robot import Robot
 from dynident.text_and_html_tables import (
     format_text_table,

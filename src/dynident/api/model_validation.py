@@ -155,7 +155,7 @@ def validate(
     return Validations(
         (
             Validation("direct", direct, "direct: on the identification's own data"),
-            Validation("cross", cross, "cross: on data that no parameter saw"),
+            Validation("cross", cross, "cross: on held-out data"),
             Validation("inertia_matrix", inertia, "inertia matrix over the joint range"),
         )
     )

@@ -19,10 +19,10 @@ from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
 from dynident.excitation.design_files import design_table, format_joint_trajectory
 from dynident.excitation.design_request import Kind
+from dynident.number_format import format_number, format_percent
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings.arrow_tables import table_column_to_numbers
 from dynident.recordings.row_storage import list_signal_units
-from dynident.reports.number_format import format_number, format_percent
 from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph, render_table
 from dynident.text_encoding import encode_text

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import DynidentError
+from dynident.number_format import format_number
 from dynident.optional_dependencies import format_install_hint
-from dynident.reports.number_format import format_number
 from dynident.text_and_html_tables import format_text_table, join_html, render_paragraph, render_table
 
 if TYPE_CHECKING:

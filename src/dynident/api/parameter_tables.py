@@ -10,8 +10,8 @@ from typing import overload
 from dynident.api.named_tables import Framed, Table
 from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
+from dynident.number_format import format_count, format_estimate, format_number, format_percent
 from dynident.reports.labels import PARAMETER_JUDGEMENTS, describe_condition_number
-from dynident.reports.number_format import format_count, format_estimate, format_number, format_percent
 from dynident.text_and_html_tables import format_text_table, join_html, render_paragraph, render_table
 
 _SHOWN = 30

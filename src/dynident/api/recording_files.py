@@ -21,6 +21,7 @@ from dynident.identification.robot_recording_import import (
     list_shared_cures,
     word_contradiction,
 )
+from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Check, RecordingError, RecordingMetadata, Revision
 from dynident.recordings.file_names_and_digests import check_readable_path, make_unique_names
@@ -78,7 +79,7 @@ class InspectedFile:
     def __repr__(self) -> str:
         lines = [self._format_head()]
         lines += [
-            f"  {guess.field}: {guess.value} ({guess.confidence:.0%}: {guess.reason})"
+            f"  {guess.field}: {guess.value} ({format_percent(guess.confidence, decimals=0)}: {guess.reason})"
             for guess in self.guesses[:_SHOWN]
         ]
         left_out = len(self.guesses) - _SHOWN
@@ -87,7 +88,10 @@ class InspectedFile:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        rows = [(guess.field, guess.value, f"{guess.confidence:.0%}", guess.reason) for guess in self.guesses]
+        rows = [
+            (guess.field, guess.value, format_percent(guess.confidence, decimals=0), guess.reason)
+            for guess in self.guesses
+        ]
         return join_html(
             render_paragraph(self._format_head(), strong=True),
             render_table(_COLUMNS, rows, right_from=len(_COLUMNS)) if rows else "",

@@ -19,9 +19,9 @@ from dynident.diagnosis import Comparison, Judgement, judge
 from dynident.diagnosis import compare as compare_recording
 from dynident.errors import DynidentError
 from dynident.identification import Identification, check_same_recordings
+from dynident.number_format import format_number, format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings.joint_phases import Phase
-from dynident.reports.number_format import format_number, format_percent
 from dynident.text_and_html_tables import format_text_table, join_html, render_list, render_paragraph, render_table
 
 _SHOWN = 5

@@ -24,6 +24,7 @@ from dynident.identification.equations.model_and_data_checks import check_runs, 
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.identification.identification_choices import PriorName
 from dynident.identification.identified_models.add_effects import extend_at_once
+from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.robot.joint import Joint
@@ -300,6 +301,9 @@ def _word_friction_bound(changed: Collection[str], friction: Sequence[FrictionDi
         return ""
     (least, best), (most, worst) = bounds[0], bounds[-1]
     if best == worst:
-        return f" The friction of {best} differs by no more than {most:.1%}."
-    others = " of the other joints" if changed else ""
-    return f" Friction{others} differs by no more than {least:.1%} ({best}) to {most:.1%} ({worst})."
+        return f" The friction of {best} differs by no more than {format_percent(most, decimals=1)}."
+    others = "other " if changed else ""
+    return (
+        f" The friction of each {others}joint differs by no more than {format_percent(least, decimals=1)} ({best}) to "
+        f"{format_percent(most, decimals=1)} ({worst})."
+    )

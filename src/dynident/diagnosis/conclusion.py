@@ -11,6 +11,7 @@ from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import Adequacy, Conclusion, DetectionLimit, UnknownPattern
 from dynident.effects import get_effect
 from dynident.identification import Identification
+from dynident.number_format import format_percent
 from dynident.robot.joint import join_joint_names
 
 
@@ -71,7 +72,10 @@ def conclude(
     is_blind = len(blind) > RULES.most_blind * len(common)
     if verdict == "adequate" and not (is_far or is_poor or is_blind):
         median = float(np.median([limit.share for limit in common])) if common else math.inf
-        words = f"Half of the effects that arms often have would have shown from {median:.0%} of their usual size on."
+        words = (
+            f"Half of the effects that arms often have would have shown from {format_percent(median, decimals=0)} of "
+            "their usual size on."
+        )
         known = (words,) if math.isfinite(median) else ()
         return Conclusion("nothing_above_limits", known, "Validate the model on a motion of its use.")
     if verdict == "unexplained" and not (is_far or is_poor):

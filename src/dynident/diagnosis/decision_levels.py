@@ -52,160 +52,169 @@ class DecisionRules:
 
     # fmt: off
     significance: float = _declare_level(0.01, "-",
-        "Largest p-value of a finding, among all that is tried together",
-        "How often anything at all may be named where nothing is missing", "placebo")
+        "Largest p-value of a finding, for all candidates together",
+        "The probability that anything is named if nothing is missing", "placebo")
     most_effects: float = _declare_level(12, "-",
-        "Largest number of findings, contacts not counted",
-        "Two for each joint of a usual arm: a search ends where nothing more passes, this only bounds its time")
+        "Largest number of findings, without contacts",
+        "Two for each joint of a usual arm. The search ends when no candidate passes; this only limits its time")
     least_error_drop: float = _declare_level(0.02, "-",
-        "Share of the held-out error, in N m, that an effect removes where it is said to be",
-        "Less nobody would notice")
+        "Share of the held-out error, in N m, that an effect must remove on its joints",
+        "Nobody would notice less")
     least_drop: float = _declare_level(0.04, "-",
-        "The same as a share of the squared error of the joint that it helps most",
-        "Twice the share of the error, which is its root")
+        "Share of the squared error that an effect must remove on the joint that it improves most",
+        "Twice the share of the error, because the error is the root of this")
     least_gain_over_noise: float = _declare_level(0.08, "-",
-        "Share of the sensor noise's own power that an effect removes",
-        "Less is no matter to anybody; up to a quarter most names are right ones still", "smallest_gain")
+        "Power that an effect must remove, as a share of the power of the sensor noise",
+        "Less does not matter in practice; up to a quarter, most names are still right", "smallest_gain")
     least_gain_at_reversals: float = _declare_level(0.3, "-",
-        "The same for effects that show where a joint reverses",
+        "The same for effects that act where a joint reverses",
         "Small errors of the filtered signals there are of that size")
     most_of_block: float = _declare_level(3.0, "-",
-        "Error of a block, over a usual one's, above which its gain counts no more",
-        "One block with half of all the error must not decide")
+        "Error of a block, relative to a usual block, above which its gain counts no more",
+        "A single block with half of all the error must not decide")
     much_more: float = _declare_level(0.2, "-",
-        "Share of its gain by which a candidate beats a simpler one, however unevenly",
+        "Difference of the gains, as a share, from which on a candidate beats a simpler one even if it gains "
+        "unevenly over the blocks",
         "Candidates with more parameters gain something by these alone")
     hardly_more: float = _declare_level(0.02, "-",
-        "Share of its gain by which a candidate does not beat a simpler one, however evenly",
-        "Constants between those of the grid cost as much")
+        "Difference of the gains, as a share, below which a candidate does not beat a simpler one even if it "
+        "gains evenly over the blocks",
+        "Shape constants between the values of the grid change a gain as much")
     least_separability: float = _declare_level(0.02, "-",
-        "Share of a column that is left beside the model",
-        "Below, the data do not show the effect at all")
+        "Share of a candidate's column that must be independent of the model",
+        "Below this, the data do not show the effect at all")
     least_reach: float = _declare_level(0.25, "-",
-        "Share of a column that is left beside the model, times the t of what it gains",
-        "What a parameter leaves open makes one over this as much torque elsewhere as the candidate removes here",
-        "smallest_gain")
+        "Share of a candidate's column that is independent of the model, times the t of its gain",
+        "The uncertainty of its parameter can cause a torque elsewhere, of one over this value times the removed "
+        "one", "smallest_gain")
     blurred_separability: float = _declare_level(0.2, "-",
-        "Share of a sensitivity's column that is left beside the model below which it has to gain much",
-        "Its parameter reaches far beyond what the data say")
+        "Share of the column of a sensitivity that is independent of the model, below which the sensitivity must "
+        "gain much",
+        "Its parameter would be extrapolated far beyond the data")
     blurred_drop: float = _declare_level(0.25, "-",
-        "Share of the squared error that such a sensitivity removes",
-        "What is hardly separable has to gain much")
+        "Share of the squared error that such a sensitivity must remove",
+        "An effect that is hardly separable must gain much")
     least_drop_in_runs: float = _declare_level(0.5, "-",
-        "Share of the squared error that an effect of some runs alone removes",
-        "The motions of two runs differ, too: parameters of one run alone make up for what the model lacks")
+        "Share of the squared error that an effect of some runs alone must remove",
+        "The motions of two runs differ, too: parameters of one run alone compensate for what the model lacks")
     least_drop_of_change: float = _declare_level(0.1, "-",
-        "The same for what the later runs have",
-        "It is asked of these runs alone, not of every group of runs")
+        "The same for an effect of the later recordings, in a comparison of two days",
+        "Only one group of runs is tried, not every group")
     shadow: float = _declare_level(0.05, "-",
-        "Share of what an effect of a rough formula explains that anything beside it explains",
-        "A curve that is off by a fifth of itself leaves so much, and it looks like many things")
+        "Gain of another effect, as a share of the gain of an effect with an approximate formula, below which it "
+        "is taken for the error of this formula",
+        "A curve that is wrong by a fifth leaves so much, and its error resembles many effects")
     quiet: float = _declare_level(1e-4, "-",
-        "Share of the squared error that serves as noise where the torque has none",
+        "Share of the squared error that is assumed as noise if the torque has none",
         "Simulations have no noise")
     joint_drop: float = _declare_level(0.03, "-",
-        "Share of its own squared error that each joint of a group gains, and a finding beside all others",
-        "What a finding or a joint adds beside all others is smaller than what it explains by itself")
+        "Share of its own squared error that each joint of a group must gain, and each finding when all others "
+        "are in the model",
+        "A finding or a joint gains less beside all others than by itself")
     joint_t: float = _declare_level(2.0, "-",
         "t of the gain of a joint of a group",
         "One in forty by chance")
     large_joint_drop: float = _declare_level(0.3, "-",
-        "Share of its error from which on a smaller t of a joint will do",
-        "An effect that shows at few places is there all the same")
+        "Share of its error that a joint must gain for a smaller t to suffice",
+        "An effect that acts at few places exists all the same")
     large_joint_t: float = _declare_level(1.5, "-",
-        "t of the gain of a joint that gains so much",
+        "t of the gain of such a joint",
         "One in fifteen by chance, and the gain is large")
     staying_t: float = _declare_level(1.0, "-",
-        "t from which on a joint stays in a group that most joints are in",
-        "Five of six such gains are none of chance")
+        "t from which on a joint stays in a group that contains most joints",
+        "Five of six such gains are not chance")
     own_drop: float = _declare_level(0.1, "-",
-        "Share of what a group's constants leave on a joint that constants of its own remove",
-        "Less may be no more than that a group's constants lie between the values of the grid", "joints_of_a_group")
+        "Share of the residual under a group's constants that a joint's own constants must remove",
+        "Less may be the difference between the values of the grid", "joints_of_a_group")
     own_t: float = _declare_level(2.5, "-",
-        "t of what constants of its own gain on a joint",
+        "t of the gain of a joint's own constants",
         "One in a hundred by chance", "joints_of_a_group")
     one_by_one: float = _declare_level(1.3, "-",
-        "Times its gain that the joints of a group would gain each by itself for it to be dropped",
+        "Gain of the joints of a group by themselves, over the gain of the group, from which on the group is "
+        "dropped",
         "A group is one effect with common constants")
     staying_finding_t: float = _declare_level(2.5, "-",
-        "t of the gain of a finding beside all others",
-        "One in a hundred by chance: some twelve findings are asked")
+        "t of the gain of a finding when all others are in the model",
+        "One in a hundred by chance, and some twelve findings are tested")
     found_again: float = _declare_level(0.9, "-",
-        "Share of the resamples of blocks, and runs left out, in which a name comes first again",
-        "A name that one draw of the blocks in ten changes is not sure")
+        "Share of the resamples of blocks, and of the runs left out, in which a name must come first again",
+        "A name that one draw in ten changes is not certain")
     more_for_parameters: float = _declare_level(0.2, "-",
-        "Share by which a candidate with more parameters gains more to take the place of a simpler one",
+        "Share by which a candidate with more parameters must gain more, to replace a simpler one",
         "Candidates with more parameters gain something by these alone")
     as_much_as_change: float = _declare_level(0.9, "-",
-        "Share of what a change explains that warmth explains to replace it",
-        "It leaves nothing that need have changed")
+        "Share of the gain of a change that friction by temperature must explain, to replace the change",
+        "Then nothing need have changed")
     still_gains: float = _declare_level(0.5, "-",
-        "Share of its gain that a candidate keeps beside another effect to be one beside it, and no rival",
-        "Two names of the same thing leave little of each other")
+        "Share of its gain that a candidate must keep beside another effect, to be a second effect and not a "
+        "rival",
+        "Two names of the same cause leave little of each other")
     equal_gain: float = _declare_level(0.97, "-",
-        "Share of the gain of a finding from which on another name is as good",
-        "Constants between those of the grid cost as much")
+        "Share of the gain of a finding from which on another name is equivalent",
+        "Shape constants between the values of the grid change a gain as much")
     equal_t: float = _declare_level(1.5, "-",
-        "t of the difference below which another name is as good",
+        "t of the difference below which another name is equivalent",
         "One in fifteen by chance")
     contends: float = _declare_level(0.7, "-",
-        "Share of the chosen name's gain from which on a name contends with finer constants",
-        "A coarse constant costs up to a quarter of a gain; 0.8 lost one of seven right names that lagged behind",
-        "equal_terms")
+        "Share of the chosen name's gain from which on a name is compared with finer constants",
+        "A coarse constant costs up to a quarter of a gain; with 0.8, one of seven right names that gained less "
+        "on the grid was lost", "equal_terms")
     same_gain: float = _declare_level(0.01, "-",
-        "Share of a gain by which finer constants may differ and say as much",
-        "Half a step off costs up to half of this, and each is the best of many", "equal_terms")
+        "Difference of two gains with finer constants, as a share, that counts as none",
+        "Half a step of the constants costs up to half of this, and each is the best of many", "equal_terms")
     apart_t: float = _declare_level(2.0, "-",
-        "t of the difference from which on blocks tell two names apart",
+        "t of the difference from which on the blocks distinguish two names",
         "One in forty by chance", "equal_terms")
     harm: float = _declare_level(1.005, "-",
-        "Times the error of a joint, or of all, from which on anybody would notice that it grew",
-        "A two hundredth of the error is noticed")
+        "Ratio of the errors after and before, of a joint or of all, from which on an increase is noticed",
+        "Half a per cent of the error")
     harm_t: float = _declare_level(3.5, "-",
-        "t of a joint's larger error from which on it is more than chance",
-        "Some forty joints and findings are looked at: one in fifty diagnoses would show it")
+        "t of the increase of a joint's error from which on it is more than chance",
+        "Some forty joints and findings are tested: by chance in one of fifty diagnoses")
     given_back: float = _declare_level(0.1, "-",
-        "Share of the work that friction may give back",
-        "Filters and other errors make some of it")
+        "Largest share of the work that friction may return",
+        "Filters and other errors cause some of it")
     wrong_sign: float = _declare_level(2.0, "standard deviations",
-        "From which on a parameter of the wrong sign counts",
+        "Distance from zero from which on a parameter of the wrong sign counts",
         "One in forty by chance")
     rows_of_filter: float = _declare_level(10.0, "rows",
-        "Filtered rows that are worth one",
-        "Filtered rows are correlated: each is worth a tenth")
+        "Number of filtered rows that count as one independent row",
+        "Filtered rows are correlated")
     part_to_part: float = _declare_level(1.6, "-",
-        "Error on a part of the motion that was left out in a row, or on held-out data, over that of the fit",
-        "1.0-1.25 on sound data, 1.6-3 where the motion is too poor to determine the model")
+        "Error on a left-out part of the motion, or on held-out data, over that of the fit",
+        "1.0 to 1.25 on sound data, 1.6 to 3 if the motion is too poor to determine the model")
     main_explanation: float = _declare_level(0.5, "-",
-        "Share of the squared error that an effect explains to be named where the motion is too poor",
-        "On a clean delta robot what passed explained 0.03; friction hidden on a passive joint 0.91-0.95")
+        "Share of the squared error that an effect must explain if the motion is too poor",
+        "On a clean delta robot, accepted candidates explained 0.03; friction hidden on a passive joint explained "
+        "0.91 to 0.95")
     few_waves: float = _declare_level(6.0, "waves a turn",
-        "Below which a polynomial of the position says much the same",
+        "Number of waves below which a ripple resembles a polynomial of the position",
         "Joints turn by less than a whole turn")
     left_over: float = _declare_level(0.12, "-",
-        "Share of what an effect removed that may be left as the same kind of function",
-        "More, and it is another function")
+        "Share of the removed error that may remain as the same kind of function",
+        "If more remains, it is another function")
     much_left_over: float = _declare_level(1.5, "-",
         "The same for any effect of one joint and any variable",
-        "What is left is larger than what the effect explained")
+        "The rest is then larger than what the effect explained")
     rival_gain: float = _declare_level(0.95, "-",
-        "Share of the gain of a finding from which on a candidate is a rival that an experiment decides",
-        "What a simulated model gets wrong elsewhere shifts gains by some percent")
+        "Share of the gain of a finding from which on a candidate is a rival, for which an experiment is designed",
+        "Errors of a simulated model elsewhere shift gains by some per cent")
     uneven_rival_gain: float = _declare_level(0.8, "-",
-        "The same where blocks disagree which gains more",
-        "Where blocks agree which gains more, it is decided already")
+        "The same if the blocks disagree which of the two gains more",
+        "If the blocks agree, the data have already decided")
     rival_t: float = _declare_level(2.0, "-",
-        "t of the difference below which blocks disagree",
+        "t of the difference below which the blocks disagree",
         "One in forty by chance")
     confused_rival_gain: float = _declare_level(0.7, "-",
-        "The same for effects that the catalogue says are confused with each other",
-        "A power law that no grid value met took Stribeck's name at 0.78 of its gain")
+        "The same for effects that are easily confused according to the catalogue",
+        "A power law with an exponent between the values of the grid gained 0.78 of Stribeck friction, which was "
+        "named instead")
     most_blind: float = _declare_level(0.5, "-",
         "Share of the usual effects whose detection limit may be above their usual size",
-        "Where more than half would not have shown, that nothing was found says little")
+        "If more than half would not have shown, it says little that nothing was found")
     adequate_over_noise: float = _declare_level(4.0, "-",
-        "Times the sensor's noise that an adequate model leaves where a joint moves, at most",
-        "Up to 1.9 in 72 clean cases, up to 3.8 where arms dwell at many points", "clean_residuals")
+        "Largest residual of a moving joint under an adequate model, over the sensor's noise",
+        "Up to 1.9 in 72 clean cases, up to 3.8 if arms dwell at many points", "clean_residuals")
     # fmt: on
 
     def list_levels(self) -> Iterator[Level]:

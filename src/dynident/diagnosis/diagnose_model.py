@@ -337,7 +337,7 @@ def _check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -
         raise DynidentError(
             "poses at rest show only gravity and constant torques, which the model has already; record a motion and "
             "identify from it to find other effects",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="Poses at rest",
         )
 

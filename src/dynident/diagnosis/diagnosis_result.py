@@ -185,7 +185,7 @@ class UnknownPattern:
 
 @dataclass(frozen=True)
 class Invisible:
-    """An effect that this data could not have shown.
+    """An effect that these data could not have shown.
 
     Parameters
     ----------
@@ -336,7 +336,7 @@ class Diagnosis:
     unknown : tuple of UnknownPattern
         Dependences in the residual that no effect explains.
     not_visible : tuple of Invisible
-        Effects that this data could not have shown.
+        Effects that these data could not have shown.
     failure_map : tuple of FailureSpot
         Where the residual of each joint is largest.
     changes : tuple of Change, optional

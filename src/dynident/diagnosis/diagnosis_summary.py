@@ -16,6 +16,7 @@ from dynident.diagnosis.diagnosis_result import Adequacy, Conclusion, RankedEffe
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason, describe_place
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import EffectChoice, get_effect
+from dynident.number_format import format_percent
 from dynident.regressors.model_structure import Model
 from dynident.robot.joint import join_joint_names
 from dynident.robot.limits_and_drives import HARDWARE
@@ -74,7 +75,7 @@ def rank_findings(
         twins = tuple(sorted(others | set(get_effect(choice.effect).same_function)))
         why = finding.why or f"Its signature in a residual: {get_effect(choice.effect).signature}."
         if twins:
-            why += f" These data cannot distinguish it from: {', '.join(twins)}."
+            why += f" These data cannot distinguish it from: {', '.join(get_effect(twin).title for twin in twins)}."
         if places := _list_other_places(finding, choice):
             why += f" It may equally well act on: {', '.join(places)}."
         scored = _narrow_to_joints(finding.judged, choice)
@@ -199,12 +200,14 @@ def _build_ranked_effect(
 
 
 def _word_evidence(title: str, scored: ScoredCandidate, before: float, after: float, why: str) -> str:
-    place = describe_place(scored.candidate.joints)
+    joints = scored.candidate.joints
+    place = "all joints" if 1 < len(joints) == scored.before.shape[1] else describe_place(joints)
     if after >= before:
         return f"{title} on {place} does not improve the prediction of blocks left out of the fit. {why}"
     return (
-        f"{title} on {place} lowers the error on blocks left out of the fit from {before:.2%} to {after:.2%} "
-        f"(t = {scored.t:.1f} over {len(scored.gains)} blocks, {scored.share_improved:.0%} of them better). {why}"
+        f"{title} on {place} lowers the error on blocks left out of the fit from {format_percent(before, decimals=2)} "
+        f"to {format_percent(after, decimals=2)} (t = {scored.t:.1f} over {len(scored.gains)} blocks, "
+        f"{format_percent(scored.share_improved, decimals=0)} of them better). {why}"
     )
 
 
@@ -273,7 +276,7 @@ def group_patterns(unknown: Sequence[UnknownPattern], joint_names: Sequence[str]
         groups.setdefault(pattern.variable.replace("_", " "), []).append(pattern)
     rows = []
     for variable, patterns in groups.items():
-        low, high = (f"{end(pattern.share for pattern in patterns):.0%}" for end in (min, max))
+        low, high = (format_percent(end(pattern.share for pattern in patterns), decimals=0) for end in (min, max))
         joints = join_joint_names(list(dict.fromkeys(pattern.joint for pattern in patterns)), joint_names)
         rows.append((variable, joints, low if low == high else f"{low} to {high}"))
     return rows

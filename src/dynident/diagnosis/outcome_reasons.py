@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from dynident.effects import EffectChoice, get_effect
+from dynident.number_format import format_percent
 
 ReasonCode = Literal[
     "accepted",
@@ -213,13 +214,13 @@ def _word_not_significant(_step: int | None, values: Values) -> str:
 def _word_too_small(_step: int | None, values: Values) -> str:
     share = max(float(values["share"]), 0.0)
     measure = _MEASURES[str(values["measure"])]
-    return f"Too small: it removes {_percent(share)} of {measure}; {_percent(values['least'])} is required."
+    return f"Too small: it removes {_percent(share)} of {measure}; {_percent(values['least'], 1)} is required."
 
 
 def _word_not_determined(_step: int | None, values: Values) -> str:
     return (
         f"Not determined by this motion: {_percent(values['share'])} of its column is independent of the model; "
-        f"{_percent(values['least'])} is required for a gain like this."
+        f"{_percent(values['least'], 1)} is required for a gain like this."
     )
 
 
@@ -233,7 +234,7 @@ def _word_impossible(_step: int | None, values: Values) -> str:
 def _word_unstable(_step: int | None, values: Values) -> str:
     return (
         f"Not stable: it comes first in {_percent(values['share'])} of the resampled data; "
-        f"{_percent(values['least'])} is required."
+        f"{_percent(values['least'], 1)} is required."
     )
 
 
@@ -249,7 +250,7 @@ _SENTENCES: Mapping[ReasonCode, Callable[[int | None, Values], str]] = MappingPr
         "unstable": _word_unstable,
         "only_at_reversals": lambda step, values: (
             f"It lowers the error at reversals only: where joints move by {_percent(values['share'])}; "
-            f"{_percent(values['least'])} is required."
+            f"{_percent(values['least'], 1)} is required."
         ),
         "superfluous": lambda step, values: "Superfluous: beside the other findings it no longer helps enough.",
         "not_resolved": lambda step, values: (
@@ -286,10 +287,9 @@ _BRIEF: Mapping[ReasonCode, str] = MappingProxyType(
 """Words before the step that a reason refers to."""
 
 
-def _percent(value: float | str) -> str:
-    share = 100.0 * float(value)
-    # Two digits tell a share apart from a threshold near it.
-    return f"{share:.0f} %" if share >= 10.0 else f"{share:.2g} %"
+def _percent(value: float | str, digits: int = 2) -> str:
+    # Two digits tell a share apart from a threshold near it, which has one or ends in 5.
+    return format_percent(float(value), digits)
 
 
 def _number(value: float | str) -> str:

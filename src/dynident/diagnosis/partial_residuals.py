@@ -15,6 +15,7 @@ from dynident.effects import Column, EffectChoice, ReferenceParameters, build_co
 from dynident.effects.effect_columns import find_joints
 from dynident.estimation import Reduction, build_weighted_factor
 from dynident.identification import Identification
+from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.filtered_rows import (
@@ -89,7 +90,10 @@ class Evidence:
     error_drop: float
 
     def __repr__(self) -> str:
-        return f"Evidence({self.effect} on {self.joint} over {self.variable}: explains {self.error_drop:.1%})"
+        return (
+            f"Evidence({self.effect} on {self.joint} over {self.variable}: explains "
+            f"{format_percent(self.error_drop, decimals=1)})"
+        )
 
 
 @dataclass(frozen=True, eq=False)

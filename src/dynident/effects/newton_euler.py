@@ -7,11 +7,12 @@ instructions, also where it is differentiated (UR10: 683 and 1,218; Panda: 810 a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
-from dynident.effects.rigid_body_rows import Frame, build_frames, cross_product, to_constant
+from dynident.effects.rigid_body_rows import Frame, Tree, build_frames, cross_product, to_constant
 from dynident.robot.joint import Joint
 from dynident.robot.robot_model import Robot
 
@@ -54,6 +55,24 @@ def build_inverse_dynamics(
     SX (n, 1)
         N m or N.
     """
+    if shift is None:
+        return _derive_torque(Tree.of(robot))(q, dq, ddq, gravity, inertia)
+    return _build_torque(robot, q, dq, ddq, gravity, inertia, shift)
+
+
+@lru_cache(maxsize=32)
+def _derive_torque(tree: Tree) -> ca.Function:
+    """Return the torque as a function of the motion, gravity and the parameters."""
+    n = tree.robot.n
+    q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
+    gravity, inertia = ca.SX.sym("g", 3), ca.SX.sym("K", 10 * n)
+    torque = _build_torque(tree.robot, q, dq, ddq, gravity, inertia, None)
+    return ca.Function("torque", [q, dq, ddq, gravity, inertia], [torque])
+
+
+def _build_torque(
+    robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX, inertia: ca.SX, shift: ca.SX | None
+) -> ca.SX:
     frames = build_frames(robot, q)
     if shift is not None:
         frames = [Frame(frame.rotation, frame.origin + shift[:, i]) for i, frame in enumerate(frames)]

@@ -7,8 +7,8 @@ and power models). Tests compare one with the other and both with Pinocchio.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -64,6 +64,33 @@ def _build_rotation(joint: Joint, q: ca.SX) -> ca.SX:
     # Rodrigues' formula: cos q (1 - a aᵀ) + sin q [a]x + a aᵀ.
     along = ca.mtimes(axis, axis.T)
     return ca.cos(q) * (ca.SX.eye(3) - along) + ca.sin(q) * ca.skew(axis) + along
+
+
+@dataclass(frozen=True)
+class Tree:
+    """A tree of joints: robots with the same joints are equal trees, whatever else is known of them.
+
+    Expressions are derived once for equal trees: CasADi copies them into others a hundred times faster.
+
+    Parameters
+    ----------
+    joints : tuple
+        Kind, antecedent, axis and placement of each joint.
+    robot : Robot
+        One robot of that tree.
+    """
+
+    joints: tuple[tuple[str, int, bytes, bytes], ...]
+    robot: Robot = field(compare=False)
+
+    @classmethod
+    def of(cls, robot: Robot) -> Tree:
+        """Return the tree of a robot."""
+        joints = (
+            (joint.kind, joint.parent, np.asarray(joint.axis, float).tobytes(), joint.placement.tobytes())
+            for joint in robot.joints
+        )
+        return cls(tuple(joints), robot)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +173,7 @@ def build_dynamic_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: c
         Structurally zero where the torque of a joint cannot depend on a link. Columns are link by link in the order of
         `INERTIAL_NAMES`.
     """
-    return _build_projected_rows(robot, q, dq, ddq, gravity, of_base=False)
+    return ca.sparsify(_derive_rows(Tree.of(robot), of_base=False)(q, dq, ddq, gravity))
 
 
 def build_wrench_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) -> ca.SX:
@@ -169,7 +196,16 @@ def build_wrench_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca
         Force on the robot, then moment about the origin of the base frame, both along its axes. At rest the force
         carries the weight.
     """
-    return _build_projected_rows(robot, q, dq, ddq, gravity, of_base=True)
+    return ca.sparsify(_derive_rows(Tree.of(robot), of_base=True)(q, dq, ddq, gravity))
+
+
+@lru_cache(maxsize=32)
+def _derive_rows(tree: Tree, *, of_base: bool) -> ca.Function:
+    """Return the rows as a function of the motion and gravity."""
+    q, dq, ddq = (ca.SX.sym(name, tree.robot.n) for name in ("q", "dq", "ddq"))
+    gravity = ca.SX.sym("g", 3)
+    rows = _build_projected_rows(tree.robot, q, dq, ddq, gravity, of_base=of_base)
+    return ca.Function("rows", [q, dq, ddq, gravity], [rows])
 
 
 def _build_projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX, *, of_base: bool) -> ca.SX:

@@ -34,7 +34,7 @@ class EstimationError(DynidentError):
     Parameters
     ----------
     detail : str
-        What is wrong with this data, and what to do about it.
+        What is wrong with these data, and what to do about it.
     pointer, title : str, optional
         JSON pointer to the cause in the caller's request, and short name of the kind of error.
     """
@@ -212,7 +212,7 @@ def check_rows(n_rows: int, n_parameters: int, known: PriorInformation | None) -
     if n_rows + (0 if known is None else len(known.right)) <= n_parameters:
         raise EstimationError(
             f"{n_rows} equations cannot determine {n_parameters} parameters; use a longer recording or wider windows",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="Too few samples",
         )
 

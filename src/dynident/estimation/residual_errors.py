@@ -13,6 +13,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.estimation.triangular_factors import Reduction
+from dynident.number_format import format_percent
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +33,7 @@ class Errors:
     counts: FloatArray
 
     def __repr__(self) -> str:
-        return f"Errors({len(self.counts)} equations: relative error {self.relative_total:.2%})"
+        return f"Errors({len(self.counts)} equations: relative error {format_percent(self.relative_total, decimals=2)})"
 
     @property
     def rms(self) -> FloatArray:

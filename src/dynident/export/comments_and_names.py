@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from dynident.effects import EffectChoice
 from dynident.effects.effect_text_format import format_constant
 from dynident.identification import Identification
+from dynident.number_format import format_percent
 from dynident.version import __version__
 
 _LONGEST = 40
@@ -76,7 +77,8 @@ def describe_identification(identification: Identification) -> list[str]:
         f"Identified from: {', '.join(identification.data.measurement_names) or 'data without a name'}",
         f"Model {choices.model}, strategy {choices.strategy}, estimator {choices.solver.name_with_options}; "
         f"{identification.model.n_parameters} base parameters from {identification.n_equations} equations",
-        f"Relative error of the torque where joints move: {identification.fit_judged.relative_total:.2%} on these data"
+        "Relative error of the torque where joints move: "
+        f"{format_percent(identification.fit_judged.relative_total, decimals=2)} on these data"
         + _describe_held_out(identification),
     ]
     lines += [f"Effect: {describe_effect(choice)}" for choice in choices.effects]
@@ -94,4 +96,4 @@ def describe_effect(choice: EffectChoice) -> str:
 def _describe_held_out(identification: Identification) -> str:
     if identification.held_out_judged is None:
         return ", no held-out data"
-    return f", {identification.held_out_judged.relative_total:.2%} on held-out data"
+    return f", {format_percent(identification.held_out_judged.relative_total, decimals=2)} on held-out data"

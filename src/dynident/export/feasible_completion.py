@@ -28,6 +28,7 @@ from dynident.identification import Estimate, Identification
 from dynident.identification.estimation_problem import Problem
 from dynident.identification.estimators.feasible import solve_feasible
 from dynident.identification.standard_parameters import StandardParameters
+from dynident.number_format import format_percent
 from dynident.regressors.model_structure import Model
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS, estimate_inertia_errors, estimate_rotor_inertias
 from dynident.robot.robot_model import INERTIAL_NAMES
@@ -389,10 +390,10 @@ def _complete_nearest(identification: Identification, rotors_in_links: bool, bla
     before = compute_errors(data.torque, identification.values).relative_total
     after = compute_errors(data.torque, values).relative_total
     note = (
-        f"These are not the identified parameters but the nearest feasible ones. Not feasible: {'; '.join(blamed)}. "
-        "On the data of the identification the torque differs by "
-        f"{_describe_torque_difference(identification, values)} (rms), and its relative error is {after:.2%} instead "
-        f"of {before:.2%}."
+        f"These are not the identified parameters but the nearest feasible ones. Not feasible: {'; '.join(blamed)}. On "
+        f"the data of the identification the torque differs by {_describe_torque_difference(identification, values)} "
+        f"(rms), and its relative error is {format_percent(after, decimals=2)} instead of "
+        f"{format_percent(before, decimals=2)}."
     )
     unknowns = LinkUnknowns.from_model(identification.model, rotors_in_links=rotors_in_links, estimated=fit.standard)
     completed = _solve_completion(unknowns, _build_equations(unknowns, values), values, _SMALL_MARGINS)

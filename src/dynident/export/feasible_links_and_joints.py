@@ -15,6 +15,7 @@ from dynident.estimation import Errors
 from dynident.export.comments_and_names import describe_effect
 from dynident.export.feasible_completion import Completion, complete_parameters
 from dynident.identification import Identification, reidentify
+from dynident.number_format import format_percent
 from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.robot.pinocchio_conversion import compute_described_torque
 from dynident.robot.robot_model import Robot
@@ -115,10 +116,13 @@ class ProjectionError:
     def describe(self) -> tuple[str, ...]:
         """Return sentences with the errors, in total and by joint."""
         data = "held-out data" if self.is_held_out else "the data of the fit (no held-out data were given)"
-        total = f"{self.file.relative_total:.2%} ({self.model.relative_total:.2%})"
+        total = (
+            f"{format_percent(self.file.relative_total, decimals=2)} "
+            f"({format_percent(self.model.relative_total, decimals=2)})"
+        )
         subject = f"Relative error of torque where joints move, on {data}, of this file (and of the model)"
         each = ", ".join(
-            f"{joint} {file:.2%} ({model:.2%})"
+            f"{joint} {format_percent(file, decimals=2)} ({format_percent(model, decimals=2)})"
             for joint, file, model in zip(self.joints, self.file.relative, self.model.relative, strict=True)
         )
         errors = f"{subject}: {total}; {each}."

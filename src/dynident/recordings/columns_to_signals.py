@@ -156,7 +156,7 @@ def find_columns(
                 mixing[joint] = coupling[joint]
         else:
             raise finder.missing_column_error(
-                "tau", joint, f" or a current ({_name_alternatives('current', joints.names[joint], joint)})"
+                "tau", joint, f", and no current {_name_alternatives('current', joints.names[joint], joint)} instead"
             )
     layout = Layout(
         t=finder.find_needed("t", None),
@@ -344,6 +344,7 @@ class _ColumnFinder:
         """Return the error for a missing column: which one, and what the file holds."""
         expected = kind if joint is None else _name_alternatives(kind, self.joint_names[joint], joint)
         whose = "" if joint is None else f" of joint {self.joint_names[joint]}"
+        signal = {"t": "the time", "q": "the position", "tau": "the torque"}.get(kind, kind)
         available = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
         ours, hint = kind if joint is None else f"{kind}{joint + 1}", ""
         remedies = [Remedy("columns", {ours: "…"})]
@@ -358,7 +359,7 @@ class _ColumnFinder:
             hint = f" Joints are counted from 1 here, but the file has {kind}0: map the columns."
         advice, further = (".", ()) if joint is None else self._advise_without_column(kind, joint)
         return RecordingError(
-            f"There is no column {expected} for {kind}{whose}{instead}. The file has: {available}. Name it by "
+            f"There is no column {expected} for {signal}{whose}{instead}. The file has: {available}. Name it by "
             f"{remedies[0]}{advice}{hint}",
             pointer=f"/columns/{ours}",
             title="Missing column",

@@ -8,6 +8,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import Remedy
+from dynident.number_format import format_percent
 from dynident.recordings.columns_to_signals import Column, Layout
 from dynident.recordings.file_source import RawSample
 from dynident.recordings.joint_phases import phase_shares
@@ -121,7 +122,11 @@ def _check_standstill(recording: Recording, positions: _MeasuredPositions, layou
             float(positions.t[0]),
         )
     shares = phase_shares(recording).standing
-    stands = [f"{name} {100 * shares[j]:.2g} %" for j, name in enumerate(recording.joint_names) if shares[j] >= TOLD]
+    stands = [
+        f"{name} {format_percent(float(shares[j]), 2)}"
+        for j, name in enumerate(recording.joint_names)
+        if shares[j] >= TOLD
+    ]
     if not stands:
         return Check("standstill", "ok", "Every joint moves nearly all the time.")
     return Check(

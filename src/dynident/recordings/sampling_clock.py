@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.errors import Remedy
+from dynident.number_format import format_percent
 from dynident.recordings.file_source import RawRows
 from dynident.recordings.recording_metadata import Check, RecordingError, Revision
 
@@ -415,7 +416,7 @@ def _check_jitter(base: TimeBase, column: str) -> Check:
             "sampling_jitter",
             "error",
             f"Steps of {column} run from {1e3 * base.shortest:.3g} to {1e3 * base.longest:.3g} ms (standard deviation "
-            f"{100 * spread:.2g} % of the period; farthest off in row {base.worst_row}): the sampling is too "
+            f"{format_percent(spread, 2)} of the period; farthest off in row {base.worst_row}): the sampling is too "
             "irregular, and the motion between the rows is lost. Log at a fixed rate.",
             column,
             base.worst_row,
@@ -430,15 +431,15 @@ def _check_jitter(base: TimeBase, column: str) -> Check:
         )
     if spread < 0.02 and base.longest < 1.5 * base.period and base.shortest > 0.5 * base.period:
         return Check(
-            "sampling_jitter", "ok", f"Sampled at {rate:.5g} Hz, with equal steps within {100 * spread:.2g} %."
+            "sampling_jitter", "ok", f"Sampled at {rate:.5g} Hz, with equal steps within {format_percent(spread, 2)}."
         )
     return Check(
         "sampling_jitter",
         "warning",
         f"Steps of {column} run from {1e3 * base.shortest:.3g} to {1e3 * base.longest:.3g} ms (standard deviation "
-        f"{100 * spread:.2g} % of the period; farthest off in row {base.worst_row}); resampled onto a uniform grid of "
-        f"{rate:.5g} Hz by cubic interpolation. If possible, log with a steady clock and take the time stamp when the "
-        "sample is measured, not when it is written.",
+        f"{format_percent(spread, 2)} of the period; farthest off in row {base.worst_row}); resampled onto a uniform "
+        f"grid of {rate:.5g} Hz by cubic interpolation. If possible, log with a steady clock and take the time stamp "
+        "when the sample is measured, not when it is written.",
         column,
         base.worst_row,
     )
@@ -453,9 +454,9 @@ def _check_gaps(base: TimeBase, column: str) -> Check:
         return Check(
             "gaps",
             "error",
-            f"Gaps take {100 * base.missing:.2g} % of the time (gaps: {base.n_gaps}); the first is {first.length:.4g} "
-            f"s long, after t = {first.start:.6g} s (row {first.row}). Too few samples are left. Record without "
-            "dropping samples, or choose windows without gaps.",
+            f"Gaps take {format_percent(base.missing, 2)} of the time (gaps: {base.n_gaps}); the first is "
+            f"{first.length:.4g} s long, after t = {first.start:.6g} s (row {first.row}). Too few samples are left. "
+            "Record without dropping samples, or choose windows without gaps.",
             column,
             first.row,
             first.start,

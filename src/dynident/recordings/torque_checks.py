@@ -7,6 +7,7 @@ from scipy.optimize import linear_sum_assignment
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.errors import Remedy
+from dynident.number_format import format_percent
 from dynident.recordings import nonparametric_fit as against_motion
 from dynident.recordings.columns_to_signals import NOT_RECORDED, Layout
 from dynident.recordings.file_source import RawSample
@@ -125,8 +126,8 @@ def _check_saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimi
                 "saturation",
                 status,
                 f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} N m) for "
-                f"{100 * share:.2g} % of the rows, first in row {row[first]} (t = {t[first]:.6g} s): the drive, or "
-                "the log, saturates there. Move more slowly or with less payload, or choose windows without "
+                f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {t[first]:.6g} s): the drive, "
+                "or the log, saturates there. Move more slowly or with less payload, or choose windows without "
                 "saturation.",
                 layout.tau[joint].source,
                 int(row[first]),

@@ -71,7 +71,7 @@ def html_report(
         Where there is no recording to show.
     """
     if not runs:
-        raise DynidentError("give at least one recording to show in the report", pointer="/measurement_ids")
+        raise DynidentError("give at least one recording to show in the report", pointer="/recordings")
     report_time = created or datetime.now(UTC)
     sections = build_sections(identification, runs, diagnosis, design, report_time, validations, address)
     robot = identification.model.robot.name

@@ -12,7 +12,7 @@ from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.identification.identified_models.held_out_gain import BestStep
 from dynident.identification.shape_constant_intervals import ShapeConstant, ShapeJudgement
 from dynident.identification.thresholds import LARGEST_CONDITION_NUMBER, ParameterJudgement
-from dynident.reports.number_format import format_estimate, format_number
+from dynident.number_format import NARROW_SPACE, format_estimate, format_number
 from dynident.reports.table_cells import Mark
 from dynident.robot import Robot
 from dynident.robot.joint import join_joint_names
@@ -142,8 +142,8 @@ def format_standstill_shares(shares: FloatArray) -> str:
         The shares, with the sign of per cent once.
     """
     if len(shares) > _MANY_JOINTS:
-        return f"{100 * shares.min():.0f} to {100 * shares.max():.0f} %"
-    return f"{', '.join(f'{100 * share:.0f}' for share in shares)} %"
+        return f"{100 * shares.min():.0f} to {100 * shares.max():.0f}{NARROW_SPACE}%"
+    return f"{', '.join(f'{100 * share:.0f}' for share in shares)}{NARROW_SPACE}%"
 
 
 def get_effect_title(identifier: str) -> str:
@@ -207,7 +207,7 @@ def describe_best_step(best_step: BestStep | None, count: int) -> str:
     if not best_step.rises:
         return f"{best}."
     rise = best_step.rises[0] + 1
-    return f"{best}; from model {rise} on the held-out error is larger: the effects added there do not help."
+    return f"{best}; from model {rise} on the held-out error is larger: the steps from there on do not help."
 
 
 @dataclass(frozen=True)

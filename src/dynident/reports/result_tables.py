@@ -13,6 +13,7 @@ from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentifiedParameter
 from dynident.identification.identified_models.correlated_and_essential_parameters import EssentialPath
 from dynident.identification.shape_constant_intervals import ShapeConstant
+from dynident.number_format import format_estimate, format_number, format_p_value, format_percent
 from dynident.reports.labels import (
     PARAMETER_JUDGEMENTS,
     SHAPE_JUDGEMENTS,
@@ -21,7 +22,6 @@ from dynident.reports.labels import (
     format_shape_interval,
     get_effect_title,
 )
-from dynident.reports.number_format import format_estimate, format_number, format_p_value, format_percent
 from dynident.reports.table_cells import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
 from dynident.robot import Robot
 
@@ -67,7 +67,15 @@ def format_reason(candidate: RankedEffect) -> str:
 
 CHANGE_COLUMNS = ("changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")
 
-FRICTION_COLUMNS = ("friction of", "at a speed of", "before", "difference", "95 % interval", "unit", "of what it was")
+FRICTION_COLUMNS = (
+    "friction of",
+    "at a speed of",
+    "before",
+    "difference",
+    "95 % interval",
+    "unit",
+    "relative to before",
+)
 
 
 class ChangeCells(NamedTuple):
@@ -307,7 +315,7 @@ def format_share(share: float) -> str:
     """Return a limit over the usual size as a percentage or a factor; "–" where no size would have shown."""
     if not math.isfinite(share):
         return "–"
-    return f"{100.0 * share:.2g} %" if share < 0.995 else f"{share:.2g} x" if share < 10.0 else f"{share:.0f} x"
+    return format_percent(share, 2) if share < 0.995 else f"{share:.2g} x" if share < 10.0 else f"{share:.0f} x"
 
 
 def _format_range(shares: Sequence[float]) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Literal
 
-from dynident.reports.number_format import format_number, format_percent
+from dynident.number_format import format_number, format_percent
 
 Mark = Literal["ok", "warning", "error", "plain"]
 

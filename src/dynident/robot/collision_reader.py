@@ -273,7 +273,7 @@ def collision_geometry(
         for index in [joint for joint in range(BASE, robot.n) if not shapes[joint]]:
             shapes[index].extend(_connect_origins(robot, index, link_radius))
         notes.append(
-            f"Capsules of radius {link_radius:g} m between the joints' origins replace the missing collision bodies "
+            f"Capsules of radius {link_radius:.3g} m between the joints' origins replace the missing collision bodies "
             f"of {join_names(names[index] for index in bare)}."
         )
         bare = []

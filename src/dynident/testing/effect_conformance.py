@@ -25,6 +25,7 @@ from dynident.effects import (
 from dynident.effects import get_spec as described
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
+from dynident.number_format import format_percent
 from dynident.robot import Robot, to_pinocchio
 from dynident.simulation import TrueEffect, build_typical_effect
 from dynident.simulation.true_effects import list_drive_effects
@@ -352,10 +353,10 @@ def _check_recovery(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> 
         unexplained = _compute_unexplained_share(record_trial(list_drive_effects(robot)))
         require(
             unexplained < 0.02,
-            f"the usual model with {effect.id} leaves {unexplained:.1%} of the torque unexplained on an arm that has "
-            "it",
+            f"the usual model with {effect.id} leaves {format_percent(unexplained, decimals=1)} of the torque "
+            "unexplained on an arm that has it",
         )
-        return f"the usual model leaves {unexplained:.2%} of the torque unexplained"
+        return f"the usual model leaves {format_percent(unexplained, decimals=2)} of the torque unexplained"
     on = robot.joint_names[possible[len(possible) // 2]] if effect.scope == "joint" else ""
     try:
         usual = build_typical_effect(robot, effect.id, on)
@@ -373,16 +374,20 @@ def _check_recovery(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> 
             break
     else:
         return (
-            f"on the trial arm the usual model without this effect leaves only {before:.2%} unexplained: too little "
-            "to find it"
+            f"on the trial arm the usual model without this effect leaves only {format_percent(before, decimals=2)} "
+            "unexplained: too little to find it"
         )
     after = _compute_unexplained_share(trial, _choose_effect(effect, hidden))
     require(
         after <= max(_MOST_UNEXPLAINED * before, _NEAR_FLOOR * floor),
-        f"a virtual robot has {effect.id}, without which the model leaves {before:.2%} of the torque unexplained; "
-        f"with it the model still leaves {after:.2%}: its columns do not match the torque of the robot",
+        f"a virtual robot has {effect.id}, without which the model leaves {format_percent(before, decimals=2)} of the "
+        f"torque unexplained; with it the model still leaves {format_percent(after, decimals=2)}: its columns do not "
+        "match the torque of the robot",
     )
-    return f"found again: {before:.2%} of the torque without it, {after:.2%} with it"
+    return (
+        f"found again: {format_percent(before, decimals=2)} of the torque without it, "
+        f"{format_percent(after, decimals=2)} with it"
+    )
 
 
 @cache

@@ -11,6 +11,7 @@ from dynident.identification import Identification, IdentificationChoices, ident
 from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem import Fit, Problem
 from dynident.identification.methods.base_classes import Estimator
+from dynident.number_format import format_percent
 from dynident.regressors.model_structure import Model
 from dynident.simulation.true_effects import list_drive_effects
 from dynident.testing.trial_arm import TrialRecordings, build_trial_arm, record_trial, require
@@ -112,9 +113,10 @@ def _check_values(model: Model, fit: Fit, data: Data, truth: FloatArray) -> str:
     off = float(np.sqrt(squares / whole))
     require(
         off <= _LARGEST_ERROR,
-        f"on the data the torque of the estimates differs by {off:.1%} from that of the true parameters",
+        f"on the data the torque of the estimates differs by {format_percent(off, decimals=1)} from that of the true "
+        "parameters",
     )
-    return f"the torque of the estimates differs by {off:.2%} from the true torque"
+    return f"the torque of the estimates differs by {format_percent(off, decimals=2)} from the true torque"
 
 
 def _check_statistics(model: Model, fit: Fit) -> str:

@@ -13,6 +13,7 @@ from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.equations.reduced_recordings import reduce_torque
 from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, OVERFIT
+from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_errors_by_phase, select_judged_errors
@@ -144,8 +145,9 @@ def validate_cross(
         return validation
     judged = ValidationOutcome(
         "fail",
-        f"The error is {error:.1%} on held-out data and {own:.1%} in the fit: the motion of the identification does "
-        "not determine the model, or this motion shows an effect that the other did not show.",
+        f"The error is {format_percent(error, decimals=1)} on held-out data and {format_percent(own, decimals=1)} in "
+        "the fit: the motion of the identification does not determine the model, or this motion shows an effect that "
+        "the other did not show.",
     )
     return replace(validation, judged=judged)
 
@@ -166,7 +168,7 @@ def _compute_errors_by_recording(
     # Before the recordings are read, which may take minutes.
     check_value(LimitedTrial, "limit", limit)
     if not recordings:
-        raise DynidentError("give at least one measurement to validate on", pointer="/measurement_ids")
+        raise DynidentError("give at least one measurement to validate on", pointer="/recordings")
     recording_errors = []
     for index, recording in enumerate(recordings):
         share = scale_progress(progress, index / len(recordings), (index + 1) / len(recordings))
@@ -197,17 +199,23 @@ def _judge_errors(
     error_total = select_judged_errors(moving, total).relative_total
     # A joint that never moves is judged on all its rows: there is nothing else of it.
     relative = np.where(moving.counts > 0, moving.relative, total.relative)
-    useless = [f"{name} ({relative[j]:.0%})" for j, name in enumerate(names) if relative[j] > LARGEST_OF_JOINT]
+    useless = [
+        f"{name} ({format_percent(relative[j], decimals=0)})"
+        for j, name in enumerate(names)
+        if relative[j] > LARGEST_OF_JOINT
+    ]
     worst = int(np.argmax(relative))
-    error = f"The torque error on {on_what} is {error_total:.1%}"
+    error = f"The torque error on {on_what} is {format_percent(error_total, decimals=1)}"
+    largest = f"largest on {names[worst]}, {format_percent(float(relative[worst]), decimals=1)}"
     if error_total > limit:
         return ValidationOutcome(
-            "fail", f"{error}, above the limit of {limit:.1%}; largest on {names[worst]}, {relative[worst]:.1%}."
+            "fail",
+            f"{error}, above the limit of {format_percent(limit, 2)}; {largest}.",
         )
     if useless:
-        return ValidationOutcome(
-            "fail", f"{error}, but above {LARGEST_OF_JOINT:.0%} where it moves on {', '.join(useless)}."
-        )
+        most = format_percent(LARGEST_OF_JOINT, decimals=0)
+        return ValidationOutcome("fail", f"{error}, but above {most} where it moves on {', '.join(useless)}.")
     return ValidationOutcome(
-        "pass", f"{error}, within the limit of {limit:.1%}; largest on {names[worst]}, {relative[worst]:.1%}."
+        "pass",
+        f"{error}, within the limit of {format_percent(limit, 2)}; {largest}.",
     )

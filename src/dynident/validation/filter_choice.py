@@ -25,6 +25,7 @@ from dynident.identification.estimators.identified_robot_simulator import (
     build_simulator,
     read_longest_piece,
 )
+from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import (
     FurtherColumns,
@@ -90,7 +91,7 @@ def sensor_noise(recording: Recording) -> SensorNoise:
                 torque.append(np.diff(block.tau[run], _DIFFERENCES, axis=0))
     if not position:
         raise DynidentError(
-            f"{recording.name} has too few samples inside its windows to estimate its noise", pointer="/measurement_ids"
+            f"{recording.name} has too few samples inside its windows to estimate its noise", pointer="/recordings"
         )
     joint, effort = np.concatenate(position), np.concatenate(torque)
     # Torque jumps with friction where a joint reverses: the middle of its differences does not see that.
@@ -329,21 +330,22 @@ def _judge_filters(used: FilterTrial, best: FilterTrial, residual: float) -> Val
         return ValidationOutcome("not_evaluated", "The identification's own filters could not be tried.")
     own = (
         f"The filters used ({_word_cutoffs(used.preprocessing)}) cause a parameter error that changes the torque by "
-        f"{used.error:.2%}"
+        f"{format_percent(used.error, decimals=2)}"
     )
     # The smallest of many errors is small by luck, too: a little better is no reason to change.
     if used.error <= _AS_GOOD * best.error:
         return ValidationOutcome(
-            "pass", f"{own}; no other choice that was tried is better by more than {_AS_GOOD - 1:.0%}."
+            "pass",
+            f"{own}; no other choice that was tried is better by more than {format_percent(_AS_GOOD - 1, decimals=0)}.",
         )
     if used.error <= _NEGLIGIBLE * residual:
-        beside = f"small compared with the {residual:.1%} that the model does not explain"
-        better = f"with {_word_cutoffs(best.preprocessing)} it would be {best.error:.2%}"
+        beside = f"small compared with the {format_percent(residual, decimals=1)} that the model does not explain"
+        better = f"with {_word_cutoffs(best.preprocessing)} it would be {format_percent(best.error, decimals=2)}"
         return ValidationOutcome("pass", f"{own}, {beside}; {better}.")
     return ValidationOutcome(
         "fail",
-        f"{own}; with {_word_cutoffs(best.preprocessing)} it would be {best.error:.2%}. Identify again with these "
-        "cut-offs.",
+        f"{own}; with {_word_cutoffs(best.preprocessing)} it would be {format_percent(best.error, decimals=2)}. "
+        "Identify again with these cut-offs.",
     )
 
 

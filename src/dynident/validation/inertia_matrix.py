@@ -227,5 +227,5 @@ def _judge_inertia_matrix(robot: Robot, posture: FloatArray, value: float, devia
         )
     doubt = " The parameters' uncertainty includes zero." if value - NORMAL_95 * deviation <= 0 else ""
     return ValidationOutcome(
-        "pass", f"The inertia matrix is positive definite; in the worst posture found {description}.{doubt}"
+        "pass", f"The inertia matrix is positive definite; in the worst posture that was found, {description}.{doubt}"
     )

@@ -11,6 +11,7 @@ from dynident.identification import Identification, PayloadVerdict, payload_from
 from dynident.identification.loads.drive_gain_request import KnownLoad
 from dynident.identification.loads.drive_gains import DriveGains, identify_gains
 from dynident.identification.loads.payloads_of_recordings import read_known_payload
+from dynident.number_format import format_percent
 from dynident.recordings import Recording
 from dynident.schema.fields import check_value
 from dynident.validation.validation_outcome import ValidationOutcome
@@ -102,6 +103,7 @@ def _judge_mass(stated: float, weighed: PayloadVerdict) -> ValidationOutcome:
         return ValidationOutcome("pass", f"{text}.")
     return ValidationOutcome(
         "fail",
-        f"{text}, {abs(off) / stated:.1%} {'less' if off > 0 else 'more'}: the drive gains are probably too "
-        f"{'high' if off > 0 else 'low'} by the same share, or the recorded torque is not the joint torque.",
+        f"{text}, {format_percent(abs(off) / stated, decimals=1)} {'less' if off > 0 else 'more'}: the drive gains are "
+        f"probably too {'high' if off > 0 else 'low'} by the same share, or the recorded torque is not the joint "
+        "torque.",
     )

@@ -18,6 +18,7 @@ from dynident.identification.estimation_problem import Problem
 from dynident.identification.estimation_problem_options import ModelName
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.strategies.solve_by_strategy import solve_by_strategy
+from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors, select_judged_errors
@@ -159,7 +160,7 @@ def validate_methods(
         For methods that are not available, or no recording.
     """
     if not recordings:
-        raise DynidentError("give the measurements that the model was identified from", pointer="/measurement_ids")
+        raise DynidentError("give the measurements that the model was identified from", pointer="/recordings")
     chosen = tuple(dict.fromkeys(methods)) if methods else available_methods(identification.choices)
     for method in chosen:
         # Raise for an impossible method now, not after minutes of work on those before it.
@@ -296,14 +297,14 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
     best = min(totals)
     # Worse only counts against the model where the method minimises what is compared, the torque errors.
     worse = [
-        f"{result.method.words} ({total:.1%})"
+        f"{result.method.words} ({format_percent(total, decimals=1)})"
         for result, total in zip(solved, totals, strict=True)
         if total > _AS_GOOD * best
         and not _is_explained_by_uncertainty(result)
         and _is_comparable(identification, result)
     ]
     others = [
-        f"{result.method.words} ({total:.1%})"
+        f"{result.method.words} ({format_percent(total, decimals=1)})"
         for result, total in zip(solved, totals, strict=True)
         if total > _AS_GOOD * best
         and not _is_explained_by_uncertainty(result)
@@ -315,7 +316,10 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
         if result.distance_rms is not None and result.farthest is not None and result.distance_rms > _FAR
         if _is_comparable(identification, result)
     ]
-    range_text = f"{len(solved)} methods predict {on} with errors from {best:.1%} to {max(totals):.1%}"
+    range_text = (
+        f"{len(solved)} methods predict {on} with errors from {format_percent(best, decimals=1)} to "
+        f"{format_percent(max(totals), decimals=1)}"
+    )
     aside = ""
     if others:
         aside = f" The larger error of {', '.join(others)} comes from its equations on these data, not from the model."
@@ -327,7 +331,9 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
         )
     complaints = []
     if worse:
-        complaints.append(f"worse than the best by more than {_AS_GOOD - 1:.0%}: {', '.join(worse)}")
+        complaints.append(
+            f"worse than the best by more than {format_percent(_AS_GOOD - 1, decimals=0)}: {', '.join(worse)}"
+        )
     if far:
         complaints.append(
             f"parameters off by more than {_FAR:.0f} standard deviations (root mean square): {', '.join(far)}"

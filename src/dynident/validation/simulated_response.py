@@ -26,6 +26,7 @@ from dynident.identification.estimators.identified_robot_simulator import (
     read_longest_piece,
 )
 from dynident.identification.thresholds import LARGEST_DRIFT, LARGEST_ERROR, LARGEST_OF_JOINT
+from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, low_pass
 from dynident.recordings.joint_phases import SLOW, STANDS
@@ -94,7 +95,7 @@ class Drift:
             if np.isnan(share).all():
                 continue
             worst = int(np.nanargmax(share))
-            size = "all of" if not np.isfinite(share[worst]) else f"{share[worst]:.0%} of"
+            size = "all of" if not np.isfinite(share[worst]) else f"{format_percent(share[worst], decimals=0)} of"
             phrases.append(f"{size} its travel after {after:g} s ({self.joint_names[worst]})")
         return f"Without a controller, under the measured torque, the worst joint is off by {', '.join(phrases)}."
 
@@ -350,19 +351,27 @@ def _judge_response(
     worst = int(np.argmax(np.where(errors.counts > 0, errors.relative, 0.0)))
     text = (
         f"Over {motion.reference.duration:.1f} s, while joints move, the simulated torque differs by "
-        f"{errors.relative_total:.1%} from the measured one (largest on {names[worst]}, {errors.relative[worst]:.1%})"
+        f"{format_percent(errors.relative_total, decimals=1)} from the measured one (largest on {names[worst]}, "
+        f"{format_percent(errors.relative[worst], decimals=1)})"
     )
     if errors.relative_total > limit:
-        return ValidationOutcome("fail", f"{text}, above the limit of {limit:.1%}.")
+        return ValidationOutcome("fail", f"{text}, above the limit of {format_percent(limit, 2)}.")
     useless = [
-        f"{name} ({errors.relative[j]:.1%})" for j, name in enumerate(names) if errors.relative[j] > LARGEST_OF_JOINT
+        f"{name} ({format_percent(errors.relative[j], decimals=1)})"
+        for j, name in enumerate(names)
+        if errors.relative[j] > LARGEST_OF_JOINT
     ]
     if useless:
-        return ValidationOutcome("fail", f"{text}, and above {LARGEST_OF_JOINT:.0%} on {', '.join(useless)}.")
+        return ValidationOutcome(
+            "fail", f"{text}, and above {format_percent(LARGEST_OF_JOINT, decimals=0)} on {', '.join(useless)}."
+        )
     if drift is None or np.isnan(drift.worst_share):
         return ValidationOutcome("not_evaluated", f"{text}. The motion is too short to be simulated without control.")
     # Written so that an infinite drift is too large.
     if not drift.worst_share <= LARGEST_DRIFT:
-        complaint = f"More than {LARGEST_DRIFT:.0%} of the travel within half a second is too much for a simulation."
+        complaint = (
+            f"More than {format_percent(LARGEST_DRIFT, decimals=0)} of the travel within half a second is too much for "
+            "a simulation."
+        )
         return ValidationOutcome("fail", f"{text}. {drift.describe()} {complaint}")
-    return ValidationOutcome("pass", f"{text}, within the limit of {limit:.1%}. {drift.describe()}")
+    return ValidationOutcome("pass", f"{text}, within the limit of {format_percent(limit, 2)}. {drift.describe()}")

@@ -21,6 +21,7 @@ from dynident.identification.thresholds import (
     NOTABLE_DRIFT,
     NOTABLE_OF_JOINT,
 )
+from dynident.number_format import format_percent
 from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.validation.simulated_response import AFTER, Drift, compute_open_loop_drift
 from dynident.verdict.detectable_loads import FALSE_ALARMS_AN_HOUR, FEWEST_BLOCKS, SEEN, DetectableForce
@@ -161,8 +162,9 @@ def judge_collision_detection(
             UseFinding("not_judged", "The held-out data are too short to determine a threshold.", _LONGER),
         ]
     figures = (
-        f"At {FALSE_ALARMS_AN_HOUR:g} false alarm per hour, a force of {force.force:.3g} N at the tool is detected "
-        f"(in {SEEN:.0%} of directions and postures of the held-out motion, {force.seconds:.0f} s)."
+        f"With {FALSE_ALARMS_AN_HOUR:g} false alarm an hour, a force of {force.force:.3g} N at the tool is detected "
+        f"(in {format_percent(SEEN, decimals=0)} of directions and postures of the held-out motion, "
+        f"{force.seconds:.0f} s)."
     )
     # What an observer detects as it happens counts; behind the filters of the identification, which see the future, a
     # smaller force shows.
@@ -260,7 +262,10 @@ def _judge_bodies(evidence: HeldOutEvidence) -> list[UseFinding]:
     if identification.data.held_out is not None:
         after = compute_moving_errors(identification.data.held_out, nearest.values).relative_total
         before = evidence.error
-        cost = f" The nearest feasible parameters have a held-out error of {after:.2%} instead of {before:.2%}."
+        cost = (
+            f" The nearest feasible parameters have a held-out error of {format_percent(after, decimals=2)} instead of "
+            f"{format_percent(before, decimals=2)}."
+        )
     return [UseFinding("no", f"These parameters are not physically feasible ({names}{more}).{cost}", CURE)]
 
 
@@ -289,8 +294,8 @@ def _judge_drift(drift: Drift) -> UseFinding:
         )
     if drift.worst_share > LARGEST_DRIFT:
         sentence = (
-            f"{figures} More than {LARGEST_DRIFT:.0%} of the travel within {AFTER[1]:g} s is too much for a "
-            "simulation of the robot."
+            f"{figures} More than {format_percent(LARGEST_DRIFT, decimals=0)} of the travel within {AFTER[1]:g} s is "
+            "too much for a simulation of the robot."
         )
         return UseFinding("no", sentence, DIAGNOSE)
     if drift.worst_share > NOTABLE_DRIFT:
@@ -340,7 +345,8 @@ def judge_payload(evidence: HeldOutEvidence, mass: float | None) -> list[UseFind
     error = evidence.error
     if error > LARGEST_TO_WEIGH:
         sentence = (
-            f"The held-out error is {error:.1%}, above {LARGEST_TO_WEIGH:.0%}: the residual would count as a load."
+            f"The held-out error is {format_percent(error, decimals=1)}, above "
+            f"{format_percent(LARGEST_TO_WEIGH, decimals=0)}: the residual would count as a load."
         )
         findings.append(UseFinding("no", sentence, DIAGNOSE))
     parameters = evidence.identification.parameters
@@ -381,10 +387,19 @@ def judge_errors(evidence: HeldOutEvidence) -> list[UseFinding]:
     findings = []
     # Written so that nan counts as too large.
     if not error <= LARGEST_ERROR:
-        findings.append(UseFinding("no", f"The held-out error is {error:.1%}, above {LARGEST_ERROR:.0%}.", DIAGNOSE))
-    bad = [f"{joints[j]} ({each[j]:.0%})" for j in range(len(joints)) if not each[j] <= LARGEST_OF_JOINT]
+        most = format_percent(LARGEST_ERROR, decimals=0)
+        sentence = f"The held-out error is {format_percent(error, decimals=1)}, above {most}."
+        findings.append(UseFinding("no", sentence, DIAGNOSE))
+    bad = [
+        f"{joints[j]} ({format_percent(each[j], decimals=0)})"
+        for j in range(len(joints))
+        if not each[j] <= LARGEST_OF_JOINT
+    ]
     if bad:
-        sentence = f"These joints have an error above {LARGEST_OF_JOINT:.0%} where they move: {', '.join(bad)}."
+        sentence = (
+            f"These joints have an error above {format_percent(LARGEST_OF_JOINT, decimals=0)} where they move: "
+            f"{', '.join(bad)}."
+        )
         findings.append(
             UseFinding(
                 "no", sentence, f"Find the missing effects on {bad[0].split(' (')[0]}: dynident diagnose MODEL RUN."
@@ -402,13 +417,15 @@ def judge_feed_forward(evidence: HeldOutEvidence) -> list[UseFinding]:
     error, each, joints = evidence.error, evidence.joint_errors, evidence.joints
     # One poor joint spoils the whole motion, whatever the others do.
     worst = int(np.argmax(each))
-    figures = [f"moving {each[worst]:.0%} ({joints[worst]})"]
+    figures = [f"where it moves {format_percent(each[worst], decimals=0)} ({joints[worst]})"]
     findings = judge_errors(evidence)
     slow = describe_slow_motion(evidence.identification.parameters)
     if slow is not None:
         findings.append(UseFinding("limited", f"Only at speeds as low as the recorded ones. {slow}", FASTER))
     notable = [
-        f"{joints[j]} {each[j]:.0%}" for j in range(len(joints)) if NOTABLE_OF_JOINT < each[j] <= LARGEST_OF_JOINT
+        f"{joints[j]} {format_percent(each[j], decimals=0)}"
+        for j in range(len(joints))
+        if NOTABLE_OF_JOINT < each[j] <= LARGEST_OF_JOINT
     ]
     if notable:
         sentence = f"The controller has to compensate much of the torque while joints move: {', '.join(notable)}."
@@ -421,13 +438,19 @@ def judge_feed_forward(evidence: HeldOutEvidence) -> list[UseFinding]:
         joint = int(np.nanargmax(phase.share))
         share = float(phase.share[joint])
         if share <= NOTABLE_OF_JOINT:
-            figures.append(f"{phase.name} {share:.0%} ({joints[joint]})")
+            figures.append(f"{phase.name} {format_percent(share, decimals=0)} ({joints[joint]})")
             continue
         state: State = "no" if share > LARGEST_OF_JOINT else "limited"
-        sentence = f"{phase.name.capitalize()}, the model of {joints[joint]} is off by {share:.0%} of its torque."
+        sentence = (
+            f"{phase.name.capitalize()}, the model of {joints[joint]} is off by {format_percent(share, decimals=0)} of "
+            "its torque."
+        )
         findings.append(UseFinding(state, sentence, DIAGNOSE if remembers else _PRESLIDING))
     if not evidence.phases:
         sentence = "The errors at reversals and starts can only be computed from the held-out recordings."
         findings.append(UseFinding("limited", sentence, GIVE_RECORDINGS))
-    good = f"The held-out error is {error:.1%}; the worst joint {', '.join(figures)}."
+    good = (
+        f"The held-out error is {format_percent(error, decimals=1)}. The error of the worst joint: "
+        f"{', '.join(figures)}."
+    )
     return [*findings, UseFinding("yes", good)]

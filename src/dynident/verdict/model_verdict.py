@@ -12,6 +12,7 @@ from dynident.estimation import Errors, find_outlying_spans
 from dynident.identification import Identification
 from dynident.identification.recording_faults import VETOES
 from dynident.identification.thresholds import LARGEST_ERROR, OVERFIT, STOP, USUAL, USUAL_IN_FULL
+from dynident.number_format import format_percent
 from dynident.recordings import Check, Recording
 from dynident.text_and_html_tables import join_html, render_list, render_paragraph
 from dynident.validation.simulated_response import Drift
@@ -244,7 +245,10 @@ def _find_universal_objection(
         worst = max(
             errors.relative_total for errors in (identification.fit, identification.held_out) if errors is not None
         )
-        sentence = f"The error is {worst:.0%}, above {STOP:.0%}: the cause is not a missing effect."
+        sentence = (
+            f"The error is {format_percent(worst, decimals=0)}, above {format_percent(STOP, decimals=0)}: the cause is "
+            "not a missing effect."
+        )
         return UseFinding("no", sentence, "Remove the cause above first.")
     # Last, since a gross error has a cause of its own that helps more.
     veto = _find_veto(checks)
@@ -267,7 +271,7 @@ def _judge_poses(identification: Identification) -> str:
     errors = identification.fit if identification.held_out is None else identification.held_out
     error, poses = errors.relative_total, "poses of the fit" if identification.held_out is None else "held-out poses"
     able = "Fit for gravity compensation" if error <= LARGEST_ERROR else "Not even fit for gravity compensation"
-    return f"{able}: {error:.1%} of the torque of {poses} is not explained."
+    return f"{able}: {format_percent(error, decimals=1)} of the torque of {poses} is not explained."
 
 
 def is_stopped(identification: Identification) -> bool:
@@ -307,7 +311,10 @@ def explain_stop(identification: Identification) -> str:
             f"the held-out data of this model ({copied}) contain samples of the fit, so they do not test the model. "
             "Hold out a recording of another motion"
         )
-    return f"the error of this model is above {STOP:.0%}, too large for a missing effect; its verdict names the cause"
+    return (
+        f"the error of this model is above {format_percent(STOP, decimals=0)}, too large for a missing effect; its "
+        "verdict names the cause"
+    )
 
 
 def _list_next_steps(identification: Identification, stop: Stop | None, common: Sequence[DataOverlap]) -> list[str]:
@@ -343,7 +350,10 @@ def _list_next_steps(identification: Identification, stop: Stop | None, common: 
 
 def _advise_diagnosis(error: float, *, was_extended: bool) -> list[str]:
     """Advise to look for effects: in a model that was extended already only where its error is still unusual."""
-    alone, full = (f"{low:.0%} to {high:.0%}" for low, high in (USUAL, USUAL_IN_FULL))
+    alone, full = (
+        f"{format_percent(low, decimals=0)} to {format_percent(high, decimals=0)}"
+        for low, high in (USUAL, USUAL_IN_FULL)
+    )
     # A model with all usual effects is not sent to the diagnosis for ever: only an unusual error is worth another try.
     if was_extended:
         still = f"Diagnose this model, too: it was extended already, and errors of {full} are usual with all effects."

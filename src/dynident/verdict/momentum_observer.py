@@ -25,6 +25,7 @@ from dynident.expressions import Program
 from dynident.identification import Estimate, Identification
 from dynident.identification.estimators.identified_robot_simulator import read_longest_piece
 from dynident.identification.identified_models.equation_of_motion import build_equation_of_motion
+from dynident.number_format import format_percent
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import SLOW
 from dynident.robot import Robot
@@ -223,9 +224,11 @@ class ContactDetection:
     def describe(self) -> str:
         """Describe what is detected, in a sentence."""
         rate = f"{self.false_alarms_an_hour:g} false alarm{'' if self.false_alarms_an_hour == 1 else 's'} an hour"
+        # Two digits, but no power of ten.
+        force = float(f"{self.force:.2g}")
         return (
-            f"A momentum observer detects {self.force:.2g} N at the tool in {1e3 * self.within:.0f} ms, at {rate} "
-            f"(in {SEEN:.0%} of directions and postures of the held-out motion)."
+            f"A momentum observer detects {force:g} N at the tool in {1e3 * self.within:.0f} ms, with {rate} (in "
+            f"{format_percent(SEEN, decimals=0)} of directions and postures of the held-out motion)."
         )
 
 

@@ -12,6 +12,7 @@ from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.recording_faults import CAUSES, check_recording_faults
 from dynident.identification.thresholds import OVERFIT, STOP
+from dynident.number_format import format_percent
 from dynident.recordings import Check, Recording, Revision
 from dynident.robot import Robot
 
@@ -97,9 +98,10 @@ def find_stop_cause(
     moving = identification.held_out_moving if data_name == "held out" else identification.fit_moving
     if moving is not None and moving.counts.any() and moving.relative_total <= STOP:
         return Stop(
-            f"The model does not explain {error.relative_total:.0%} of the torque on all rows, but only "
-            f"{moving.relative_total:.0%} where the joints move: the fault is in the rows at standstill. Engaged "
-            "brakes or drives that are off make the torque there meaningless: leave these seconds out."
+            f"The model does not explain {format_percent(error.relative_total, decimals=0)} of the torque on all rows, "
+            f"but only {format_percent(moving.relative_total, decimals=0)} where the joints move: the fault is in the "
+            "rows at standstill. Engaged brakes or drives that are off make the torque there meaningless: leave these "
+            "seconds out."
         )
     if (
         data_name == "held out"
@@ -107,10 +109,11 @@ def find_stop_cause(
         and _are_most_joints_bad(error)
     ):
         return Stop(
-            f"The model leaves {identification.fit.relative_total:.0%} of the torque unexplained in the fit, but "
-            f"{error.relative_total:.0%} on the held-out data. Columns and units are right, because the fit is good: "
-            "either its motion does not determine the parameters that the held-out data need, or the held-out data "
-            "have another load. Record a designed motion.",
+            f"The model leaves {format_percent(identification.fit.relative_total, decimals=0)} of the torque "
+            f"unexplained in the fit, but {format_percent(error.relative_total, decimals=0)} on the held-out data. "
+            "Columns and units are right, because the fit is good: either its motion does not determine the "
+            "parameters that the held-out data need, or the held-out data have another load. Record a designed "
+            "motion.",
             records_more=True,
         )
     return Stop(_word_by_joints(robot, moving if moving is not None and moving.counts.any() else error, data_name))
@@ -158,8 +161,9 @@ def _word_by_joints(robot: Robot, error: Errors, data_name: str) -> str:
     if len(bad) < len(names) and relative[worst] > STOP:
         return (
             f"On {data_words} the model does not explain "
-            f"{', '.join(f'{names[j]} ({relative[j]:.0%})' for j in bad)}, but it explains the other joints: check "
-            "the unit, the drive gain and the zero position of these joints, and their axes in the description."
+            f"{', '.join(f'{names[j]} ({format_percent(relative[j], decimals=0)})' for j in bad)}, but it explains the "
+            "other joints: check the unit, the drive gain and the zero position of these joints, and their axes in "
+            "the description."
         )
     both = (
         "The model does not explain the data of the fit"

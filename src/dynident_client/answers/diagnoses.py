@@ -12,7 +12,7 @@ class Candidate(TypedDict):
 
     effect: str
     equivalent: list[str]
-    """Effects that this data cannot distinguish from it"""
+    """Effects that these data cannot distinguish from it"""
     error_after: float | None
     error_before: float | None
     error_drop: float | None
@@ -42,7 +42,7 @@ class Change(TypedDict):
     """The earlier value, if the model has it"""
     effect: str
     equivalent: list[str]
-    """Effects or joints that this data cannot distinguish from it"""
+    """Effects or joints that these data cannot distinguish from it"""
     evidence: str
     interval: tuple[float | None, float | None]
     """Holds the true difference in 95 of 100 cases"""
@@ -216,7 +216,7 @@ class NextExperiment(TypedDict):
 
 
 class NotVisible(TypedDict):
-    """An effect that this data could not show."""
+    """An effect that these data could not show."""
 
     effect: str
     joints: list[str]
@@ -308,7 +308,7 @@ class SeriesChange(TypedDict):
     """First day from which on it explains the data about equally well"""
     effect: str
     equivalent: list[str]
-    """Effects or joints that this data cannot distinguish from it"""
+    """Effects or joints that these data cannot distinguish from it"""
     evidence: str
     interval: tuple[float | None, float | None]
     """Holds the true difference in 95 of 100 cases"""

@@ -32,7 +32,9 @@ def doctor(
         bool, typer.Option("--quick/--no-quick", help="Check only the sizes of files, not their content.")
     ] = False,
 ) -> None:
-    """Check everything that the service has stored: what is missing, damaged, unreadable, or has no owner.
+    """Check everything that the service has stored.
+
+    It finds what is missing, damaged, unreadable, or has no owner.
 
     It reads every robot, recording, model and other result as the service does. The service may run at the same time.
     The exit code is 1 if there is a fault that is not repaired.
@@ -81,7 +83,7 @@ DataDir = Annotated[
 def backup(
     target: Annotated[Path, typer.Argument(help="A folder, or a file that ends in .zip.")], data_dir: DataDir = None
 ) -> None:
-    """Write everything that the service has stored into a folder or a ZIP.
+    """Write everything that is stored to a folder or a ZIP.
 
     The service may run at the same time. If the folder has a backup already, only new files are copied.
     """
@@ -95,7 +97,7 @@ def restore(
     source: Annotated[Path, typer.Argument(help="The folder or ZIP that `dynident backup` wrote.")],
     data_dir: DataDir = None,
 ) -> None:
-    """Read a backup into an empty data directory; unfinished jobs are queued again."""
+    """Read a backup into an empty data directory. Unfinished jobs are queued again."""
     from dynident_service.storage.backup_and_restore import restore as read_back
 
     with open_storage(data_dir, must_exist=False) as (database, objects, scratch):
@@ -107,7 +109,10 @@ def export_robot(
     target: Annotated[Path, typer.Argument(help="The file to write, which ends in .zip.")],
     data_dir: DataDir = None,
 ) -> None:
-    """Write a robot with its recordings, models, diagnoses and reports into one file for another service."""
+    """Write a robot with all that belongs to it to one file.
+
+    Another service can import its recordings, models, diagnoses and reports.
+    """
     from dynident_service.storage.robot_bundle import export_robot as write
 
     with open_storage(data_dir, must_exist=True) as (database, objects, _):
@@ -118,7 +123,7 @@ def import_robot(
     source: Annotated[Path, typer.Argument(help="The file that `dynident export-robot` wrote.")],
     data_dir: DataDir = None,
 ) -> None:
-    """Read a robot with all that belongs to it, under the same ids; existing resources do not change."""
+    """Read an exported robot with all that belongs to it. Ids stay; existing resources do not change."""
     from dynident_service.cli.readability_checks import check_stored_resource
     from dynident_service.storage.robot_bundle import import_robot as read
 

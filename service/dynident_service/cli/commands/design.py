@@ -53,7 +53,7 @@ def simulate(
     ] = Path("measurement.csv"),
     as_json: Json = False,
 ) -> None:
-    """Simulate a measurement of a virtual robot along a trajectory."""
+    """Simulate recordings of a virtual robot on a trajectory."""
     from dynident.progress import scale_progress
     from dynident.simulation import (
         build_recording_table,

@@ -45,7 +45,7 @@ def series(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Find what has changed in a robot over many days, and since which day.
+    """Find what has changed over many days, and since when.
 
     The other days are compared with the first one; motions may differ from day to day.
     """
@@ -92,7 +92,7 @@ def changes(
     reading: Reading,
     result: OutputOptions,
 ) -> None:
-    """Find what has changed in a robot between two sets of measurements.
+    """Find what has changed between two sets of recordings.
 
     The motions may differ. --out writes the diagnosis with the changes as JSON.
     """

@@ -24,7 +24,7 @@ def export(
     ] = "",
     as_json: Json = False,
 ) -> None:
-    """Write a model for other programs: URDF, MJCF, C, CasADi, JSON."""
+    """Write a model as URDF, MJCF, C, C++, CasADi or JSON."""
     from dynident.errors import DynidentError
     from dynident.export import export_model
     from dynident.verdict import explain_stop

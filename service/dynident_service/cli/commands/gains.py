@@ -38,7 +38,7 @@ def currents(
     effects: Effects,
     result: OutputOptions,
 ) -> None:
-    """Identify the parameters of every joint's current, without any drive gain.
+    """Identify a model of every joint's current. It needs no drive gains.
 
     The parameters are in units of current, separate for each joint. --out writes them as JSON.
     """
@@ -81,8 +81,8 @@ def _without_scale_checks(measurements: Sequence[LoadedRecording]) -> list[Loade
 
 
 def _print_current_models(console: Console, models: Sequence[CurrentModel]) -> None:
+    from dynident.number_format import format_estimate, format_number, format_percent
     from dynident.reports.labels import PARAMETER_JUDGEMENTS
-    from dynident.reports.number_format import format_estimate, format_number, format_percent
     from dynident_service.cli import terminal
 
     rows = [
@@ -139,7 +139,7 @@ def gains(
     request_options: Annotated[TypedValues, RequestOptions(KnownLoad)],
     as_json: Json = False,
 ) -> None:
-    """Identify the drive gains from runs without and with a load of known mass.
+    """Identify drive gains from a load of known mass.
 
     MEASUREMENT are the runs without the load. If they have currents with unknown gains, give --drive-gains 1,1,….
     """

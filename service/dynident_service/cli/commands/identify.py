@@ -41,7 +41,7 @@ def ladder(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Show the models that led to one and their errors; which one predicts held-out data best, and which are worse."""
+    """Show the steps that led to a model, with their errors. The step that predicts held-out data best is marked."""
     from dynident.errors import DynidentError
     from dynident_service.adapters.identifications import build_steps, compare_ladders
     from dynident_service.cli import argument_loading, command_output, printed_results
@@ -74,7 +74,7 @@ def essential(
     request_options: Annotated[TypedValues, RequestOptions(EssentialChoices)],
     result: OutputOptions,
 ) -> None:
-    """Find the essential parameters of a model by backward elimination.
+    """Find the essential parameters by backward elimination.
 
     --out writes the model with the essential parameters estimated again, the others at zero.
     """

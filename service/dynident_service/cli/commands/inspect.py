@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dynident.number_format import format_percent
 from dynident.text_encoding import encode_text
 from dynident_service.cli.input_checks_and_writes import KNOWN_ROBOT, READABLE_FILE
 from dynident_service.cli.shared_options import Json, Out, Rate, RobotAdditions
@@ -39,7 +40,9 @@ def inspect(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Inspect a file: what its columns most probably are, why, and what you must answer before you can use it.
+    """Find out what the columns of a file are.
+
+    The answer has reasons, and the questions that you must answer before you can use the file.
 
     --out writes the proposal as JSON, for `dynident identify --metadata`.
     """
@@ -78,7 +81,12 @@ def _print_inspection(console: Console, inspection: Inspection) -> None:
         console.print("To find out what the columns are, give the robot: --robot ROBOT.")
         return
     rows = [
-        [guess.field, guess.value, f"{guess.confidence:.0%}", word_remedies(guess.reason, guess.remedies, write_option)]
+        [
+            guess.field,
+            guess.value,
+            format_percent(guess.confidence, decimals=0),
+            word_remedies(guess.reason, guess.remedies, write_option),
+        ]
         for guess in inspection.proposal.guesses
     ]
     table = terminal.build_table("", ("field", "guess", "sure", "why"), rows, right_from=4)

@@ -48,7 +48,7 @@ def report(
     ] = Path("report.html"),
     as_json: Json = False,
 ) -> None:
-    """Write one self-contained HTML file, or a PDF, about a model."""
+    """Write a report about a model: one HTML file, or a PDF."""
     from dynident.identification import check_same_recordings
     from dynident.progress import scale_progress
     from dynident.reports import html_report, render_pdf

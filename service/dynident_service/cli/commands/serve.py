@@ -40,7 +40,10 @@ def mcp(
         READABLE_FOLDER,
     ],
 ) -> None:
-    """Serve the library's functions to an agent, by the Model Context Protocol over stdin and stdout."""
+    """Serve the library's functions to an agent (MCP).
+
+    The Model Context Protocol runs over stdin and stdout.
+    """
     from dynident_service.agents.server import serve_folder
 
     serve_folder(folder)

@@ -15,6 +15,7 @@ from dynident.diagnosis.comparison.repeated_motion import (
     find_common_repeats,
     load_tracks,
 )
+from dynident.number_format import format_percent
 from dynident.recordings import Recording
 from dynident.recordings.sample_hashes import SHARED, SampleHashes
 from dynident.recordings.signal_spectra import find_used_runs
@@ -62,12 +63,12 @@ class DataOverlap:
             says = "the error of the fit" if self.share >= MOSTLY else "partly the error of the fit"
             return (
                 f"{self.held_out} holds the same samples as {self.fitted}, which the model was fitted to "
-                f"({self.share:.0%} of its motion): the held-out error is {says}. Give a recording that was made "
-                "independently."
+                f"({format_percent(self.share, decimals=0)} of its motion): the held-out error is {says}. Give a "
+                "recording that was made independently."
             )
         return (
-            f"{self.held_out} repeats the motion of {self.fitted} ({self.share:.0%}): the held-out error holds for "
-            "this motion only, not for other motions."
+            f"{self.held_out} repeats the motion of {self.fitted} ({format_percent(self.share, decimals=0)}): the "
+            "held-out error holds for this motion only, not for other motions."
         )
 
 

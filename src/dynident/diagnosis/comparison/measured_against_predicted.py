@@ -17,6 +17,7 @@ from dynident.estimation.parameter_covariance import NORMAL_95
 from dynident.identification import Identification
 from dynident.identification.identified_models.gravity_from_poses import evaluate_at_rest
 from dynident.identification.identified_models.torque_prediction import compute_prediction_deviation
+from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording, SampleBlock
 from dynident.recordings.joint_phases import Phase, PhaseArray
@@ -132,7 +133,8 @@ class Comparison:
     def __repr__(self) -> str:
         return (
             f"Comparison({len(self.joint_names)} joints, {len(self.t)} rows: relative error "
-            f"{self.errors.relative_total:.2%}, {self.moving_errors.relative_total:.2%} where joints move)"
+            f"{format_percent(self.errors.relative_total, decimals=2)}, "
+            f"{format_percent(self.moving_errors.relative_total, decimals=2)} where joints move)"
         )
 
     @property
@@ -284,7 +286,7 @@ def compare(identification: Identification, recording: Recording, progress: Prog
     if not parts:
         raise DynidentError(
             f"no rows of {recording.name} are left after filtering; use a longer recording or wider windows",
-            pointer="/measurement_id",
+            pointer="/recordings",
             title="Too few samples",
         )
     t, segment, signals = (np.concatenate(items) for items in zip(*parts, strict=True))

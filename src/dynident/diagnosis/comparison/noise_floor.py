@@ -28,6 +28,7 @@ from dynident.diagnosis.comparison.residual_autocorrelation_and_spectra import (
     autocorrelation,
     count_independent_squares,
 )
+from dynident.number_format import format_percent
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_pass
 
 # Share of a motion that has to repeat another, p-value of the lack of fit, and ratio to the noise floor, for a note.
@@ -134,8 +135,9 @@ def _word_notes(
     notes = []
     if repeated is not None:
         notes.append(
-            f"{repeated.share:.0%} of this motion repeats the motion of {repeated.name}, from which the model was "
-            "identified: the comparison tests noise, not generalisation. Compare with another motion."
+            f"{format_percent(repeated.share, decimals=0)} of this motion repeats the motion of {repeated.name}, from "
+            "which the model was identified: the comparison tests noise, not generalisation. Compare with another "
+            "motion."
         )
     if noise.source == "repeated_periods":
         notes.append(

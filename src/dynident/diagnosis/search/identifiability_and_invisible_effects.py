@@ -16,6 +16,7 @@ from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import Invisible
 from dynident.diagnosis.search.search_state import State
 from dynident.effects import EffectChoice
+from dynident.number_format import format_percent
 
 Key = tuple[str, tuple[str, ...]]
 
@@ -42,7 +43,9 @@ def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
             shares[key] = max(shares.get(key, 0.0), scored.separability)
     why = "of its column is independent of the model on this motion, so these data cannot show it"
     return tuple(
-        Invisible(*key, f"only {share:.1%} {why}", f"{share:.1%} left")
+        Invisible(
+            *key, f"only {format_percent(share, decimals=1)} {why}", f"{format_percent(share, decimals=1)} independent"
+        )
         for key, share in shares.items()
         if share < RULES.least_separability
     )

@@ -36,7 +36,7 @@ def select_candidate(
     judged: Sequence[ScoredCandidate],
     rejections: dict[Candidate, Reason] | None = None,
 ) -> tuple[ScoredCandidate, tuple[ScoredCandidate, ...]] | None:
-    """Select the next effect to add and its equals on this data; None where nothing passes.
+    """Select the next effect to add and its equals on these data; None where nothing passes.
 
     What nature does not allow is never named. Of sensitivities of the predicted torque it stays a rival: play that says
     less of the same than a torque before its cause is the shadow of something that has no name here.

@@ -26,6 +26,7 @@ from dynident.effects import CATALOGUE, Effect, EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation.residual_errors import compute_evenness
 from dynident.identification import Identification, extend
+from dynident.number_format import format_percent
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
@@ -207,8 +208,9 @@ def find_static_friction(
         judged = replace(_score_halts(candidate, joint, halts, held, final[0].noise), p=p)
         why = (
             f"These are halts: in {halts.count_large(noise)} of {len(halts.beyond)} the joint held at least "
-            f"{_MUCH:.0%} more than the model's friction (median {np.median(halts.share):.0%}). The data hardly "
-            "resolve the speed at which this additional friction vanishes."
+            f"{format_percent(_MUCH, decimals=0)} more than the model's friction (median "
+            f"{format_percent(np.median(halts.share), decimals=0)}). The data hardly resolve the speed at which this "
+            "additional friction vanishes."
         )
         findings.append(Finding(judged, tuple(_list_equivalents(judged)), p, why=why))
         grown, final = larger, after

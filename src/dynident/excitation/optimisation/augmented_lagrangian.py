@@ -29,6 +29,7 @@ from dynident.excitation.optimisation.design_problem import (
     Multipliers,
 )
 from dynident.motion.limits.limit_margins import AmplitudeScaler
+from dynident.number_format import format_percent
 from dynident.parallel import MIN_PARALLEL_SIZE, count_processors, map_in_threads
 from dynident.progress import Checkpoints, NoCheckpoints, Progress
 from dynident.version import __version__
@@ -309,8 +310,8 @@ class _ProgressReporter:
     def build_message(self, start: _Start, at: Evaluation) -> str:
         """Return the message for an iteration of a start."""
         return (
-            f"start {start.number + 1}, iteration {start.iterations}: criterion {np.exp(at.criterion):.4g}, "
-            f"tightest limit at {100 * (1 + at.worst_excess):.0f} %; best within the limits "
+            f"start {start.number + 1}, iteration {start.iterations}: criterion {np.exp(at.criterion):.4g}, tightest "
+            f"limit at {format_percent(1 + at.worst_excess, decimals=0)}; best within the limits "
             f"{self.best_so_far.best.values.criterion:.4g}, best random {self.candidates[0].values.criterion:.4g}"
         )
 

@@ -11,6 +11,7 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.identification.column_inference.column_names import ColumnName, Signal, get_signal_of_unit
 from dynident.identification.column_inference.metadata_proposal import Question
+from dynident.number_format import format_percent
 from dynident.recordings.position_checks import MOVED
 from dynident.robot import Robot
 
@@ -403,8 +404,8 @@ def infer_by_elimination(
         share = unexplained(only.columns, best.columns)
         if share < EXPLAINED:
             reason = (
-                f"no other column has the name of a position, and with it the dynamics leave {share:.0%} of the "
-                "torque unexplained"
+                "no other column has the name of a position, and with it the dynamics leave "
+                f"{format_percent(share, decimals=0)} of the torque unexplained"
             )
             return [replace(only, signal="q", reason=reason)]
     return []

@@ -21,6 +21,7 @@ from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.fault_checks import DESCRIPTION_UNITS, GRAVITY, SCALE
 from dynident.identification.recording_faults.fault_search import measure_unexplained_share
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
+from dynident.number_format import format_percent
 from dynident.recordings import JointLimits, RecordedJoints, Recording, recording_from_arrays
 from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.recording_import import condition_arrays
@@ -237,15 +238,21 @@ def check_against_dynamics(
     worst = robot.joint_names[int(np.argmax(unexplained.joints))]
     reason = (
         f"share of the torque that the robot's dynamics do not explain, as the mean over the joints; for {worst} "
-        f"{unexplained.worst_share:.0%}"
+        f"{format_percent(unexplained.worst_share, decimals=0)}"
     )
     # The masses of the description explain no residual: identification does not use them.
     causes = [check for check in wrong if check.name != DESCRIPTION_UNITS]
     if unexplained.average_share < _UNEXPLAINED_LIMIT and not causes:
-        return [*guesses, Guess("check", f"{unexplained.average_share:.0%} left", 0.9, reason)], questions
+        return [
+            *guesses,
+            Guess("check", f"{format_percent(unexplained.average_share, decimals=0)} unexplained", 0.9, reason),
+        ], questions
     # The most probable cause comes first, before all other guesses.
     cause = f"; most probably: {causes[0].detail}" if causes else ""
-    return [Guess("check", f"{unexplained.average_share:.0%} left", 0.4, f"{reason}{cause}"), *guesses], questions
+    return [
+        Guess("check", f"{format_percent(unexplained.average_share, decimals=0)} unexplained", 0.4, f"{reason}{cause}"),
+        *guesses,
+    ], questions
 
 
 def _is_finding(check: Check, *, in_si: bool) -> bool:

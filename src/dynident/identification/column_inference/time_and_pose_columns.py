@@ -17,6 +17,7 @@ from dynident.identification.column_inference.column_statistics import (
 )
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
+from dynident.number_format import format_percent
 from dynident.recordings.pose_recordings import are_poses
 from dynident.recordings.recording_metadata import EffortKind
 from dynident.recordings.time_columns import is_time_name
@@ -88,7 +89,12 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
     if choice.unit != "s":
         work.units["t"] = choice.unit
     reason = "its name, and " if by_name else "it increases evenly; "
-    work.add_guess("columns/t", name, 0.98 if sure else 0.5, f"{reason}{choice.reason}; jitter {choice.jitter:.1%}")
+    work.add_guess(
+        "columns/t",
+        name,
+        0.98 if sure else 0.5,
+        f"{reason}{choice.reason}; jitter {format_percent(choice.jitter, decimals=1)}",
+    )
     if not sure:
         work.add_question("units/t", f"Is {name} the time, in {choice.unit}? {choice.reason}.", ("s", "ms", "us", "ns"))
     return choice
@@ -161,5 +167,10 @@ def guess_efforts_at_poses(
     unexplained = None if q is None else fits.measure_unexplained(q, tau)
     if unexplained is not None:
         reason = "share of the torque at rest that gravity and constant torques do not explain"
-        work.add_guess("check", f"{unexplained:.0%} left", 0.9 if unexplained < _EXPLAINED else 0.4, reason)
+        work.add_guess(
+            "check",
+            f"{format_percent(unexplained, decimals=0)} unexplained",
+            0.9 if unexplained < _EXPLAINED else 0.4,
+            reason,
+        )
     return kind

@@ -18,6 +18,7 @@ from dynident.identification.recording_faults.fault_search import (
 )
 from dynident.identification.recording_faults.gravity_in_torque import detect_compensated_gravity, find_mounting
 from dynident.identification.recording_faults.torque_scale import compute_median_scale
+from dynident.number_format import format_percent
 from dynident.recordings.recording_metadata import EffortKind
 from dynident.robot import Robot
 from dynident.robot.pinocchio_conversion import compute_described_torque
@@ -249,7 +250,9 @@ def _classify_measured(
     with_gravity = measure_unexplained_share(fits.robot, motion)
     if with_gravity > _NOTHING:
         return EffortGuess(
-            "external", 0.6, f"motion and gravity explain almost nothing of it ({with_gravity:.0%} unexplained)"
+            "external",
+            0.6,
+            f"motion and gravity explain almost nothing of it ({format_percent(with_gravity, decimals=0)} unexplained)",
         )
     # Without gravity in the robot nothing tells whether it is in the torque.
     told_apart = 1.0
@@ -259,15 +262,15 @@ def _classify_measured(
         # On a robot that is mounted otherwise than stated, gravity along another axis explains the torque just as well.
         if without < _LOST * with_gravity and find_mounting(fits.robot, motion).unexplained > without / _LOST:
             reason = (
-                f"the robot's dynamics leave {without:.0%} of it unexplained without gravity, and {with_gravity:.0%} "
-                "with gravity"
+                f"the robot's dynamics leave {format_percent(without, decimals=0)} of it unexplained without gravity, "
+                f"and {format_percent(with_gravity, decimals=0)} with gravity"
             )
             return EffortGuess("gravity_compensated", 0.9, reason)
     taken_out = detect_compensated_gravity(fits.robot, motion, torque_factor)
     if taken_out is not None:
         reason = (
-            f"it contains {taken_out.gravity:.0%} of the gravity torque of the description, and "
-            f"{taken_out.motion:.0%} of the torque for the motion"
+            f"it contains {format_percent(taken_out.gravity, decimals=0)} of the gravity torque of the description, "
+            f"and {format_percent(taken_out.motion, decimals=0)} of the torque for the motion"
         )
         return EffortGuess("gravity_compensated", 0.85, reason)
     if signal == "tau":

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits
+from dynident.number_format import format_percent
 from dynident.recordings.recording import JointKind
 from dynident.recordings.units import FACTORS, find_conversion
 from dynident.robot import Robot
@@ -111,7 +112,10 @@ def guess_counts_unit(
     unit = ranked[0]
     alike = [other for other in ranked if not unexplained or unexplained[other] < CLEARLY * unexplained[unit]]
     if unexplained:
-        shares = [f"{unexplained[other]:.1%} of the torque with {_name_unit(other)}" for other in ranked[:3]]
+        shares = [
+            f"{format_percent(unexplained[other], decimals=1)} of the torque with {_name_unit(other)}"
+            for other in ranked[:3]
+        ]
         reason += f"; the robot's dynamics leave {', '.join(shares)}"
     sure = len(alike) == 1 and unexplained.get(unit, 1.0) < _EXPLAINED_BY_COUNTS
     return UnitGuess(unit, 0.9 if sure else 0.5, reason, tuple(alike[:_MOST_ASKED]))
@@ -236,11 +240,12 @@ def guess_position_unit(
         best = ranked[0]
         clear = len(ranked) == 1 or unexplained[ranked[1]] > CLEARLY * unexplained[best]
         if clear and len(unexplained) == len(likely) and best in usual:
-            others = ", ".join(f"{unexplained[unit]:.0%} as {unit}" for unit in ranked[1:])
+            others = ", ".join(f"{format_percent(unexplained[unit], decimals=0)} as {unit}" for unit in ranked[1:])
             return UnitGuess(
                 best,
                 0.97,
-                f"as {best} the robot's dynamics leave {unexplained[best]:.0%} of the torque unexplained, {others}",
+                f"as {best} the robot's dynamics leave {format_percent(unexplained[best], decimals=0)} of the torque "
+                f"unexplained, {others}",
             )
         if clear and len(unexplained) == len(likely):
             # Angles of motors are many times those of the joints, and look like a small unit.
@@ -429,7 +434,11 @@ def guess_current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robo
         # The joint that comes nearest to its limit tells most.
         share = max(shares)
         if 0.01 <= share <= 2.0:
-            return UnitGuess("A", 0.95, f"with the drive gains they reach at most {share:.0%} of the torque limits")
+            return UnitGuess(
+                "A",
+                0.95,
+                f"with the drive gains they reach at most {format_percent(share, decimals=0)} of the torque limits",
+            )
         if 10.0 <= share <= 2000.0:
             return UnitGuess("mA", 0.95, f"in A they would give {share:.0f} times the torque limits")
     peak = float(most.max())

@@ -10,6 +10,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.column_inference.column_names import ColumnName
 from dynident.identification.column_inference.column_statistics import SLOPE, compute_roughness, correlate_slopes
+from dynident.number_format import format_percent
 
 _EXPLAINED, _CLEARLY = 0.3, 1.5
 """Largest unexplained share of the torque for an order of the columns to be taken, and ratio to the next best order."""
@@ -156,7 +157,8 @@ def _split_two_blocks(
         q,
         (),
         tau,
-        f"with this choice the robot's dynamics leave {share:.0%} of the torque unexplained; with others far more",
+        f"with this choice the robot's dynamics leave {format_percent(share, decimals=0)} of the torque unexplained; "
+        "with others far more",
     )
 
 

@@ -159,7 +159,7 @@ def check_wrenches(recordings: Sequence[Recording]) -> None:
                 f"{recording.name} has no wrench of the base: record the columns {', '.join(WRENCH_NAMES)} (force and "
                 "moment of the base on the robot, along the base frame's axes, about its origin), or choose another "
                 "model",
-                pointer=f"/measurement_ids/{index}",
+                pointer=f"/recordings/{index}",
                 title="Wrench of the base needed",
             )
 
@@ -312,6 +312,6 @@ def _no_rows_error(rows: RowOptions) -> DynidentError:
         return DynidentError(detail, pointer="/interval", title="Too few samples")
     return DynidentError(
         "no rows are left after filtering; use a longer recording or wider windows",
-        pointer="/measurement_ids",
+        pointer="/recordings",
         title="Too few samples",
     )

@@ -21,7 +21,7 @@ _TINY = 1e-9
 def find_undetermined_parameters(
     model: Model, reduction: Reduction, known: PriorInformation | None = None
 ) -> list[str]:
-    """Return the names of the parameters whose column is zero, or depends on the others, on this data.
+    """Return the names of the parameters whose column is zero, or depends on the others, on these data.
 
     What is known beside the data counts as rows of it, in units of each equation's torque.
 
@@ -73,8 +73,8 @@ def check_recordings(robot: Robot, recordings: Sequence[Recording], validation: 
     DynidentError
     """
     if not recordings:
-        raise DynidentError("give at least one measurement to identify from", pointer="/measurement_ids")
-    for pointer, group in (("/measurement_ids", recordings), ("/validation_ids", validation)):
+        raise DynidentError("give at least one measurement to identify from", pointer="/recordings")
+    for pointer, group in (("/recordings", recordings), ("/validation", validation)):
         for index, recording in enumerate(group):
             # The order counts as well: columns are matched to joints by their place.
             if recording.joint_names != robot.joint_names:
@@ -248,7 +248,7 @@ def check_torque(model: Model, torque: Reduction) -> None:
         raise EstimationError(
             f"the torque of {', '.join(dead)} is zero everywhere, so no weight of this joint can be computed; check "
             "which column has its torque and that the drive was on, or lock the joint",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="No torque",
         )
 
@@ -273,7 +273,7 @@ def check_reduction(model: Model, reduction: Reduction, known: PriorInformation 
     if reduction.n_rows == 0:
         raise EstimationError(
             "no rows are left after filtering; use a longer recording or wider windows",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="Too few samples",
         )
     if not any(equation.whole_factor[:, -1].any() for equation in reduction.equations):
@@ -282,16 +282,16 @@ def check_reduction(model: Model, reduction: Reduction, known: PriorInformation 
             "freely only ratios can be identified, inertia and friction over "
             f"gravity{_describe_ratios(model, reduction)}. For the parameters themselves record the torque of a "
             "motion that the motors drive, or check which columns contain it",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="No torque",
         )
     unseen = find_undetermined_parameters(model, reduction, known)
     if unseen:
         raise EstimationError(
-            f"not identifiable from this data: {_name_parameters(model, unseen)} (the data do not determine the "
+            f"not identifiable from these data: {_name_parameters(model, unseen)} (the data do not determine the "
             "parameters of a joint that moves too little); lock that joint, leave its effects out, or add a run in "
             "which it moves",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="Not identifiable",
         )
 

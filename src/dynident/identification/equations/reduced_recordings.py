@@ -87,7 +87,7 @@ def split_friction_tests(recordings: Sequence[Recording]) -> tuple[tuple[Recordi
         raise DynidentError(
             "all measurements have the role friction; add at least one motion of the whole robot, or give them another "
             "role",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="Nothing to identify from",
         )
     return ordinary, friction

@@ -29,6 +29,7 @@ from dynident.identification.estimators.feasible_problem import (
     build_standard_prior,
 )
 from dynident.identification.standard_parameters import StandardParameters, find_bodies
+from dynident.number_format import format_percent
 from dynident.regressors.model_structure import Model
 
 _ROUNDS = 20
@@ -279,7 +280,8 @@ def _list_warnings(
     after = compute_errors(equations, problem.to_base_parameters(constrained)).rms_total
     if before > 0 and after > FREE * before:
         sentences.append(
-            f"Physical feasibility increases the residual of the fit by {after / before - 1:.0%}: without it the data "
-            "give parameters that no robot has, because the motion does not determine them or an effect is missing."
+            "Physical feasibility increases the residual of the fit by "
+            f"{format_percent(after / before - 1, decimals=0)}: without it the data give parameters that no robot has, "
+            "because the motion does not determine them or an effect is missing."
         )
     return tuple(sentences)

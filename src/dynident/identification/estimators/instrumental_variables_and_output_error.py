@@ -26,6 +26,7 @@ from dynident.identification.estimators.identified_robot_simulator import (
     read_whole_segments,
     simulate_recording,
 )
+from dynident.number_format import format_percent
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, find_motion_band
 from dynident.regressors.filtered_rows import SampleFunction, filter_in_parallel, reduce_recordings
 from dynident.regressors.model_structure import Model
@@ -160,7 +161,10 @@ def _choose_references(data: Data, measured: float | None) -> _References:
             continue
         motions.append(read_whole_segments(recording, Preprocessing(cutoff, None, 1)))
         if command is not None:
-            how = f"even with a delay they differ from the measured positions by {command.rest:.0%} of the motion"
+            how = (
+                "even with a delay they differ from the measured positions by "
+                f"{format_percent(command.rest, decimals=0)} of the motion"
+            )
             why = how if np.isfinite(command.rest) else "not all of them are numbers"
             warnings.append(f"The commanded positions of {recording.name} are not used: {why}.")
     words = []

@@ -41,6 +41,7 @@ from dynident.estimation.prior_information import invert_information
 from dynident.estimation.qr_decomposition import compute_r_factor
 from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem import Fit, Problem
+from dynident.number_format import format_percent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing, filtered_blocks
 from dynident.recordings.signal_spectra import estimate_spectra
 from dynident.regressors.filtered_rows import reduce_recordings
@@ -179,7 +180,7 @@ def run_filter(
     if not way.samples:
         raise DynidentError(
             "there are too few consecutive samples for a filter; use a longer recording",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="Too few samples",
         )
     surprise = way.surprise / way.samples
@@ -367,7 +368,8 @@ def estimate_by_kalman_filter(problem: Problem) -> Fit:
     # Written so that an error that is no number counts as divergence.
     if not after <= _WORSE * before + _ALLOWED:
         raise divergence_error(
-            f"its final parameters have a torque error of {after:.1%}, its initial parameters {before:.1%}"
+            f"its final parameters have a torque error of {format_percent(after, decimals=1)}, its initial parameters "
+            f"{format_percent(before, decimals=1)}"
         )
     noise = compute_noise_levels(data.equations, values)
     solution = Solution(values, noise, build_weighted_factor(data.equations, noise, known)[:-1, :-1], known)
@@ -459,10 +461,10 @@ def _solve_beginning(model: Model, data: Data, known: PriorInformation | None) -
 def _list_warnings(run: KalmanRun, uncertainty: Statistics, share: float, changing: int) -> tuple[str, ...]:
     own = np.maximum(run.deviations[-1], np.finfo(float).tiny)
     sentences = [
-        f"The Kalman filter used the first {share:.0%} of the data for its initial values, and processed "
-        f"{run.times[-1]:.1f} s. Its standard deviations are {np.median(uncertainty.standard_deviations / own):.2g} "
-        "times those of its own covariance (median), which assumes that its residuals are white noise of the expected "
-        "size.",
+        f"The Kalman filter used the first {format_percent(share, decimals=0)} of the data for its initial values, and "
+        f"processed {run.times[-1]:.1f} s. Its standard deviations are "
+        f"{np.median(uncertainty.standard_deviations / own):.2g} times those of its own covariance (median), which "
+        "assumes that its residuals are white noise of the expected size.",
     ]
     if changing:
         sentences.append(

@@ -21,6 +21,7 @@ from dynident.estimation.least_squares import compute_correlated_noise, floor_no
 from dynident.estimation.row_weights import BISQUARE, HUBER, Influence, estimate_robust_scale
 from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem import Fit, Problem
+from dynident.number_format import format_percent
 from dynident.recordings import Recording
 from dynident.regressors.filtered_rows import FilteredSamples, reduce_recordings, stream_filtered_samples
 from dynident.regressors.model_structure import Model
@@ -174,7 +175,9 @@ class _Passes:
         if float(rejected.any(axis=1).mean()) < _NOTABLE:
             return ()
         names = self.model.robot.joint_names
-        joints = ", ".join(f"{names[j]} {shares[j]:.1%}" for j in np.argsort(-shares) if shares[j] >= _NOTABLE)
+        joints = ", ".join(
+            f"{names[j]} {format_percent(shares[j], decimals=1)}" for j in np.argsort(-shares) if shares[j] >= _NOTABLE
+        )
         when = [place for part in times for place in part]
         spans = _find_spans([when[k] for k in np.flatnonzero(rejected.any(axis=1))])
         return (

@@ -188,8 +188,8 @@ class EssentialPath:
         if self.stop == "last":
             return f"{count}: no other parameter can be removed."
         return (
-            f"{count}: removing the next one, {self.refused}, would increase the error by more than noise explains, "
-            f"although the relative standard deviations differ by a factor of {self.ratio:.3g}."
+            f"{count}. The next one, {self.refused}, is kept: without it the error would increase by more than noise "
+            f"explains. (The relative standard deviations still differ by a factor of {self.ratio:.3g}.)"
         )
 
 

@@ -37,6 +37,7 @@ from dynident.identification.thresholds import (
     LARGEST_CONDITION_NUMBER,
     OVERFIT,
 )
+from dynident.number_format import format_percent
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model_structure import Model
@@ -123,9 +124,9 @@ def _warn_of_misfit(identification: Identification) -> list[str]:
     # The joint with the largest residual in N m: it tells where to look.
     worst = identification.model.robot.joint_names[int(np.argmax(identification.fit.rms))]
     return [
-        f"Even in the fit {share:.0%} of the torque is unexplained, most on {worst}: check the order, signs and units "
-        "of the columns, the joint axes and gravity in the description, loads that the description does not contain, "
-        "and flexible joints."
+        f"Even in the fit {format_percent(share, decimals=0)} of the torque is unexplained, most on {worst}: check the "
+        "order, signs and units of the columns, the joint axes and gravity in the description, loads that the "
+        "description does not contain, and flexible joints."
     ]
 
 
@@ -194,8 +195,9 @@ def _warn_of_uncertain(estimate: Estimate) -> list[str]:
     )
     others = f" {zero} more are not significantly different from zero." if zero else ""
     return [
-        f"{len(unsure)} of {len(parameters)} parameters are uncertain (standard deviation above {DETERMINED:.0%} of "
-        f"the value, or known from the prior rather than from the data): {names}.{others}"
+        f"{len(unsure)} of {len(parameters)} parameters are uncertain (standard deviation above "
+        f"{format_percent(DETERMINED, decimals=0)} of the value, or known from the prior rather than from the data): "
+        f"{names}.{others}"
     ]
 
 
@@ -209,8 +211,8 @@ def _warn_of_overfit(identification: Identification) -> list[str]:
     # A model may fit noise as well. Held-out data show it, because their noise is another.
     if held_out.relative_total > OVERFIT * fit.relative_total:
         return [
-            f"The error on validation data is {held_out.relative_total:.1%}, but "
-            f"{fit.relative_total:.1%} in the fit: the data do not determine the model, or the "
+            f"The error on validation data is {format_percent(held_out.relative_total, decimals=1)}, but "
+            f"{format_percent(fit.relative_total, decimals=1)} in the fit: the data do not determine the model, or the "
             "validation motion shows effects that the identification motion did not show."
         ]
     return []

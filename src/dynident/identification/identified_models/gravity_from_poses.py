@@ -56,7 +56,7 @@ def are_poses(recordings: Sequence[Recording], validation: Sequence[Recording]) 
         raise DynidentError(
             f"{names} are poses at rest, the other recordings are motions: identify gravity only from poses, with "
             "held-out poses, and the dynamics from motions",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="Poses together with motions",
         )
     return bool(of_poses)

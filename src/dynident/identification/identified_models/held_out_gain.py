@@ -13,6 +13,7 @@ from dynident.effects import get_effect
 from dynident.estimation import Reduction
 from dynident.estimation.residual_errors import compute_evenness, compute_t
 from dynident.identification.identified_models.identification_result import Identification
+from dynident.number_format import format_percent
 from dynident.regressors.errors_by_phase import (
     FittedPhase,
     compute_errors_by_phase,
@@ -122,7 +123,9 @@ def _describe_changes(grown: Identification, gains: Sequence[HeldOutGain]) -> st
         before, after = gain.before, gain.after
         if gain.rows == "moving" and parent is not None and parent.held_out_judged and grown.held_out_judged:
             before, after = parent.held_out_judged.relative_total, grown.held_out_judged.relative_total
-        changes.append(f"{_WORDS[gain.rows]} from {before:.2%} to {after:.2%}")
+        changes.append(
+            f"{_WORDS[gain.rows]} from {format_percent(before, decimals=2)} to {format_percent(after, decimals=2)}"
+        )
     return "; ".join(changes)
 
 
@@ -240,7 +243,7 @@ def _list_worse_joints(grown: Identification) -> list[str]:
     old, new = (compute_moving_errors(compared.data, values).relative for values in (compared.before, compared.after))
     drops = compared.compute_block_drops("moving")
     return [
-        f"{name} ({old[j]:.2%} to {new[j]:.2%})"
+        f"{name} ({format_percent(old[j], decimals=2)} to {format_percent(new[j], decimals=2)})"
         for j, name in enumerate(grown.model.robot.joint_names)
         if new[j] > _WORSE * old[j]
         and -drops[j].sum() > IN_PASSING * drops.sum()

@@ -38,6 +38,7 @@ from dynident.identification.identified_models.fit_model import identify_model
 from dynident.identification.identified_models.gravity_from_poses import are_poses, identify_poses
 from dynident.identification.identified_models.identification_result import Identification, IdentifiedParameter
 from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
+from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress, make_monotonic, scale_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.recordings.preprocessing import OVERSAMPLING
@@ -103,7 +104,7 @@ def check_same_recordings(identification: Identification, recordings: Sequence[R
         f"these are not the recordings that the model was identified from ({names}): {difference}. Give the same "
         "files, read in the same way: the same windows, columns, units, gains and skipped steps. For other data "
         "identify a new model.",
-        pointer="/measurement_ids",
+        pointer="/recordings",
         title="Other recordings",
     )
 
@@ -167,9 +168,9 @@ def find_narrower_band(
     if narrow == chosen or share_left > _BETTER * before:
         return None
     why = (
-        f"Below {narrow.torque_cutoff:g} Hz the model leaves {share_left:.0%} of the torque unexplained, but "
-        f"{before:.0%} up to {chosen.torque_cutoff:g} Hz: a joint or a belt is flexible, or the clock has jitter. The "
-        f"model is identified below {narrow.torque_cutoff:g} Hz."
+        f"Below {narrow.torque_cutoff:g} Hz the model leaves {format_percent(share_left, decimals=0)} of the torque "
+        f"unexplained, but {format_percent(before, decimals=0)} up to {chosen.torque_cutoff:g} Hz: a joint or a belt "
+        f"is flexible, or the clock has jitter. The model is identified below {narrow.torque_cutoff:g} Hz."
     )
     return replace(narrow, reasons=(why, *narrow.reasons)), why
 

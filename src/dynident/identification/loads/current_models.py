@@ -202,7 +202,7 @@ def _identify_current(
     name = model.robot.joint_names[joint]
     # A column of zeros would be fitted perfectly by zeros.
     if not own.equations[joint].whole_factor[:, -1].any():
-        raise DynidentError(f"the current of {name} is zero everywhere", pointer="/measurement_ids", title="No current")
+        raise DynidentError(f"the current of {name} is zero everywhere", pointer="/recordings", title="No current")
     solution = weighted(own)
     certainty = statistics(own, solution)
     per_unit = f"A/({model.robot.joints[joint].effort_unit})"

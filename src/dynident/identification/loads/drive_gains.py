@@ -27,6 +27,7 @@ from dynident.identification.loads.payloads_of_recordings import (
     reduce_with_payloads,
     scale_torque,
 )
+from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
@@ -453,8 +454,9 @@ def _compute_contributions(reduction: Reduction, noise: FloatArray, row: FloatAr
 def _warn_of_uncertain_gains(robot: Robot, deviations: FloatArray, identifiable: Sequence[bool]) -> list[str]:
     """Return a warning for every gain that the data do not determine."""
     return [
-        f"The gain of {name} is not identifiable from this data: its standard deviation is {deviation:.0%}. The "
-        "payload changes the torque of this joint too little: carry a heavier payload, or move more."
+        f"The gain of {name} is not identifiable from these data: its standard deviation is "
+        f"{format_percent(deviation, decimals=0)}. The payload changes the torque of this joint too little: carry a "
+        "heavier payload, or move more."
         for name, deviation, good in zip(robot.joint_names, deviations, identifiable, strict=True)
         if not good
     ]

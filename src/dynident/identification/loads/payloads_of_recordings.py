@@ -102,7 +102,7 @@ class LoadedData:
                 return k
         raise DynidentError(
             f"{parameter} of the payload in {recording.name} cannot be separated from other parameters",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="Not identifiable",
         )
 

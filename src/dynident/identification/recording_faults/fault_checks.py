@@ -38,6 +38,7 @@ from dynident.identification.recording_faults.gravity_in_torque import (
 from dynident.identification.recording_faults.rows_for_fault_search import thin_out
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
 from dynident.identification.recording_faults.unexplained_torque import UnexplainedTorque
+from dynident.number_format import format_percent
 from dynident.recordings.recording import ModelChecks, Recording
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Check, Revision
 from dynident.robot.robot_model import Robot
@@ -154,8 +155,8 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         mounted = None
     wrong = {_CHECK[finding.fault.kind] for finding in faults}
     fine = (
-        f"No other order or sign of the columns explains the torque clearly better: {now.average_share:.0%} of it is "
-        "unexplained."
+        "No other order or sign of the columns explains the torque clearly better: "
+        f"{format_percent(now.average_share, decimals=0)} of it is unexplained."
     )
     passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _SILENT]
     if mounted is not None:
@@ -190,7 +191,9 @@ def _report_description_units(units: DescriptionUnits) -> Check:
 
 def _report_commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
     columns = ", ".join(tau[joint] for joint in static.joints)
-    unexplained, moving = (f"{max(share, 1e-4):.2%}" for share in (static.unexplained, static.moving_share))
+    unexplained, moving = (
+        format_percent(max(share, 1e-4), decimals=2) for share in (static.unexplained, static.moving_share)
+    )
     return Check(
         COMMANDED,
         "error",
@@ -209,8 +212,8 @@ def _report_fault(finding: DetectedFault, recording: Recording, q: Sequence[str]
     doubt = f" (These data fit equally well: {twins}.)" if twins else ""
     known, otherwise = ("It seems that", "") if finding.certain else ("Possibly", _OTHER_CAUSES)
     why = (
-        f"the robot's dynamics leave {finding.left_with:.0%} of an average joint's torque unexplained, and "
-        f"{finding.left_without:.0%} after the correction"
+        f"the robot's dynamics leave {format_percent(finding.left_with, decimals=0)} of an average joint's torque "
+        f"unexplained, and {format_percent(finding.left_without, decimals=0)} after the correction"
     )
     if finding.left_with < _HARDLY_BETTER * finding.left_without:
         why = "friction would drive the joint, which is impossible"
@@ -248,10 +251,10 @@ def _report_compensated(robot: Robot, motion: Motion, tau: Sequence[str]) -> tup
         Check(
             "gravity_load",
             "error",
-            f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): it contains {shares.gravity:.0%} of "
-            f"the gravity torque that the masses of the description need, and {shares.motion:.0%} of the torque for "
-            f"the motion. {NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or current, that was "
-            "measured.",
+            f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): it contains "
+            f"{format_percent(shares.gravity, decimals=0)} of the gravity torque that the masses of the description "
+            f"need, and {format_percent(shares.motion, decimals=0)} of the torque for the motion. "
+            f"{NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or current, that was measured.",
             tau[0],
         ),
     )
@@ -262,14 +265,16 @@ def _report_mounting(mounting: Mounting, robot: Robot) -> Check:
     direction, remedy = ",".join(f"{value:g}" for value in rounded), Remedy("gravity", rounded)
     worst = robot.joint_names[int(np.argmax(mounting.as_stated.joints))]
     why = (
-        f"With the given gravity the robot's dynamics leave {mounting.unexplained_as_stated:.0%} of the torque of "
-        f"{worst} unexplained, with this one at most {mounting.unexplained:.0%} for any joint."
+        "With the given gravity the robot's dynamics leave "
+        f"{format_percent(mounting.unexplained_as_stated, decimals=0)} of the torque of {worst} unexplained, with this "
+        f"one at most {format_percent(mounting.unexplained, decimals=0)} for any joint."
     )
     if mounting.is_of_masses:
         why = (
-            f"With the given gravity the masses of the description leave {mounting.unexplained_as_stated:.0%} of an "
-            f"average joint's torque unexplained, with this one {mounting.unexplained:.0%}. (Zeros of the joints that "
-            "are elsewhere look the same.)"
+            "With the given gravity the masses of the description leave "
+            f"{format_percent(mounting.unexplained_as_stated, decimals=0)} of an average joint's torque unexplained, "
+            f"with this one {format_percent(mounting.unexplained, decimals=0)}. (Zeros of the joints that are "
+            "elsewhere look the same.)"
         )
     return Check(
         GRAVITY,
@@ -303,8 +308,9 @@ def _check_delay(
         DELAY,
         "warning",
         f"The torque is about {1e3 * abs(delay.seconds):.0f} ms {word} against the position: the robot's dynamics "
-        f"leave {delay.left_with:.1%} of an average joint's torque unexplained, and {delay.left_without:.1%} without "
-        f"this delay. Log both at the same instant, or correct the delay by {remedy} (in s).",
+        f"leave {format_percent(delay.left_with, decimals=1)} of an average joint's torque unexplained, and "
+        f"{format_percent(delay.left_without, decimals=1)} without this delay. Log both at the same instant, or "
+        f"correct the delay by {remedy} (in s).",
         tau[0],
         apply=Revision(torque_delay=seconds),
         remedies=(remedy,),

@@ -294,7 +294,7 @@ def solve_separate_friction(choices: StrategyChoices, problem: Problem) -> Fit:
             "no joint with friction in the model moves alone at constant velocity in "
             f"{', '.join(r.name for r in sources)}; record each joint alone at several constant speeds in both "
             f"directions, with {remedy}, or choose the global strategy",
-            pointer="/measurement_ids",
+            pointer="/recordings",
             title="No friction runs",
             remedies=(remedy,),
         )

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.motion.collision.surroundings import Box, Surroundings, ToolRange, Wall
+from dynident.number_format import format_percent
 from dynident.robot.collision_shapes import Block
 from dynident.robot.forward_kinematics import joint_frames
 from dynident.robot.json_fields import make_pointer
@@ -111,13 +112,13 @@ def note_reach(
         return ()
     reach = measure_reach(robot, t, q)
     height = f"{abs(reach.lowest):.2f} m {'below' if reach.lowest < 0 else 'above'} the base plane"
-    below = f", below that plane for {reach.below:.0%} of the time" if reach.below else ""
+    below = f", below that plane for {format_percent(reach.below, decimals=0)} of the time" if reach.below else ""
     heading = FLOOR_ALONE if floor_assumed else NOTHING_STATED
     return (
         f"{heading}: no floor, wall or box was stated (surroundings). The lowest joint is {reach.lowest_joint}, "
-        f"{height} at {reach.lowest_time:.1f} s{below}; the widest is {reach.widest_joint}, {reach.widest:.2f} m "
-        "from the base's axis. Links and tool reach further. Make sure that this space is free, and run the motion "
-        "at a third of the speed first.",
+        f"{height} at {reach.lowest_time:.1f} s{below}. The joint farthest from the base's axis is "
+        f"{reach.widest_joint}, at {reach.widest:.2f} m. Links and tool reach further. Make sure that this space is "
+        "free, and run the motion at a third of the speed first.",
     )
 
 

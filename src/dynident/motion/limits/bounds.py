@@ -13,6 +13,7 @@ from dynident.errors import DynidentError
 from dynident.motion.collision.constraint_slack import FollowerRates, LoopConstraints
 from dynident.motion.collision.free_space import FreeSpace, build_free_space
 from dynident.motion.collision.obstacle_geometry import Surroundings, check_surroundings
+from dynident.number_format import format_percent
 from dynident.robot import Limits, Robot
 from dynident.robot.joint import WIDEST_RANGE, Joint
 from dynident.robot.json_fields import join_names, make_pointer
@@ -250,7 +251,7 @@ def build_bounds(
         notes.append(torque_note or _FROM_DESCRIPTION)
         if torque_margin:
             notes.append(
-                f"It may be {100 * torque_margin:g} % larger: limits of torque and power are divided by "
+                f"It may be {format_percent(torque_margin, 2)} larger: limits of torque and power are divided by "
                 f"{1 + torque_margin:g}."
             )
         elif torque_note is None:

@@ -186,6 +186,8 @@ def _make_csv_error(message: str, dialect: Dialect) -> RecordingError:
         detail = f"{value.group(1)!r}{where} is not a number."
         if "," in value.group(1) and dialect.delimiter == ",":
             detail += " With decimal commas, separate the columns by semicolons."
+    elif "file is too short" in message:
+        detail = "The file has a line of names, but no rows of data below it."
     else:
         detail = f"The file cannot be read as CSV{where}: {message.split(': ', 1)[-1]}"
     return RecordingError(detail, pointer=name, title="Not a number" if value else "Unreadable file", row=number)

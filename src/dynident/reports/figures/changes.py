@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from dynident.diagnosis import Change, FrictionDifference
 from dynident.diagnosis.monitoring import ParameterTrack, Series
 from dynident.effects import EffectChoice, get_effect
+from dynident.number_format import format_number, format_percent
 from dynident.reports.figures.svg import (
     BAND,
     MEASURED,
@@ -22,7 +23,6 @@ from dynident.reports.figures.svg import (
     shorten_name,
     to_svg,
 )
-from dynident.reports.number_format import format_number
 
 _MAX_DRAWN_PARAMETERS = 2
 """Effects with at most so many parameters a joint are drawn with all of them."""
@@ -148,9 +148,7 @@ def draw_friction_differences(friction: Sequence[FrictionDifference]) -> Markup 
     axes.use_sticky_edges = False
     axes.set_xlabel("difference (% of the value before)", fontsize=8)
     set_panel_title(axes, "Friction of each joint since the baseline, at its mean speed")
-    words = [
-        f"{difference.joint} {format_number(100.0 * difference.value / difference.before)} %" for difference in drawn
-    ]
+    words = [f"{difference.joint} {format_percent(difference.value / difference.before)}" for difference in drawn]
     return to_svg(figure, f"Friction since the baseline with intervals of 95 %. {'; '.join(words)}.")
 
 

@@ -13,6 +13,7 @@ from matplotlib.colors import ListedColormap
 from dynident.diagnosis import Evidence, RankedEffect
 from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.effects import get_effect
+from dynident.number_format import format_percent
 from dynident.reports.figures.svg import (
     BAND,
     GOOD,
@@ -26,7 +27,6 @@ from dynident.reports.figures.svg import (
     to_svg,
 )
 from dynident.reports.labels import get_effect_title
-from dynident.reports.number_format import format_percent
 from dynident.reports.result_tables import format_share
 from dynident.robot import Robot
 

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from dynident.array_types import FloatArray
 from dynident.identification import Identification
+from dynident.number_format import format_percent
 from dynident.reports.figures.svg import (
     FIT,
     FLOOR,
@@ -88,7 +89,7 @@ def draw_ladder(
     return to_svg(
         figure,
         f"Relative {kind} error of each model of the ladder, in total and per joint: "
-        f"{', '.join(f'{100 * value:.2f} %' for value in totals)}.",
+        f"{', '.join(format_percent(value, decimals=2) for value in totals)}.",
     )
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.diagnosis import Comparison
+from dynident.number_format import format_percent
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase
 from dynident.reports.figures.svg import (
@@ -33,7 +34,6 @@ from dynident.reports.figures.svg import (
     set_panel_title,
     to_svg,
 )
-from dynident.reports.number_format import format_percent
 
 # A step in time above so many usual steps is a gap, in which no line is drawn.
 _GAP_RATIO = 1.5

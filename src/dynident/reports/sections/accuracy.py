@@ -11,10 +11,10 @@ from markupsafe import Markup
 from dynident.diagnosis import Diagnosis, WorstInterval
 from dynident.estimation import Errors
 from dynident.identification import Identification
+from dynident.number_format import format_number, format_percent
 from dynident.recordings.joint_phases import Phase
 from dynident.reports.figures.residuals import draw_residuals, draw_spectra
 from dynident.reports.figures.signals_over_time import JOINTS_PER_FIGURE, draw_torque
-from dynident.reports.number_format import format_number, format_percent
 from dynident.reports.reported_data import ReportedRecording, ReportedValidation, Section
 
 _VERDICT_TEXTS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not evaluated"}

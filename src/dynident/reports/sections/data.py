@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dynident.identification import Identification
+from dynident.number_format import format_count, format_number
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.reports.labels import format_standstill_shares
-from dynident.reports.number_format import format_count, format_number
 from dynident.reports.reported_data import ReportedRecording, Section
 
 

@@ -11,8 +11,8 @@ from markupsafe import Markup
 from dynident.excitation import Design
 from dynident.identification import Identification
 from dynident.motion import Margin
+from dynident.number_format import format_count, format_number, format_percent
 from dynident.reports.figures.design import draw_design
-from dynident.reports.number_format import format_count, format_number, format_percent
 from dynident.reports.reported_data import Section
 from dynident.robot import Robot
 
@@ -145,10 +145,10 @@ def build_design_section(design: Design, robot: Robot) -> Section:
     rows = [("this trajectory", format_number(values.condition_number), format_number(values.smallest_singular_value))]
     if baseline is not None:
         best = baseline.best
-        name = f"best of {format_count(baseline.count, 'random one')}"
+        name = f"best of {format_count(baseline.count, 'random motion')}"
         rows.append((name, format_number(best.condition_number), format_number(best.smallest_singular_value)))
         # The best of many random motions is a lucky one: the median says what to expect of any.
-        rows.append(("median of those", format_number(baseline.median_condition_number), "–"))
+        rows.append(("median of these motions", format_number(baseline.median_condition_number), "–"))
     # A robot has dozens of limits. Those that are nearly reached are the interesting ones.
     nearest = sorted(design.margins, key=lambda margin: -margin.share)[:_MAX_MARGINS]
     content = DesignContent(

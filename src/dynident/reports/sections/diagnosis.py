@@ -12,11 +12,11 @@ from dynident.diagnosis import Change, Diagnosis, FailureSpot, RankedEffect, evi
 from dynident.diagnosis.diagnosis_summary import group_patterns
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import Identification
+from dynident.number_format import format_number, format_p_value, format_percent, format_range
 from dynident.recordings import Recording
 from dynident.reports.figures.changes import draw_changes, draw_friction_differences
 from dynident.reports.figures.diagnosis import draw_candidates, draw_detection_limits, draw_evidence
 from dynident.reports.labels import format_joints, format_shape_constants, get_effect_title
-from dynident.reports.number_format import format_number, format_p_value, format_percent, format_range
 from dynident.reports.reported_data import Section
 from dynident.reports.result_tables import (
     FRICTION_COLUMNS,

@@ -18,10 +18,10 @@ from dynident.estimation import CovarianceName, Errors
 from dynident.identification import Identification
 from dynident.identification.identified_models.correlated_and_essential_parameters import parameter_dependence
 from dynident.identification.identified_models.held_out_gain import find_best_step
+from dynident.number_format import format_number, format_percent, format_range
 from dynident.reports.figures.ladder import draw_models
 from dynident.reports.figures.svg import draw_formula
 from dynident.reports.labels import describe_best_step, format_joints, format_shape_constants, get_step_mark
-from dynident.reports.number_format import format_number, format_percent, format_range
 from dynident.reports.reported_data import Section
 from dynident.reports.result_tables import GROUPING, build_parameter_table, build_shape_table
 from dynident.reports.table_cells import ReportedTable

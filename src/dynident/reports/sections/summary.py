@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 
 from dynident.diagnosis import Diagnosis
 from dynident.identification import Identification
+from dynident.number_format import format_count, format_number, format_percent
 from dynident.reports.labels import CONDITION_MEANING, format_joints, get_effect_title
-from dynident.reports.number_format import format_count, format_number, format_percent
 from dynident.reports.reported_data import ReportedRecording, ReportedValidation, Section
 from dynident.reports.sections.model import (
     LadderFigure,
@@ -137,7 +137,7 @@ def _list_facts(identification: Identification, created: datetime) -> tuple[tupl
 
 
 def describe_gain(identification: Identification) -> str:
-    """Return the model's error in a sentence, beside that of the model that it began from.
+    """Return the model's error, that of the model that it began from, and what was added and removed.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def describe_gain(identification: Identification) -> str:
     Returns
     -------
     str
-        One sentence.
+        One sentence for the errors, one for each kind of change.
     """
     models = list(identification.ladder())
     kind, errors = select_comparable_errors(models)
@@ -156,12 +156,18 @@ def describe_gain(identification: Identification) -> str:
     if len(models) == 1:
         return f"{last}."
     all_joints = identification.model.robot.joint_names
-    changes = [("with", choice) for model in models for choice in model.step.added]
-    changes += [("without", choice) for model in models for choice in model.step.removed]
-    texts = [f"{word} {get_effect_title(choice.effect)} on {format_joints(choice.joints, all_joints)}"
-             for word, choice in changes]  # fmt: skip
-    first = format_percent(errors[0].relative_total)
-    return f"{last}, {', '.join(texts)}; it was {first} before." if texts else f"{last}; it was {first} before."
+    kinds = {
+        "Added": [choice for model in models for choice in model.step.added],
+        "Removed": [choice for model in models for choice in model.step.removed],
+    }
+    changes = "".join(
+        f" {kind}: "
+        + "; ".join(f"{get_effect_title(each.effect)} on {format_joints(each.joints, all_joints)}" for each in choices)
+        + "."
+        for kind, choices in kinds.items()
+        if choices
+    )
+    return f"{last}; it was {format_percent(errors[0].relative_total)} before.{changes}"
 
 
 def _join_data_warnings(runs: Sequence[ReportedRecording]) -> tuple[str, ...]:

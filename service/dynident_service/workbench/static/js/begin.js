@@ -120,7 +120,7 @@ function knownRobots(choose, empty, signal) {
       for (const one of SAMPLE.runs) await awaited("/simulations", await post("/simulations", { robot_id: robot.id, ...SAMPLE.motion, ...one }), `Simulating ${one.name}`, said, signal);
       await choose(robot);
     }, (error) => put(said, problemBox(error)), signal) }, "Try it with sample data");
-    put(place, h("p", { class: "actions" }, sample, h("span", { class: "note" }, `two simulated recordings of ${SAMPLE.robot}, with an effect that no model is told of`)),
+    put(place, h("p", { class: "actions" }, sample, h("span", { class: "note" }, `two simulated recordings of ${SAMPLE.robot}, with a hidden effect`)),
       h("div", { class: "bar-of-fields" }, field("Well-known arm", arm), create, about), said);
   };
   return h("details", { open: empty, id: "known-robots", ontoggle: (event) => { if (event.target.open && !place.childElementCount) fill().catch((error) => put(place, problemBox(error))); } },

@@ -13,7 +13,7 @@ export function candidatesTable(model, result, add, signal) {
   const most = Math.max(...result.candidates.map((one) => one.error_drop ?? 0), 1e-9);
   const head = ["rank", "effect", "where", right("error (%)"), "drop, held out", right("p"), right("separable"), "why, or why not", ""];
   const rows = result.candidates.flatMap((one) => candidateRows(model, one, most, result, add, signal));
-  const notes = "Errors are relative, on blocks of time that the fit leaves out, on the given joints, and beside everything that ranks above. Separable: the share of the effect's columns that the model does not explain; near zero, this data cannot distinguish the effect from the model.";
+  const notes = "Errors are relative, of the given joints, on blocks of time that the fit leaves out; the model already contains everything that ranks above the effect. Separable: the share of the effect's columns that the model does not explain; near zero, these data cannot distinguish the effect from the model.";
   return [table("Ranked effects", head, rows, { id: "candidates" }), h("p", { class: "note" }, notes)];
 }
 

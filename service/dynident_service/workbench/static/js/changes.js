@@ -84,5 +84,5 @@ export function changeRows(model, one, first = []) {
 
 function said(model, one) {
   const others = one.equivalent.map((name) => titleOf(model.effects, name) ?? name).join(", ");
-  return [one.evidence, others ? h("strong", {}, ` This data cannot distinguish it from: ${others}.`) : null];
+  return [one.evidence, others ? h("strong", {}, ` These data cannot distinguish it from: ${others}.`) : null];
 }

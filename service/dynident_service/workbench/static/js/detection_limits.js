@@ -17,7 +17,7 @@ export function detectionLimits(model, result) {
     const cells = places.map((place) => cell(limits.find((one) => one.effect === effect && (one.joints[0] ?? WHOLE) === place)));
     return row([{ text: titleOf(model.effects, effect), scope: "row" }, ...cells]);
   });
-  const note = "The smallest size of each effect that these recordings would have shown with 95\u202f%, over the size that it has on arms that have it. Blue: the usual size would have shown. Grey: no size would. Blank: found, in the model, or not possible on that joint. Hover over a cell for the size in its unit.";
+  const note = "The smallest size of each effect that these recordings would have shown with 95\u202f%, divided by its usual size on arms. Blue: the usual size would have shown. Grey: no size would. Blank: found, in the model, or not possible on that joint. Hover over a cell for the size in its unit.";
   return h("details", { id: "limits" },
     h("summary", {}, `What these data would have shown (${limits.filter((one) => one.share !== null && one.share <= 1).length} of ${limits.length} in their usual size)`),
     h("p", { class: "note" }, note),

@@ -12,8 +12,8 @@ export function evidenceOf(model, one, signal) {
   const figure = h("div", { class: "chart" });
   const rivals = one.equivalent.map((id) => titleOf(model.effects, id)).join(", ");
   drawEvidence(figure, model.diagnosis, one.rank, signal);
-  const share = one.error_drop > 0 ? h("p", {}, `It explains ${percent(one.error_drop)} of the held-out error of its joints, beside everything that ranks above it.`) : null;
-  const words = [h("p", {}, one.evidence), share, rivals ? h("p", { class: "box warning" }, `This data cannot distinguish it from: ${rivals}.`) : null];
+  const share = one.error_drop > 0 ? h("p", {}, `It explains ${percent(one.error_drop)} of the held-out error of its joints, once everything that ranks above it is in the model.`) : null;
+  const words = [h("p", {}, one.evidence), share, rivals ? h("p", { class: "box warning" }, `These data cannot distinguish it from: ${rivals}.`) : null];
   return { words, figure, about: aboutEffect(model.effects, one.effect, formula) };
 }
 

@@ -107,7 +107,7 @@ function bestInWords(rungs) {
   const [best, rises] = [rungs.findIndex((one) => one.best), rungs.findIndex((one) => one.rises)];
   if (best < 0) return "";
   const found = `Model ${best + 1} predicts held-out data best`;
-  return rises < 0 ? `${found}.` : `${found}; from model ${rises + 1} on the held-out error is larger: the effects added there do not help.`;
+  return rises < 0 ? `${found}.` : `${found}; from model ${rises + 1} on the held-out error is larger: the steps from there on do not help.`;
 }
 
 /** A way back to the best rung; what an extension made on its way is no model that could be gone to. */

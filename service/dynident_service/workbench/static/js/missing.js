@@ -155,8 +155,8 @@ function invisible(model, result) {
   });
   const columns = [["effect", (one) => titleOf(model.effects, one.effect)], ["where", (one) => placeOf(model.effects, one, model.joints)], ["why", (one) => one.reason]];
   return h("details", {},
-    h("summary", {}, `Not visible in this data (${groups.length})`),
-    h("p", { class: "note" }, "The robot may have these effects: this data cannot show them in their usual size."),
-    listed("Effects that this data cannot show", columns, groups),
+    h("summary", {}, `Not visible in these data (${groups.length})`),
+    h("p", { class: "note" }, "The robot may have these effects: these data cannot show them in their usual size."),
+    listed("Effects that these data cannot show", columns, groups),
   );
 }

@@ -167,7 +167,7 @@ export class CompareStack {
     const drawn = residual.filter((value) => value !== null).length;
     const all = drawn === line.samples;
     const band95 = all && moving.length ? `${percent(outside / moving.length, 2)} of the residual is outside its 95 % band; noise alone leaves 5 % there.` : "Noise alone leaves 5 % of the residual outside its 95 % band.";
-    const rest = standing?.includes(true) ? " On grey ground the joint stands still: there the prediction is the range of static friction, and the residual is the distance to this range." : "";
+    const rest = standing?.includes(true) ? " Where the background is grey, the joint stands still: there the prediction is the range of static friction, and the residual is the distance to this range." : "";
     put(this.said, `${joint}, ${number(from, 4)} s to ${number(to, 4)} s: ${line.samples} samples, ${all ? "all" : drawn} drawn${all ? "" : " with their extremes"}. ${band95}${rest}`);
   }
 

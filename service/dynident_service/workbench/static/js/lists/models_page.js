@@ -43,7 +43,7 @@ export async function page(target, wanted, signal) {
       { id: "name", name: "name", value: (one) => nameOf(one, robots), cell: (one) => h("a", { href: address({ identification: one.id }) }, nameOf(one, robots)) },
       { ...plainColumn("robot", "robot", (one) => robots.get(one.robot_id) ?? ""), folded: robots.size < 2 },
       dateColumn(),
-      plainColumn("effects", "effects besides the usual", (one) => effectsOf(one, effects)),
+      plainColumn("effects", "effects besides the default ones", (one) => effectsOf(one, effects)),
       plainColumn("recordings", "recordings", (one) => recordingsOf(one, "identification", "measurement_ids")),
       { ...plainColumn("held-out", "held out", (one) => recordingsOf(one, "validation", "validation_ids")), folded: true },
       plainColumn("estimator", "estimator", (one) => wordOf(one.request.estimator)),

@@ -4,7 +4,7 @@ import { get } from "../api.js";
 import { checksInWords, checksTable } from "../checks.js";
 import { whyNoRaw } from "../compare/raw_torque.js";
 import { h, put, right, row, section, table } from "../dom.js";
-import { counted, moment, quantity } from "../format.js";
+import { counted, moment, percent, quantity } from "../format.js";
 import { address } from "../location.js";
 import { editInWords, stretchesInWords } from "./edits.js";
 import { RawStack } from "./raw_stack.js";
@@ -110,7 +110,6 @@ function checksSection(measurement) {
 
 function standstill({ phases, joints }) {
   if (!phases) return null;
-  const share = (value) => `${(100 * value).toFixed(1)} %`;
-  const rows = joints.map((joint, index) => row([joint, { class: "n", text: share(phases.standing[index]) }, { class: "n", text: share(phases.reversing[index]) }]));
+  const rows = joints.map((joint, index) => row([joint, { class: "n", text: percent(phases.standing[index]) }, { class: "n", text: percent(phases.reversing[index]) }]));
   return table("Shares of time per joint", ["joint", right("standstill"), right("reversal")], rows, { class: "narrow" });
 }

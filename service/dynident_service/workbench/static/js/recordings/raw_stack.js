@@ -109,7 +109,7 @@ export class RawStack {
     this.#redraw();
     const { from, to } = this.view.range;
     const all = found.t.length === found.n_samples;
-    put(this.said, `${number(from, 4)} s to ${number(to, 4)} s: ${grouped(found.n_samples)} samples as recorded, ${all ? "all drawn" : `${grouped(found.t.length)} drawn, with all extremes`}. On grey ground a joint stands still.${found.turned ? " Time runs backwards in the file: the runs are drawn in the order of time." : ""}`);
+    put(this.said, `${number(from, 4)} s to ${number(to, 4)} s: ${grouped(found.n_samples)} samples as recorded, ${all ? "all drawn" : `${grouped(found.t.length)} drawn, with all extremes`}. Standstill is grey.${found.turned ? " Time runs backwards in the file: the runs are drawn in the order of time." : ""}`);
   }
 
   #move() {

@@ -59,7 +59,7 @@ def format_estimate(value: float, deviation: float) -> tuple[str, str]:
     return _set_minus_sign(f"{value:.{decimals}f}"), f"{deviation:.{decimals}f}"
 
 
-def format_percent(fraction: float | None, digits: int = 3) -> str:
+def format_percent(fraction: float | None, digits: int = 3, *, decimals: int | None = None) -> str:
     """Format a fraction in per cent.
 
     Parameters
@@ -68,6 +68,8 @@ def format_percent(fraction: float | None, digits: int = 3) -> str:
         The fraction, 1 for 100 %.
     digits : int
         Significant digits; never more than three decimals.
+    decimals : int, optional
+        Number of decimals, in place of `digits`. Sentences state limits and rough shares without decimals.
 
     Returns
     -------
@@ -82,7 +84,8 @@ def format_percent(fraction: float | None, digits: int = 3) -> str:
     if fraction == 0:
         return f"0{NARROW_SPACE}%"
     scaled = 100 * fraction
-    return _set_minus_sign(f"{scaled:.{min(3, _count_decimals(scaled, digits))}f}") + f"{NARROW_SPACE}%"
+    places = min(3, _count_decimals(scaled, digits)) if decimals is None else decimals
+    return _set_minus_sign(f"{scaled:.{places}f}") + f"{NARROW_SPACE}%"
 
 
 def format_p_value(p: float) -> str:
