@@ -21,7 +21,6 @@ from dynident.diagnosis.ambiguities import (
 )
 from dynident.diagnosis.candidates.candidate_pool import Pool, build_pool
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
-from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.changes_between_recordings import (
     add_friction_differences,
     compute_friction_differences,
@@ -61,7 +60,7 @@ from dynident.diagnosis.search.external_contacts import find_contacts
 from dynident.diagnosis.search.finding_refinement import RecordedSource, refine_findings
 from dynident.diagnosis.search.forward_selection import SearchRecord, search_findings
 from dynident.diagnosis.search.identifiability_and_invisible_effects import compute_part_to_part_ratio, find_invisible
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import Finding, ScoredFamily, State, estimate_residual_noise, score_family
 from dynident.diagnosis.search.static_friction import find_static_friction
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.effects.effect_columns import is_lasting_change
@@ -237,7 +236,8 @@ def examine(
     data = rows.gather_products(pool, scale_progress(progress, 0.1, 0.5))
     rules = DecisionRules(significance=significance, most_effects=most_effects)
     start = _build_start_state(data, pool, identification, floor, rules)
-    first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
+    family = score_family(data, pool, start.base, pool.initial_candidates, start.noise, level=start.level)
+    first = list(family.scored)
     # First the best candidates of a coarse grid, then their shape constants, on all rows.
     record = search_findings(data, pool, start, first, rows, scale_progress(progress, 0.5, 0.8))
     findings, recommended, dropped = refine_findings(
@@ -275,7 +275,7 @@ def examine(
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     everything, named = (*contacts, *findings), (*pushes, *recommended)
-    ranking = _rank_candidates(record, pool, start, everything, named, first, has)
+    ranking = _rank_candidates(record, pool, start, everything, named, family, has)
     ranked, limits = ranking.ranked, ranking.limits
     unknown = (*undisturbed.unexplained_patterns, *unknown)
     # The contacts stand first in the ranking, and are no changes of the robot; `identify_on_both` puts the later
@@ -366,11 +366,12 @@ def _rank_candidates(
     start: State,
     findings: Sequence[Finding],
     choices: Sequence[EffectChoice],
-    first: Sequence[ScoredCandidate],
+    family: ScoredFamily,
     has: Sequence[str],
 ) -> _Ranking:
     """Score every candidate once more beside all findings, and say what became of it."""
-    final = score_beside_findings(record.data, pool, start, findings, choices, first)
+    first = family.scored
+    final = score_beside_findings(record.data, pool, start, findings, choices, family)
     outcomes, beside = list_outcomes(final, pool, record, choices, first)
     limits = compute_detection_limits(final, pool, choices)
     outcomes = add_limits(outcomes, limits)

@@ -112,11 +112,14 @@ class SampleFunction:
             if self._observation.robot.linkage is not None:
                 self._observation.robot.linkage.check_closed(block.t[part], block.q[part])
             runs = [is_in_run(signal, self._recording, block.segment) for signal in self._observation.runs]
+            reference = self._reference.add_carried(
+                lambda labels: bool(is_in_run(RunSignal(labels), self._recording, block.segment))
+            )
             self._observation.evaluate(
                 block.q[part],
                 block.dq[part],
                 block.ddq[part],
-                reference=self._reference,
+                reference=reference,
                 memory=states[part],
                 further=FurtherSignals(
                     dddq=block.dddq[part],

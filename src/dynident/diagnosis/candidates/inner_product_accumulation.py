@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -312,8 +313,19 @@ class PhasedProducts:
         turns, starts = self.select_joints(columns)
         return bool(turns.any()), bool(starts.any())
 
+    @cached_property
+    def _combinations(self) -> dict[bytes, Products]:
+        """Rows that were combined before: a search asks for the same few over and over."""
+        return {}
+
     def _combine_rows(self, used: BoolArray) -> Products:
         """Combine the rows in which each joint moves with those of `used` (2, n): at reversals, and beside halts."""
+        key = used.tobytes()
+        if key not in self._combinations:
+            self._combinations[key] = self._build_combination(used)
+        return self._combinations[key]
+
+    def _build_combination(self, used: BoolArray) -> Products:
         more = [
             [
                 rows

@@ -15,7 +15,7 @@ from dynident.diagnosis.search.acceptance_rules import find_rejection
 from dynident.diagnosis.search.forward_selection import Loss, SearchRecord
 from dynident.diagnosis.search.identifiability_and_invisible_effects import list_columns_with_findings
 from dynident.diagnosis.search.physical_plausibility import find_impossibility
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_family
+from dynident.diagnosis.search.search_state import Finding, ScoredFamily, State, estimate_residual_noise, score_family
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.regressors.model_structure import Model
 
@@ -48,7 +48,7 @@ def score_beside_findings(
     start: State,
     findings: Sequence[Finding],
     choices: Sequence[EffectChoice],
-    first: Sequence[ScoredCandidate],
+    first: ScoredFamily,
 ) -> FinalScores:
     """Score all candidates of the first round once more, beside the model with everything that was found.
 
@@ -64,13 +64,16 @@ def score_beside_findings(
         What was found in the end.
     choices : sequence of EffectChoice
         What the findings have become.
-    first : sequence of ScoredCandidate
+    first : ScoredFamily
         All candidates, scored beside the model alone.
     """
+    # Where nothing was found, these are the scores.
+    if not findings and data is first.data:
+        return FinalScores(start, data, first.scored, first.levels)
     base = list_columns_with_findings(pool, start.base, choices)
     noise = estimate_residual_noise(data, base) if findings else start.noise
     known = set(base)
-    candidates = [scored.candidate for scored in first if not set(scored.candidate.columns) <= known]
+    candidates = [scored.candidate for scored in first.scored if not set(scored.candidate.columns) <= known]
     family = score_family(data, pool, base, candidates, noise, level=start.level)
     return FinalScores(
         replace(start, base=base, noise=noise, findings=tuple(findings)), data, family.scored, family.levels

@@ -370,7 +370,7 @@ def improve_reference(
 
     Without these effects the parameters are biased by them.
     """
-    biasing = [choice for choice in choices if get_effect(choice.effect).first_order]
+    biasing = [choice for choice in choices if changes_prediction(choice)]
     if not biasing:
         return inputs
     # Functions of the position are left out: they would make up for what the first-order columns cannot say yet.
@@ -384,6 +384,20 @@ def improve_reference(
             # Together they are not determined: what they correct stays as it was.
             return inputs
     return inputs
+
+
+def changes_prediction(choice: EffectChoice) -> bool:
+    """Return whether the torque that columns depend on is another one with an effect in the model.
+
+    A sensitivity biases all parameters where it is lacking; a mass is a load in the runs that have it.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect.
+    """
+    effect = get_effect(choice.effect)
+    return effect.first_order or effect.in_some_runs
 
 
 def _find_independent(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:

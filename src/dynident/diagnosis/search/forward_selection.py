@@ -20,7 +20,7 @@ from dynident.diagnosis.search.comparison_of_rivals import (
     explains_as_much,
     list_starts,
 )
-from dynident.diagnosis.search.finding_refinement import split_groups
+from dynident.diagnosis.search.finding_refinement import changes_prediction, split_groups
 from dynident.diagnosis.search.identifiability_and_invisible_effects import is_determined, is_main_explanation
 from dynident.diagnosis.search.next_finding import select_candidate
 from dynident.diagnosis.search.physical_plausibility import is_physically_possible
@@ -279,8 +279,9 @@ def search_findings(
 ) -> SearchRecord:
     """Add the best effect that passes all tests, again and again, until none does; then drop what became superfluous.
 
-    After an effect that is a first-order sensitivity all columns are made anew: those of the plain model are about
-    torque that it predicted wrongly for want of this effect, and what they leave would be taken for something else.
+    After an effect that is a first-order sensitivity, and after a mass of some runs, all columns are made anew: those
+    of the plain model are about torque that it predicted wrongly for want of this effect, and what they leave would be
+    taken for something else.
     Names that take much of the same error are weighed with their shape constants between those of the grid.
     What the residual has but a faint trace of is asked about once something was found on its joint, and what was found
     before it once more. What two findings over the position of a joint say, one that says as much takes the name of.
@@ -324,7 +325,7 @@ def search_findings(
         chosen, equal = compare_names(rows.model, pool, state, choice, judged, rows.gather_products)
         finding = Finding(chosen, equal, chosen.p, _list_neighbour_columns(pool, chosen.candidate, state.base))
         base = state.base + finding.columns
-        if get_effect(chosen.candidate.effect).first_order:
+        if changes_prediction(chosen.candidate.choice):
             rows = rows.add_findings((*state.findings, finding))
             data = rows.gather_products(pool)
         # What one run has and the others have not keeps the plain model from predicting a part of it, too.
@@ -367,6 +368,10 @@ def _is_superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[st
     """
     if candidate.columns == chosen.columns:
         return True
+    effect = get_effect(candidate.effect)
+    # What rubs more under a load that was added rubs under any load: that is friction of all runs, and no change.
+    if get_effect(chosen.effect).in_some_runs and effect.is_friction and effect.needs_load:
+        return bool(candidate.runs) and candidate.runs == chosen.runs
     if candidate.effect in get_effect(chosen.effect).covers and _is_slow_wave(candidate):
         return set(candidate.joints) <= set(reached)
     if candidate.effect != chosen.effect or bool(candidate.runs) != bool(chosen.runs):

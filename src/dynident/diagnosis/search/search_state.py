@@ -151,10 +151,13 @@ class ScoredFamily:
         The candidates.
     levels : FamilywiseLevels
         What the test asks of each of them.
+    data : PhasedProducts
+        What they were scored on.
     """
 
     scored: tuple[ScoredCandidate, ...]
     levels: FamilywiseLevels
+    data: PhasedProducts
 
 
 def score_family(
@@ -209,7 +212,8 @@ def score_family(
     # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
     gains = np.array([scored_candidate.gains for scored_candidate in whole]).reshape(len(whole), -1)
     p, levels = run_familywise_test(gains, scores, level)
-    return ScoredFamily(tuple(replace(scored, p=float(value)) for scored, value in zip(whole, p, strict=True)), levels)
+    judged_by_test = tuple(replace(scored, p=float(value)) for scored, value in zip(whole, p, strict=True))
+    return ScoredFamily(judged_by_test, levels, data)
 
 
 def score_candidate(
