@@ -140,12 +140,12 @@ def write_option(remedy: Remedy) -> str:
     if remedy.field == "drives":
         return "--drive-gains"
     if remedy.field == "rate":
-        return "--rate HZ"
+        return "--rate HZ" if value is ... else f"--rate {_write_value(value)}"
     if remedy.field == "role":
         return f"option --{value}"
     if remedy.field == "locked_joints" and isinstance(value, Mapping):
         return f"--lock {','.join(value)}"
-    if remedy.field in ("signs", "scale", DELAY):
+    if remedy.field in ("signs", "scale", "zeros", DELAY):
         return f"{remedy} in --metadata"
     if isinstance(value, Mapping):
         return f"{option} {','.join(f'{key}={_write_value(item)}' for key, item in value.items())}"

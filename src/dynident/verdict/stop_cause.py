@@ -19,7 +19,7 @@ from dynident.robot import Robot
 
 @dataclass(frozen=True)
 class Stop:
-    """The most probable cause of a gross mistake.
+    """The most probable cause of a gross fault.
 
     Parameters
     ----------

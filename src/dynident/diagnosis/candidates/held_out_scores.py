@@ -3,7 +3,7 @@
 Uses `fold_fit`; which score counts as significant is in `significance`.
 
 All candidates are projected on the complement of the model (Frisch, Waugh and Lovell) within every fold, so that the
-model's own parameters adapt to each of them; the squared error of every stretch of time that was left out follows from
+model's own parameters adapt to each of them; the squared error of every block of time that was left out follows from
 inner products that are computed once. Candidates with equally many columns are scored together.
 """
 
@@ -160,7 +160,7 @@ def compute_contributions(
     """Return (s, k) for every candidate: what each block adds to the scores of its k parameters (Rao's test).
 
     That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what the model leaves, Z what is
-    left of the columns beside it. Their sum over the stretches is zero but for noise where the candidate explains
+    left of the columns beside it. Their sum over the blocks is zero but for noise where the candidate explains
     nothing, and its square is what the candidate removes where it does.
 
     Parameters
@@ -210,7 +210,7 @@ def compute_block_contributions(
 def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> list[FloatArray]:
     """Return (k,) for every candidate: the standard deviations of its k parameters, fitted beside the model.
 
-    From what every stretch adds to the scores: samples of one stretch need not be independent (White 1980, by
+    From what every block adds to the scores: samples of one block need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
 
     Parameters

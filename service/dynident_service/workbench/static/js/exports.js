@@ -1,7 +1,7 @@
 // Export buttons of a model: formats, notes, and the nearest model that a format can hold.
 
 import { h } from "./dom.js";
-import { formatLinks, take } from "./saving.js";
+import { formatLinks, take } from "./save_file.js";
 
 const IMPOSSIBLE = "Not physically feasible";
 

@@ -11,7 +11,7 @@ const THINNEST = 1.5;
 // Times the error before: less of a rise is none, and what the program warns of is more.
 const RISES = 1.02;
 
-/** `errors` of each rung with { relative, rms }, `floors` in the unit of rms (null where nobody knows). */
+/** `errors` of each step with { relative, rms }, `floors` in the unit of rms (null where nobody knows). */
 export function waterfallFigure(errors, joints, floors, kind) {
   const panels = joints.map((joint, index) => {
     const values = errors.map((one) => one.relative[index]).filter((value) => value !== null);

@@ -1,10 +1,10 @@
 // Form of a design request, by the contract's fields and choices.
 
 import { post } from "../api.js";
-import { controls, said as saidBy, sorted } from "../asked.js";
+import { controls, said as saidBy, sorted } from "../request_controls.js";
 import { catalogue } from "../catalogue.js";
 import { field, h } from "../dom.js";
-import { go } from "../location.js";
+import { go } from "../page_address.js";
 import { sending } from "../problem.js";
 import { fieldsOf } from "../schema.js";
 import { limitsTable } from "./limits_table.js";

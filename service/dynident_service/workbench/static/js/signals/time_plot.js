@@ -55,7 +55,7 @@ export function timeAt(one, event) {
   return one.posToVal(event.clientX - one.over.getBoundingClientRect().left, "x");
 }
 
-/** Show the stretch of the view with the data there are; y fits what is seen. */
+/** Show the interval of the view with the data there are; y fits what is seen. */
 export function redraw(one, view, data = null) {
   if (data) one.setData(data, false);
   const { from, to } = view.range;
