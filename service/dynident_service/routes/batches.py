@@ -1,4 +1,4 @@
-"""Routes `/v1/identifications/batch`: many identifications in one request, all or none."""
+"""Routes under /v1/identifications/batch: many identifications in one request, all or none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Routes `/v1/comparisons`: create, signals, residual map, spectra, autocorrelation."""
+"""Routes of comparisons: create, signals, residual map, spectra, autocorrelation."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Every threshold that a candidate has to pass to be a finding, with its meaning and reason.
 
-Only the default significance level is elsewhere (`candidates/significance.py`).
+Only the default significance level is elsewhere (`diagnosis/candidates/significance.py`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The base class of effects: columns, parameters, shape constants, usual size, experiments that show it.
-
-Decides which estimates, and which changes of a parameter between two identifications, are plausible.
-"""
+"""Base class of effects: columns, parameters; which values, and changes between identifications, are plausible."""
 
 from __future__ import annotations
 
