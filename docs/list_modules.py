@@ -13,8 +13,8 @@ PACKAGES = ("src/dynident", "src/dynident_client", "service/dynident_service")
 LEFT_OUT = "migrations"
 # Packages that are generated: the package has a line, its modules have none.
 GENERATED = "answers"
-# A second paragraph of so many characters belongs to the line; a longer one explains.
-LONGEST_SECOND = 200
+# A second paragraph of up to so many characters, in sentences, belongs to the line; a longer one explains.
+LONGEST_SECOND = 135
 SCRIPTS = "service/dynident_service/workbench/static/js"
 LIST = re.compile(r"(<!-- python docs/list_modules.py -->\n).*?(\n<!-- end of the modules -->)", re.DOTALL)
 
@@ -48,7 +48,8 @@ def _read_docstring(file: Path) -> str:
     """Return the first paragraph of a module's docstring on one line, and the second one if it is short."""
     text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
     first, *others = (" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
-    return " ".join([first, *(second for second in others[:1] if len(second) <= LONGEST_SECOND)])
+    belonging = [second for second in others[:1] if len(second) <= LONGEST_SECOND and second.endswith(".")]
+    return " ".join([first, *belonging])
 
 
 if __name__ == "__main__":

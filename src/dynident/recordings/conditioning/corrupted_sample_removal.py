@@ -1,7 +1,6 @@
 """The repair step that removes corrupted samples, signal by signal; spares reversals and coarse encoders.
 
-Holds how far off a sample has to be to do harm (share of its span, encoder counts); whether it is corrupted is decided
-in `corrupted_sample_detection`.
+Holds how far off a sample has to be to do harm; whether it is corrupted is decided in `corrupted_sample_detection`.
 
 A bus that loses a frame, or a driver that answers late, gives zeros, largest values or old ones in single rows. One of
 them in thousands is enough to spoil a model, since differentiation turns it into huge accelerations.
