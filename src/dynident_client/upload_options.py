@@ -82,6 +82,8 @@ class MeasurementOptions(TypedDict, total=False):
     """Units by kind of signal or by column: {"q": "deg"}; SI if not given"""
     windows: Sequence[tuple[float, float]]
     """Windows of t to use in s, [from, to]; [] for all"""
+    zeros: Mapping[str, float]
+    """Position of a joint, after sign and factor, where the description has 0, in rad or m: {"q3": 1.5708}"""
 
 
 class RevisionOptions(TypedDict, total=False):
@@ -113,6 +115,8 @@ class RevisionOptions(TypedDict, total=False):
     """Units by kind of signal or by column: {"q": "deg"}; SI if not given"""
     windows: Sequence[tuple[float, float]] | None
     """Windows of t to use in s, [from, to]; [] for all"""
+    zeros: Mapping[str, float] | None
+    """Position of a joint, after sign and factor, where the description has 0, in rad or m: {"q3": 1.5708}"""
 
 
 class RobotOptions(TypedDict, total=False):

@@ -10,6 +10,7 @@ import pytest
 from support.running_commands import dynident, write_run
 
 from dynident.identification.column_inference import Question
+from dynident.recordings import RecordingMetadata
 from dynident_service.cli.metadata_files import StatedAnswers
 
 
@@ -117,6 +118,14 @@ def test_an_option_that_answers_is_enough_beside_a_proposal(foreign):
     assert (undecided.code != 0, "all positions" in undecided.err) == (True, True)
     answered = dynident("identify", "scara", fit, "--as-proposed", "--accept", "torque_sign")
     assert answered.code == 0, answered.err
+    # A file of answers goes beside the proposal, and need not repeat it.
+    answers = fit.with_name("answers.json")
+    answers.write_text('{"signs": {"tau": -1}}')
+    stated = dynident("identify", "scara", fit, "--as-proposed", "--metadata", answers)
+    assert stated.code == 0, stated.err
+
+
+ZERO_STATED = RecordingMetadata(zeros={"q3": 1.5})
 
 
 @pytest.mark.parametrize(
@@ -130,6 +139,12 @@ def test_an_option_that_answers_is_enough_beside_a_proposal(foreign):
         (Question("columns", "?", check="torque_order"), StatedAnswers(accept=["torque_order"]), True),
         (Question("columns", "?", check="torque_order"), StatedAnswers(cure=True), True),
         (Question("gravity", "?", check="gravity_direction"), StatedAnswers(units={"q": "rad"}), False),
+        (Question("zeros", "?", check="joint_zero"), StatedAnswers(cure=True), False),
+        (
+            Question("zeros", "?", check="joint_zero"),
+            StatedAnswers(metadata=RecordingMetadata(zeros={"q3": 1.5})),
+            True,
+        ),
     ],
 )
 def test_an_option_answers_the_question_that_it_is_about(question, answers, answered):

@@ -32,6 +32,17 @@ pytestmark = pytest.mark.sweep
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
 Q, TAU = ([f"{name}{k + 1}" for k in range(6)] for name in ("q", "tau"))
+PENDULUM = (
+    '<robot name="pendulum"><link name="base"/>'
+    + "".join(
+        f'<link name="link{k}"><inertial><origin xyz="0 0 -0.15"/><mass value="{1.0 - 0.2 * k}"/><inertia ixx="0.01" '
+        f'ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.001"/></inertial></link><joint name="joint{k}" type="revolute">'
+        f'<parent link="{"link1" if k == 2 else "base"}"/><child link="link{k}"/><origin xyz="0 0 {-0.3 * (k - 1)}"/>'
+        '<axis xyz="0 1 0"/><limit lower="-6" upper="6" velocity="9" effort="9"/></joint>'
+        for k in (1, 2)
+    )
+    + "</robot>"
+)
 SLOPE = np.array([-np.sqrt(0.5), 0.0, -np.sqrt(0.5)])
 
 
@@ -105,6 +116,33 @@ def test_an_angle_that_is_counted_from_the_joint_before_is_named() -> None:
     (check,) = findings(recording)
     assert check.name == "joint_coupling"
     assert "the description needs q3 - q2" in check.detail
+
+
+@pytest.mark.parametrize(("seed", "joint", "quarters"), [(3, 2, 1), (4, 3, -1), (5, 4, 2), (6, 5, 1)])
+def test_a_joint_whose_zero_is_a_quarter_turn_off_is_named_with_where_it_is(seed: int, joint: int, quarters: int):
+    motion, tau = measured(seed)
+    off = 0.5 * np.pi * quarters * (np.arange(6) == joint - 1)
+    recording = record(ROBOT, replace(motion, q=motion.q + off), tau)
+    (check,) = findings(recording)
+    # It may be the description that has another zero: it is proposed and not ordered.
+    assert (check.name, check.status) == ("joint_zero", "warning")
+    assert check.apply == Revision(zeros={f"q{joint}": pytest.approx(0.5 * np.pi * quarters)})
+    assert f"{90 * quarters} degrees where the description has 0" in check.detail
+
+
+def test_a_mirrored_joint_of_a_pendulum_is_told_by_its_masses() -> None:
+    pendulum = robot_from_urdf("pendulum", PENDULUM)
+    motion = fourier_motion(pendulum, 20.0, 200.0, 4)
+    tau = pinocchio_torque(pendulum, motion.q, motion.dq, motion.ddq)
+    tau += 0.05 * np.abs(tau).max(axis=0) * (np.sign(motion.dq) + motion.dq)
+    tau += 0.005 * np.abs(tau).max() * np.random.default_rng(4).normal(size=tau.shape)
+
+    def found(change: np.ndarray) -> list[str]:
+        checks = build_dynamics_checks(pendulum)(record(pendulum, motion, tau * change), Q[:2], TAU[:2]) or ()
+        return [one.name for one in checks if one.status != "ok"]
+
+    assert found(np.array([1.0, 1.0])) == []
+    assert found(np.array([1.0, -1.0])) == ["torque_sign"]
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -11,11 +11,16 @@ from dynident.errors import DynidentError, word_remedies
 from dynident.identification.column_inference import EffortKind, Inspection, Question
 from dynident.recordings import RecordingMetadata
 from dynident_service.cli.input_checks_and_writes import read_json_object
+from dynident_service.cli.request_options import write_option
 
 NEEDED_FOR_GAINS = "drives"
 """The question that asks for drive gains, which belong to the robot and not to the file."""
 _IGNORED_KEYS = ("questions", "name", "format")
 """Keys of such a file that are no metadata."""
+_CORRECTIONS = ("permutation", "signs", "scale", "zeros", "torque_delay")
+"""Metadata by which a file states what a check of the dynamics proposes."""
+_NOT_CURED = ("gravity", "zeros")
+"""Questions about the robot as much as about the file: `--cure` leaves them open."""
 _OTHER_SOURCES = ("name", "format", "role", "accept")
 """Metadata that the file itself tells, or that have options or commands of their own."""
 
@@ -38,12 +43,13 @@ def proposal_document(inspection: Inspection, rate: float | None = None) -> dict
 
 @dataclass(frozen=True)
 class StatedAnswers:
-    """Options that answer questions of a proposal: columns, units, checks to accept, and whether to cure."""
+    """Answers to questions of a proposal: columns, units, checks to accept, whether to cure, and a metadata file."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     accept: Sequence[str] = ()
     cure: bool = False
+    metadata: RecordingMetadata = field(default_factory=RecordingMetadata)
 
     def is_answered(self, question: Question) -> bool:
         """Tell whether these options answer a question."""
@@ -54,8 +60,16 @@ class StatedAnswers:
             return True
         if question.check:
             # A file that cannot be cured is refused when it is read, with the same sentence.
-            return self.cure or question.check in self.accept or (question.field in ("units/tau",) and bool(self.units))
+            is_corrected = any(getattr(self.metadata, name) for name in _CORRECTIONS)
+            return (
+                (self.cure and question.field not in _NOT_CURED)
+                or is_corrected
+                or question.check in self.accept
+                or (question.field in ("units/tau",) and bool(self.units))
+            )
         about, _, key = question.field.partition("/")
+        if about == "effort_kind" and self.metadata.effort_kind is not None:
+            return True
         if about == "effort_kind":
             # Without choices no unit makes the columns a torque, so only other columns are an answer.
             answered_signals = (*self.columns, *self.units) if question.choices else tuple(self.columns)
@@ -83,6 +97,8 @@ def describe_answer(question: Question) -> str:
         return " or ".join([*options, "--rate HZ"] if key == "t" else options)
     if question.field == "columns/t" and question.choices:
         return "--columns t=COLUMN, or --rate HZ"
+    if about == "effort_kind" and question.choices:
+        return f"--metadata FILE with effort_kind: {' or '.join(question.choices)}"
     if about == "columns" and key and question.choices:
         if " … " in question.choices[0]:
             # The choices are whole sets of columns, from the first joint's to the last one's.
@@ -122,8 +138,6 @@ def accept_proposal(
     DynidentError
         Where a question is open: to accept the proposal would be a guess.
     """
-    from dynident_service.cli.request_options import write_option
-
     assert inspection.proposal is not None
     stated_answers = answers or StatedAnswers()
     open_questions = [
@@ -140,8 +154,9 @@ def accept_proposal(
         )
         raise DynidentError(
             f"{path.name} cannot be used as proposed; these questions are open:{question_list}\nAnswer them with "
-            "--columns, --units or --gravity, with --accept CHECK if the recording is right as it is, or with "
-            f"--cure. Or write the proposal with `dynident inspect {path} --robot ROBOT --out {path.stem}.json`, "
+            "--columns, --units or --gravity, with --accept CHECK if the recording is right as it is, with --cure, "
+            "or with --metadata FILE, a JSON object of effort_kind, signs, scale, zeros, permutation or torque_delay. "
+            f"Or write the proposal with `dynident inspect {path} --robot ROBOT --out {path.stem}.json`, "
             "answer there (and empty its questions), and give it as --metadata.",
             pointer=str(path),
             title="Open questions",
@@ -151,7 +166,13 @@ def accept_proposal(
     # The user says that the effort columns are currents: the proposed torque columns would contradict that.
     if any(_signal_kind(signal) == "current" for signal in stated_answers.columns):
         columns = {ours: theirs for ours, theirs in columns.items() if _signal_kind(ours) != "tau"}
-    return RecordingMetadata(columns=columns, units=proposal.units, effort_kind=proposal.effort_kind)
+    # What the metadata file says goes before what is proposed.
+    return replace(
+        stated_answers.metadata,
+        columns=columns,
+        units={**proposal.units, **stated_answers.metadata.units},
+        effort_kind=stated_answers.metadata.effort_kind or proposal.effort_kind,
+    )
 
 
 def read_metadata(texts: Sequence[str], names: Sequence[str]) -> dict[str, RecordingMetadata]:

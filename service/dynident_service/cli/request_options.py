@@ -145,7 +145,7 @@ def write_option(remedy: Remedy) -> str:
         return f"option --{value}"
     if remedy.field == "locked_joints" and isinstance(value, Mapping):
         return f"--lock {','.join(value)}"
-    if remedy.field in ("signs", "scale", DELAY):
+    if remedy.field in ("signs", "scale", "zeros", DELAY):
         return f"{remedy} in --metadata"
     if isinstance(value, Mapping):
         return f"{option} {','.join(f'{key}={_write_value(item)}' for key, item in value.items())}"

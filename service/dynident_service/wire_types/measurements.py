@@ -12,12 +12,12 @@ from dynident_service.wire_types.request_bodies import derive_body
 from dynident_service.wire_types.shared_types import Identifier, Labelled, Name, RequestModel, ViewModel
 
 
-@derive_body(Revision, or_null=("columns", "units", "permutation", "signs", "scale"))
+@derive_body(Revision, or_null=("columns", "units", "permutation", "signs", "scale", "zeros"))
 class RevisionRequest(RequestModel):
     """Changes to the metadata of a measurement's file, which stays as it is. Fields that are not given stay, too.
 
-    `columns`, `units`, `permutation`, `signs` and `scale` are merged with the earlier values, key by key. All fields
-    but `role` and `name` are also fields of an upload's metadata.
+    `columns`, `units`, `permutation`, `signs`, `scale` and `zeros` are merged with the earlier values, key by key.
+    All fields but `role` and `name` are also fields of an upload's metadata.
     """
 
     name: Name | None = None

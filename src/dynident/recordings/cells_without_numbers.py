@@ -374,7 +374,7 @@ def _find_joint_ids(source: FileSource) -> dict[str, tuple[str, ...]]:
     if called is None or batch is None:
         return {}
     values = to_float_column(batch, called, 0)[:_ROWS]
-    # Rows of one motor stand between those of others, not in one stretch.
+    # Rows of one motor stand between those of others, not in one interval.
     if not np.isfinite(values).all() or (values != np.rint(values)).any() or np.mean(np.diff(values) != 0) < 0.5:
         return {}
     return {called: tuple(str(int(value)) for value in values)}

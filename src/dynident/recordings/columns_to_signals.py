@@ -120,7 +120,8 @@ def find_columns(
         Joint torque = gain x current [12.17]; a gain is needed only where a joint has no torque column. With motor
         torques τ (gain x current) the joints' are couplingᵀ τ; torque columns are joint torques.
     metadata : RecordingMetadata
-        What the user says of the file, of which `columns`, `units`, `permutation`, `signs` and `scale` are used.
+        What the user says of the file, of which `columns`, `units`, `permutation`, `signs`, `scale` and `zeros` are
+        used.
 
     Returns
     -------
@@ -280,7 +281,8 @@ class _ColumnFinder:
         factor, offset = find_conversion(kind, joint_kind, unit, key)
         # Sign and scale act on the offset of a unit, too: they come after its conversion.
         times = 1.0 if joint is None else self.arrangement.factor(kind, joint)
-        return Column(source, factor * times, offset * times)
+        zero = 0.0 if joint is None else self.arrangement.zero(kind, joint)
+        return Column(source, factor * times, offset * times - zero)
 
     def has_no_torque(self, joint: int) -> bool:
         """Return whether the user says that the torque of a joint was not recorded."""

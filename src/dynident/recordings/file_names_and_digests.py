@@ -15,7 +15,15 @@ MOST_FILES = 64
 
 
 def pack_files(files: Sequence[tuple[str, Path]], target: Path) -> None:
-    """Write an archive (.zip) of files by their names; the same files give the same bytes."""
+    """Write an archive (.zip) of files by their names; the same files give the same bytes.
+
+    Parameters
+    ----------
+    files : sequence of (str, path)
+        Name in the archive and place of every file.
+    target : path
+        The archive that is written.
+    """
     with ZipFile(target, "w", ZIP_STORED) as archive:
         for name, path in files:
             # ZipInfo without a date: the archive depends on the content alone.

@@ -18,12 +18,12 @@ from dynident.recordings.recording import are_readings
 from dynident.recordings.recording_metadata import RecordingError
 
 MAX_ROWS = 1 << 18
-STRETCHES = 16
+INTERVALS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class RawSample:
-    """Raw rows in SI units from evenly spread stretches of a file.
+    """Raw rows in SI units from evenly spread intervals of a file.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ class SampleCollector:
         self._n = n
         self._dq = kinds.index("dq") * n if "dq" in kinds else None
         complete = n_rows <= MAX_ROWS
-        length = n_rows if complete else MAX_ROWS // STRETCHES
-        count = 1 if complete else STRETCHES
+        length = n_rows if complete else MAX_ROWS // INTERVALS
+        count = 1 if complete else INTERVALS
         starts = np.linspace(0, n_rows - length, count).astype(np.int64)
         self._intervals = [(int(start), int(start) + length) for start in starts]
         self._parts: list[tuple[IntArray, RawRows, BoolArray]] = []

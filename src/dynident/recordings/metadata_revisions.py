@@ -68,10 +68,31 @@ def adapt_revision(revision: Revision, metadata: RecordingMetadata, joint_names:
                 value = new.get(f"{kind}{joint + 1}", 1.0) * stated(kind, column - 1)
                 if value != stated(kind, joint):
                     changed[f"{kind}{joint + 1}"] = value
+    zeros = _adapt_zeros(revision, before)
     # What was found comes on top of what was corrected while reading.
     delay = None if revision.torque_delay is None else metadata.torque_delay + revision.torque_delay
     exclude = None if revision.exclude is None else (*metadata.exclude, *revision.exclude)
-    return replace(revision, permutation=permutation, signs=signs, scale=scale, torque_delay=delay, exclude=exclude)
+    return replace(
+        revision,
+        permutation=permutation,
+        signs=signs,
+        scale=scale,
+        zeros=zeros,
+        torque_delay=delay,
+        exclude=exclude,
+    )
+
+
+def _adapt_zeros(revision: Revision, before: ColumnArrangement) -> dict[str, float]:
+    """Return zeros that go with their columns to other joints, and follow their signs and factors."""
+    zeros: dict[str, float] = {}
+    for joint, column in enumerate(revision.permutation.get("q", range(1, before.n + 1))):
+        key = f"q{joint + 1}"
+        factor = revision.signs.get(key, 1.0) * revision.scale.get(key, 1.0)
+        value = factor * before.zero("q", column - 1) + revision.zeros.get(key, 0.0)
+        if value != before.zero("q", joint):
+            zeros[key] = value
+    return zeros
 
 
 def exclude_from_windows(windows: Windows, exclude: Windows, first: float, last: float) -> Windows:
@@ -144,9 +165,13 @@ class ColumnArrangement:
         """Return the factor of a joint's position or torque."""
         return self._find_value(self._metadata.scale, group, joint)
 
-    def _find_value(self, values: Mapping[str, float], group: str, joint: int) -> float:
+    def zero(self, kind: str, joint: int) -> float:
+        """Return a joint's position, after sign and factor, where the description has 0; 0 for other signals."""
+        return self._find_value(self._metadata.zeros, "q", joint, 0.0) if kind in ("q", "q_command") else 0.0
+
+    def _find_value(self, values: Mapping[str, float], group: str, joint: int, usual: float = 1.0) -> float:
         keys = (f"{group}{joint + 1}", f"{group}_{self._names[joint]}", group)
-        return float(next((values[key] for key in keys if key in values), 1.0))
+        return float(next((values[key] for key in keys if key in values), usual))
 
     def _check(self) -> None:
         n, metadata = len(self._names), self._metadata
@@ -159,13 +184,17 @@ class ColumnArrangement:
                     title="Unusable order",
                 )
         endings = ["", *(str(joint + 1) for joint in range(n)), *(f"_{name}" for name in self._names)]
-        known_keys = {f"{kind}{ending}" for kind in ("q", "tau") for ending in endings}
-        for field_name, values in (("signs", metadata.signs), ("scale", metadata.scale)):
+        for field_name, values, kinds in (
+            ("signs", metadata.signs, ("q", "tau")),
+            ("scale", metadata.scale, ("q", "tau")),
+            ("zeros", metadata.zeros, ("q",)),
+        ):
+            known_keys = {f"{kind}{ending}" for kind in kinds for ending in endings}
             for key, value in values.items():
                 if key not in known_keys:
                     raise RecordingError(
-                        f"{field_name} names {key!r}; name q, tau, or the signal of one joint: tau2, "
-                        f"tau_{self._names[0]}.",
+                        f"{field_name} names {key!r}; name {', '.join(kinds)}, or the signal of one joint: "
+                        f"{kinds[-1]}2, {kinds[-1]}_{self._names[0]}.",
                         pointer=f"/{field_name}/{key}",
                         title="Unknown column",
                     )

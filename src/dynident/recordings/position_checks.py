@@ -225,15 +225,32 @@ def _unit_of_same_kind(kind: str, unit: str, limit: JointLimits, limits: tuple[J
 
 
 def has_other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
-    """Return whether a position makes sense in degrees (millimetres), and none in radians (metres)."""
+    """Return whether a position makes sense in degrees (millimetres), and none in radians (metres).
+
+    Parameters
+    ----------
+    limit : JointLimits
+        Limits of the joint, rad or m, and their rates.
+    low, high : float
+        Range of the position as it is stated.
+    rate : float
+        Speed that the position reaches, in its unit per second.
+    small : float
+        Radians in a degree, or metres in a millimetre.
+
+    Returns
+    -------
+    bool
+    """
     if limit.position is not None:
         lower, upper = limit.position
         slack = 0.1 * (upper - lower)
         # With limits: beyond them as given, inside them in the other unit, and by more than limits that are a little
-        # wrong would explain.
+        # wrong would explain, or a zero that is elsewhere on the turn.
         beyond = low < lower - slack or high > upper + slack
         inside = lower - slack <= low * small and high * small <= upper + slack
-        return beyond and inside and max(abs(low), abs(high)) > 2.0 * max(abs(lower), abs(upper))
+        widest, turn = max(abs(lower), abs(upper)), 2.0 * pi if limit.kind == "revolute" else 0.0
+        return beyond and inside and max(abs(low), abs(high)) > widest + max(widest, turn)
     # Without limits: a speed that no joint has, or a range of several turns (of 20 m) that is really moved through.
     fastest = 3.0 * limit.velocity if limit.velocity is not None else (FASTEST if limit.kind == "revolute" else 20.0)
     widest = 8.0 * pi if limit.kind == "revolute" else 20.0

@@ -106,6 +106,8 @@ class RecordingMetadata(Request):
         them.
     scale : mapping of str to float
         Positive factors of positions or torques, by the same keys.
+    zeros : mapping of str to float
+        Positions in rad or m, with signs and factors, at which the description has 0, by the same keys of positions.
     exclude : pairs (from, to)
         Seconds of t to leave out.
     effort_kind : str, optional
@@ -161,6 +163,10 @@ class RecordingMetadata(Request):
     scale: Mapping[str, float] = declare_field(
         'Positive factors for the positions or torques of a joint: {"tau2": 0.1}', made_by=dict, above=0
     )
+    zeros: Mapping[str, float] = declare_field(
+        'Position of a joint, after sign and factor, where the description has 0, in rad or m: {"q3": 1.5708}',
+        made_by=dict,
+    )
     exclude: Windows = declare_field("Windows of t to leave out in s, [from, to]; [] for none", default=())
     effort_kind: EffortKind | None = declare_field(
         "Kind of signal in the torque or current columns; signals that are not measurements are rejected",
@@ -212,7 +218,7 @@ class RecordingMetadata(Request):
                     )
 
 
-_BY_KEY = ("columns", "units", "permutation", "signs", "scale")
+_BY_KEY = ("columns", "units", "permutation", "signs", "scale", "zeros")
 
 
 @dataclass(frozen=True)
@@ -299,6 +305,8 @@ class Revision(Request):
         Sign, 1 or -1, by which positions or torques are multiplied.
     scale : mapping of str to float
         Positive factors of positions or torques.
+    zeros : mapping of str to float
+        Positions in rad or m at which the description has 0.
     torque_delay : float, optional
         Seconds by which the torque of a row is read later than its positions.
     role : str, optional
@@ -318,6 +326,7 @@ class Revision(Request):
     permutation: Mapping[Axis, tuple[int, ...]] = redeclare_field(RecordingMetadata, "permutation", made_by=dict)
     signs: Mapping[str, float] = redeclare_field(RecordingMetadata, "signs", made_by=dict)
     scale: Mapping[str, float] = redeclare_field(RecordingMetadata, "scale", made_by=dict)
+    zeros: Mapping[str, float] = redeclare_field(RecordingMetadata, "zeros", made_by=dict)
     torque_delay: float | None = redeclare_field(RecordingMetadata, DELAY, default=None)
     role: Role | None = redeclare_field(RecordingMetadata, "role", default=None)
     skip: tuple[ConditioningStep, ...] | None = redeclare_field(RecordingMetadata, "skip", default=None)
@@ -467,6 +476,7 @@ class RevisionFields(TypedDict, total=False):
     permutation: Mapping[Axis, tuple[int, ...]]
     signs: Mapping[str, float]
     scale: Mapping[str, float]
+    zeros: Mapping[str, float]
     torque_delay: float | None
     role: Role | None
     skip: tuple[ConditioningStep, ...] | None

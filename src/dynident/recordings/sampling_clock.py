@@ -83,10 +83,10 @@ class EvenClockScan:
             later = number > 0
             # The k-th row after the start lies within a tick of k periods: each stamp bounds the period from both
             # sides, the later the closer.
-            elapsed, room = part[later] - self._start, _ROUNDING * self._tick
+            elapsed, tolerance = part[later] - self._start, _ROUNDING * self._tick
             if len(elapsed):
-                self._lowest = max(self._lowest, float(((elapsed - room) / number[later]).max()))
-                self._highest = min(self._highest, float(((elapsed + room) / number[later]).min()))
+                self._lowest = max(self._lowest, float(((elapsed - tolerance) / number[later]).max()))
+                self._highest = min(self._highest, float(((elapsed + tolerance) / number[later]).min()))
             # No period agrees with all stamps: they are not those of an even clock.
             if self._lowest > self._highest:
                 self._possible = False

@@ -14,7 +14,7 @@ from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.linkage import link_joints, lock_followers
 from dynident.robot.pinocchio_conversion import ROUNDING_TOLERANCE, DescribedJoints, from_pinocchio
 from dynident.robot.robot_model import Description, Robot, Tie
-from dynident.robot.stated_settings import settings_from
+from dynident.robot.stated_settings import build_settings
 from dynident.robot.xml_text import Element, parse_xml, write_xml
 
 TITLE = "Unusable URDF"
@@ -410,7 +410,7 @@ def robot_from_urdf(
         If the XML is malformed (line and column), the machine is not a tree of such joints on a fixed base (line,
         joint), or a setting does not fit.
     """
-    settings = settings_from(limits, drives, locked_joints, gravity)
+    settings = build_settings(limits, drives, locked_joints, gravity)
     root = parse_urdf(text, pointer)
     locked_by_user = settings.locked_joints
     clamped = find_clamped_joints(root, locked_by_user, pointer)

@@ -18,7 +18,7 @@ from dynident.identification.column_inference.metadata_proposal import Guess, Qu
 from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.fault_checks import DESCRIPTION_UNITS, GRAVITY, SCALE
+from dynident.identification.recording_faults.fault_checks import DESCRIPTION_UNITS, GRAVITY, SCALE, ZERO
 from dynident.identification.recording_faults.fault_search import measure_unexplained_share
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.number_format import format_percent
@@ -160,10 +160,10 @@ class PoseFits(DynamicsFits):
 _UNEXPLAINED_LIMIT = 0.5
 """Unexplained share of an average joint's torque above which the columns are taken for wrong."""
 
-_ASKED_WARNINGS = (GRAVITY, SCALE)
+_ASKED_WARNINGS = (GRAVITY, SCALE, ZERO)
 """Checks that are asked about although they only warn: what they find makes a model useless."""
 
-_FIELDS = {GRAVITY: "gravity", SCALE: "units/tau", COMMANDED: "effort_kind"}
+_FIELDS = {GRAVITY: "gravity", SCALE: "units/tau", COMMANDED: "effort_kind", ZERO: "zeros"}
 """Fields of the metadata, or of the robot, that checks are about; all other checks are about the columns."""
 
 

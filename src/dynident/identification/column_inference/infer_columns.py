@@ -31,9 +31,9 @@ from dynident.identification.column_inference.metadata_proposal import Proposal,
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
     TOGETHER,
+    are_columns_poses,
     ask_about_file,
     ask_about_length,
-    columns_are_poses,
     drop_dependent_questions,
     find_segment_column,
     guess_clock,
@@ -97,7 +97,7 @@ class _ColumnInference(WorkingProposal):
     def run(self) -> Proposal:
         """Guess time, groups of columns, positions, efforts and units, in this order."""
         sample, n = self.sample, self.robot.n
-        self.of_poses = columns_are_poses(self)
+        self.of_poses = are_columns_poses(self)
         self.alive = find_changing_columns(sample.values)
         kind: EffortKind = "unknown"
         for remark in self.sample.remarks:

@@ -145,7 +145,7 @@ _FEWEST_TICKS = 4
 """Changes of a coarse clock by which the rate of the rows is told."""
 
 
-def columns_are_poses(work: WorkingProposal) -> bool:
+def are_columns_poses(work: WorkingProposal) -> bool:
     """Tell whether the columns called positions jump from row to row: the robot stands at each."""
     positions = [k for k, name in enumerate(work.column_names) if name.signal == "q"]
     q = fill_gaps(work.sample.values[:, positions])
@@ -253,7 +253,7 @@ def ask_about_file(work: WorkingProposal) -> bool:
 def ask_about_length(work: WorkingProposal, clock: Clock) -> None:
     """Ask whether a recording of less than a second is meant: nothing is told by so little motion."""
     rows = len(work.sample.values)
-    if columns_are_poses(work) or rows / clock.rate >= _SHORTEST or rows >= _ALL_ROWS:
+    if are_columns_poses(work) or rows / clock.rate >= _SHORTEST or rows >= _ALL_ROWS:
         return
     detail = (
         f"The recording has {rows / clock.rate:.2g} s, too little to tell one parameter from another, or a measured "

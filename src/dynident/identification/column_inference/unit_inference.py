@@ -292,10 +292,10 @@ def _is_possible_unit(robot: Robot, turning: Sequence[int], low: FloatArray, hig
         if factor * (high[place] - low[place]) > MOST_MOTION:
             return False
         if limits is not None and limits[1] > limits[0]:
-            room = 0.05 * (limits[1] - limits[0]) + 0.1
+            tolerance = 0.05 * (limits[1] - limits[0]) + 0.1
             # Only the width of the motion is compared with the limits: the zero may be another, and a turn more or
             # less is the same place.
-            if factor * (high[place] - low[place]) > _MORE * (limits[1] - limits[0]) + room:
+            if factor * (high[place] - low[place]) > _MORE * (limits[1] - limits[0]) + tolerance:
                 return False
         if abs(factor) * max(abs(low[place]), abs(high[place])) > MOST_MOTION:
             return False

@@ -160,17 +160,21 @@ FaultKind = Literal[
     "joint turned",
     "torque scaled",
     "joint coupled",
+    "joint zero",
 ]
 
 _SWAPS: tuple[FaultKind, ...] = ("torques swapped", "positions swapped", "joints swapped")
 _TURNS: tuple[FaultKind, ...] = ("torque turned", "position turned", "joint turned")
-_OF_POSITION = ("positions swapped", "joints swapped", "position turned", "joint turned", "joint coupled")
+_OF_POSITION = ("positions swapped", "joints swapped", "position turned", "joint turned", "joint coupled", "joint zero")
 _OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turned", "torque scaled")
 _SMALL = 1e-3
 """Factor that silences a torque: zero would take the joint out of the joints with a torque."""
 
 FACTORS = (0.001, 0.1, 10.0, 1000.0)
 """Factors that mend a torque: a gain that is ten times off, and units in steps of a thousand."""
+
+ZEROS = (0.5 * np.pi, -0.5 * np.pi, np.pi)
+"""rad that conventions of a joint's zero differ by: stretched out or upright, Denavit-Hartenberg or the maker's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +215,8 @@ class ColumnFault:
         and 1 with 4; unless `sources` are given.
     factor : float
         It mends torques that are scaled. Of two joints that are coupled, the first is counted from the second: its
-        position is that of the column less `factor` times the second's.
+        position is that of the column less `factor` times the second's. Of a joint whose zero is elsewhere, the angle
+        in rad that its column has too much.
     sources : tuple of int
         Of joints whose columns go round in a ring, the joint in whose place each joint's columns stand.
     """
@@ -220,6 +225,11 @@ class ColumnFault:
     joints: tuple[int, ...]
     factor: float = 1.0
     sources: tuple[int, ...] = ()
+
+    @property
+    def own_joints(self) -> tuple[int, ...]:
+        """Joints whose columns are wrong: of two that are coupled, the one that is counted from the other."""
+        return self.joints[:1] if self.kind == "joint coupled" else self.joints
 
     @property
     def is_swap(self) -> bool:
@@ -264,11 +274,13 @@ class ColumnFault:
         if self.is_swap:
             for joint, source in self.places:
                 order[joint] = source
-        elif self.kind != "joint coupled":
+        elif self.kind not in ("joint coupled", "joint zero"):
             sign[list(self.joints)] = self.factor if self.kind == "torque scaled" else -1.0
         q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
         if self.kind == "joint coupled":
             q, dq, ddq = (_uncouple(signal, self) for signal in (q, dq, ddq))
+        elif self.kind == "joint zero":
+            q = q - self.factor * (np.arange(n) == self.joints[0])
         elif self.is_of_positions:
             q, dq, ddq = (signal[:, order] * sign for signal in (q, dq, ddq))
         if self.is_of_torques:
@@ -303,6 +315,7 @@ def list_possible_faults(
     moving: BoolArray,
     parallel: BoolArray | None = None,
     has_torque: BoolArray | None = None,
+    revolute: BoolArray | None = None,
 ) -> Iterator[ColumnFault]:
     """Yield all faults that are possible, those of the whole robot first.
 
@@ -314,6 +327,8 @@ def list_possible_faults(
         Joints whose axis is parallel to that of the joint before.
     has_torque : (n,), optional
         Joints whose torque changes: nobody has exchanged one that was not recorded.
+    revolute : (n,), optional
+        Joints that turn: their zeros may be a quarter or half a turn from the description's.
     """
     yield from _list_faults_of_many_joints(moving)
     yield from _list_reversed_order(moving)
@@ -331,6 +346,8 @@ def list_possible_faults(
     for joint in joints:
         yield from (ColumnFault(kind, (joint,)) for kind in _TURNS)
         yield from (ColumnFault("torque scaled", (joint,), factor) for factor in FACTORS)
+        if revolute is not None and revolute[joint]:
+            yield from (ColumnFault("joint zero", (joint,), angle) for angle in ZEROS)
 
 
 def _list_reversed_order(moving: BoolArray) -> Iterator[ColumnFault]:

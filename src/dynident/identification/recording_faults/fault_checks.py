@@ -22,8 +22,6 @@ from dynident.identification.recording_faults.fault_search import (
     MOST_JOINTS,
     WORST_EXPLAINED,
     DetectedFault,
-    HeldOutFits,
-    filter_for_search,
     find_delay,
     find_excess_of_motion,
     search_faults,
@@ -35,7 +33,7 @@ from dynident.identification.recording_faults.gravity_in_torque import (
     find_other_mounting,
     find_static_torque,
 )
-from dynident.identification.recording_faults.rows_for_fault_search import thin_out
+from dynident.identification.recording_faults.rows_for_fault_search import HeldOutFits, filter_for_search, thin_out
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
 from dynident.identification.recording_faults.unexplained_torque import UnexplainedTorque
 from dynident.number_format import format_percent
@@ -52,16 +50,18 @@ _CHECK: dict[FaultKind, str] = {
     "joint turned": "joint_sign",
     "torque scaled": "torque_scale",
     "joint coupled": "joint_coupling",
+    "joint zero": "joint_zero",
 }
-_SILENT = {"torque_scale", "joint_coupling"}
+_SILENT = {"torque_scale", "joint_coupling", "joint_zero"}
 """Checks that are not listed as passed: another check reports for them, or they have nothing to say."""
 
-GRAVITY, SCALE, DESCRIPTION_UNITS = "gravity_direction", "torque_scale", "description_units"
+GRAVITY, SCALE, ZERO = "gravity_direction", "torque_scale", "joint_zero"
+DESCRIPTION_UNITS = "description_units"
 
 VETOES = (COMMANDED, GRAVITY, SCALE, "gravity_load", "torque_sign", "joint_sign")
 """Checks whose findings make a model useless, however well it fits: its masses are not the robot's."""
 
-CAUSES = (*VETOES, "torque_order", "joint_order", "joint_coupling")
+CAUSES = (*VETOES, "torque_order", "joint_order", "joint_coupling", ZERO)
 """Checks that name possible causes where a model fails."""
 
 _HARDLY_BETTER = 1.1
@@ -367,6 +367,8 @@ def build_revision(fault: ColumnFault, n: int) -> Revision | None:
     kinds = [kind for kind, is_wrong in sides if is_wrong]
     if fault.kind == "torque scaled":
         return Revision(scale={f"tau{joint + 1}": fault.factor for joint in fault.joints})
+    if fault.kind == "joint zero":
+        return Revision(zeros=_get_zeros(fault))
     if not fault.is_swap:
         return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in fault.joints})
     # Permutations of a request count from one.
@@ -374,6 +376,10 @@ def build_revision(fault: ColumnFault, n: int) -> Revision | None:
     for joint, source in fault.places:
         order[joint] = source + 1
     return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
+
+
+def _get_zeros(fault: ColumnFault) -> dict[str, float]:
+    return {f"q{joint + 1}": float(f"{fault.factor:.8g}") for joint in fault.joints}
 
 
 def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
@@ -415,6 +421,10 @@ def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], t
         "torque turned": f"the torque{plural} of {of} ({columns[1]}) {verb[0]} the opposite sign",
         "position turned": f"the position{plural} of {of} ({columns[0]}) {verb[0]} the opposite sign",
         "joint turned": f"position and torque of {of} ({columns[0]}, {columns[1]}) have the opposite sign",
+        "joint zero": (
+            f"the zero of {of} ({columns[0]}) is not the description's: the column is "
+            f"{np.rad2deg(fault.factor):.0f} degrees where the description has 0"
+        ),
         "torque scaled": (
             f"the torque{plural} of {of} ({columns[1]}) {verb[1]} {1.0 / fault.factor:.3g} times the value that "
             "fits the other joints"
@@ -437,6 +447,9 @@ def _describe_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> 
         )
         remedy = Remedy("scale", {f"tau{joint + 1}": float(f"{fault.factor:.3g}") for joint in fault.joints})
         return f"Check {which} by {fault.factor:.3g}: {remedy}.", (remedy,)
+    if fault.kind == "joint zero":
+        remedy = Remedy("zeros", _get_zeros(fault))
+        return f"State where the joint's zero is ({remedy}, in rad), or turn the joint in the description.", (remedy,)
     if not fault.is_swap:
         side = "tau" if fault.kind == "torque turned" else "q"
         remedy = Remedy("signs", {f"{side}{joint + 1}": -1 for joint in fault.joints})

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.effects import OFFSETS
 from dynident.identification.recording_faults.column_faults import (
     BESIDE_OFFSETS,
     ColumnFault,
@@ -21,33 +19,34 @@ from dynident.identification.recording_faults.column_faults import (
     list_possible_faults,
     silence_others,
 )
-from dynident.identification.recording_faults.rows_for_fault_search import filter_whole_motion, thin_out
+from dynident.identification.recording_faults.rows_for_fault_search import (
+    HeldOutFits,
+    filter_for_search,
+    has_enough_rows,
+    thin_out,
+)
 from dynident.identification.recording_faults.torque_scale import (
     compute_described_load,
     find_driving_joints,
     find_excess_friction,
     find_heavy_joints,
     find_joints_of_right_size,
+    find_revolute_joints,
     is_nearer_to_masses,
     is_nearer_to_others,
     refine_factor_by_masses,
 )
-from dynident.identification.recording_faults.tree_fit import find_parallel_axes, list_chains
+from dynident.identification.recording_faults.tree_fit import find_moving_joints, find_parallel_axes, list_chains
 from dynident.identification.recording_faults.unexplained_torque import (
-    CLEARLY,
     DescriptionFit,
     HeldOutFit,
     UnexplainedTorque,
-    find_moving_joints,
 )
 from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot
 
 MOST_JOINTS = 12
 """Longer chains have too many pairs to be tried while somebody waits."""
-
-_ROWS_PER_COLUMN = 8
-"""Rows for each parameter that a fit needs, at least, to tell one order of the columns from another."""
 
 _CERTAIN, _CERTAIN_OF_JOINTS, SOUND = 1.2, 2.4, 0.2
 """Sum over the joints of the logarithm of what is left that falls without a fault, from which on nothing else is
@@ -79,11 +78,7 @@ hardly more than one frequency, and 0.19 otherwise. This is half way between, in
 WORST_EXPLAINED = 0.15
 """Share of the torque of the joint that is explained worst, below which nothing else about the robot is looked for."""
 
-_EXPLAINED = 0.2
-"""Share left of an average joint's torque, or of the worst joint's, from which on the motion's own band is looked at
-instead: an elastic arm leaves that with the filters of an identification, and half of it there."""
-
-_MOST_MISTAKES = 3
+_MOST_FAULTS = 3
 
 
 @dataclass(frozen=True)
@@ -172,13 +167,13 @@ def search_faults(
     """
     judges = judges or HeldOutFits(robot)
     judge = judges.plain_fit
-    if not _has_enough_rows(motion, judge):
+    if not has_enough_rows(motion, judge):
         return None
     findings: list[DetectedFault] = []
     now = judge.measure_unexplained(motion)
     # Mend the clearest fault, then look again: several faults hide each other, and the first one's cure changes the
     # rest.
-    while len(findings) < _MOST_MISTAKES:
+    while len(findings) < _MOST_FAULTS:
         step = _find_best_fault(judge, robot, motion, now)
         if step is None:
             break
@@ -191,39 +186,14 @@ def search_faults(
             continue
         least = _CERTAIN_OF_JOINTS if step.fault.is_of_whole_joints else _CERTAIN
         # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
-        # several joints at once this is not so.
-        may_be_sure = step.fault.kind != "torque scaled" or len(step.fault.joints) > 1
+        # several joints at once this is not so. The zero of a joint may be what the description has wrong.
+        may_be_sure = step.fault.kind not in ("torque scaled", "joint zero") or len(step.fault.joints) > 1
         certain = may_be_sure and summed >= least and step.unexplained.average_share <= SOUND
         findings.append(
             DetectedFault(step.fault, step.alike, now.average_share, step.unexplained.average_share, certain)
         )
         motion, now = mended, step.unexplained
     return tuple(findings), now
-
-
-class HeldOutFits:
-    """Fits of a robot: with its links and friction, and with a constant torque on each joint as well.
-
-    Each is built when it is first needed, and serves all questions about the robot.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-
-    @cached_property
-    def plain_fit(self) -> HeldOutFit:
-        """Fit of links and friction."""
-        return HeldOutFit(self._robot)
-
-    @cached_property
-    def offset_fit(self) -> HeldOutFit:
-        """Fit of links, friction and a constant torque on each joint."""
-        return HeldOutFit(self._robot, (OFFSETS,))
 
 
 def _compute_fall(judge: HeldOutFit, motion: Motion, mended: Motion) -> float:
@@ -256,25 +226,32 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         *list_chain_orders(
             list_chains(robot), lambda fault: judge.measure_unexplained(fault.mend(motion)).joints, now.moving
         ),
-        *list_possible_faults(now.moving, find_parallel_axes(robot), has_torque),
+        *list_possible_faults(now.moving, find_parallel_axes(robot), has_torque, find_revolute_joints(robot)),
     ]
     off = _find_drives_off(sizes.frictions)
-    possible = [fault for fault in among if fault.joints not in off and _is_possible_fault(fault, robot, motion, sizes)]
-    # One small solution for each of some hundred faults; rows of W are kept where only torques change.
-    trials = [(fault, judge.measure_unexplained(fault.mend(motion))) for fault in possible]
+    possible = [
+        fault for fault in among if fault.own_joints not in off and _is_possible_fault(fault, robot, motion, sizes)
+    ]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)
+    # One small solution for each of some hundred faults; rows of W are kept where only torques change. Masses tell
+    # most of a zero, which no other column changes with it.
+    trials = [
+        (fault, judge.measure_unexplained(fault.mend(motion)))
+        for fault in possible
+        if fault.kind != "joint zero" or described.may_demand(fault)
+    ]
     for best, unexplained in sorted(trials, key=lambda pair: pair[1].score):
         # Sorted by score: where the best one is not clear, the others are not looked at.
-        if not now.is_surely_above(unexplained, best.kind) or unexplained.average_share > CURED:
-            return None
+        if not now.is_surely_above(unexplained) or unexplained.average_share > CURED:
+            break
         # Scale the torques of these joints down until they have no say in the parameters of the others. Where that
         # explains nearly as much as mending the fault, the joints only do not go with the others, for whatever reason:
         # the fault is not proved.
         if best.kind != "torque scaled" and unexplained.against >= now.against and len(best.joints) < robot.n:
             unexplained_alone = judge.measure_unexplained(silence_others(motion, best.joints))
             if now.compute_fall_to(unexplained_alone) > _APART * now.compute_fall_to(unexplained):
-                return None
+                break
         if described.refutes(best):
             continue
         near = [trial for trial in trials if trial[1].score - unexplained.score < ALIKE]
@@ -290,7 +267,28 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         return _FaultStep(
             best, tuple(fault for fault in alike if not _is_distinguished(best, fault, described)), unexplained
         )
-    return None
+    return _find_fault_by_masses(trials, now, described)
+
+
+def _find_fault_by_masses(
+    trials: Sequence[_Trial], now: UnexplainedTorque, described: DescriptionFit
+) -> _FaultStep | None:
+    """Return the fault without which the masses of the description explain most; None where none is clear.
+
+    A fit of all parameters finds other ones for a mirrored joint, or for an arm of few joints; the description does
+    not.
+    """
+    among = [trial for trial in trials if trial[0].kind != "torque scaled" and trial[1].score < now.score + ALIKE]
+    estimates = [described.estimate_left(fault) for fault, _ in among]
+    known = sorted((left, number) for number, left in enumerate(estimates) if left is not None)
+    if not known:
+        return None
+    lowest, number = known[0]
+    fault, unexplained = among[number]
+    if not described.may_demand(fault) or not described.surely_demands(fault):
+        return None
+    alike = tuple(among[other][0] for left, other in known[1:] if left < lowest + ALIKE)
+    return _FaultStep(fault, alike, unexplained)
 
 
 def _choose_among_alike(best: _Trial, near: Sequence[_Trial], described: DescriptionFit) -> _Trial:
@@ -361,43 +359,6 @@ def _is_possible_fault(fault: ColumnFault, robot: Robot, motion: Motion, sizes: 
     )
 
 
-def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion, float] | None:
-    """Filter a recording as an identification does; or narrower, where much less is unexplained then.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    judges : HeldOutFits
-        Fits of the robot.
-
-    Returns
-    -------
-    tuple of Motion and float, or None
-        Rows in their order, and the seconds between them; None where the recording is too short.
-    """
-    wide = filter_whole_motion(recording)
-    if wide is None or not _has_enough_rows(wide[0], judges.plain_fit):
-        return wide
-    unexplained = judges.plain_fit.measure_unexplained(thin_out(wide[0]))
-    if max(unexplained.average_share, unexplained.worst_share) < _EXPLAINED:
-        return wide
-    # What a rigid robot does not explain is mostly at high frequencies: an elastic arm, or backlash.
-    narrow = filter_whole_motion(recording, narrow=True)
-    if narrow is None or not _has_enough_rows(narrow[0], judges.plain_fit):
-        return wide
-    return (
-        narrow
-        if unexplained.compute_summed_fall_to(judges.plain_fit.measure_unexplained(thin_out(narrow[0]))) >= CLEARLY
-        else wide
-    )
-
-
-def _has_enough_rows(motion: Motion, judge: HeldOutFit) -> bool:
-    """Tell whether there are enough rows to decide anything."""
-    return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns
-
-
 def find_excess_of_motion(robot: Robot, motion: Motion, judges: HeldOutFits | None = None) -> dict[int, float]:
     """Return the joints whose friction is too large for the robot, and how many times.
 
@@ -440,7 +401,7 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
     """
     judges = judges or HeldOutFits(robot)
     judge = judges.plain_fit
-    if not _has_enough_rows(motion, judge):
+    if not has_enough_rows(motion, judge):
         return None
     delay = estimate_delay(
         motion,

@@ -3,22 +3,62 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from math import floor
 
 import numpy as np
 
 from dynident.array_types import FloatArray, IntArray
+from dynident.effects import OFFSETS
 from dynident.errors import DynidentError
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.tree_fit import BLOCKS
+from dynident.identification.recording_faults.tree_fit import BLOCKS, find_moving_joints
+from dynident.identification.recording_faults.unexplained_torque import (
+    CLEARLY,
+    HeldOutFit,
+)
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.nonparametric_fit import shorten_recording
 from dynident.recordings.preprocessing import LEAST_HARMONICS, OVERSAMPLING, find_motion_band
 from dynident.recordings.recording import SampleBlock
 from dynident.regressors.filtered_rows import filter_in_parallel
+from dynident.robot.robot_model import Robot
 
 _ROWS = 2500
 """Rows that faults are looked for in: every candidate is fitted to them, so more would take longer and tell little."""
+
+
+_ROWS_PER_COLUMN = 8
+"""Rows for each parameter that a fit needs, at least, to tell one order of the columns from another."""
+
+_EXPLAINED = 0.2
+"""Share left of an average joint's torque, or of the worst joint's, from which on the motion's own band is looked at
+instead: an elastic arm leaves that with the filters of an identification, and half of it there."""
+
+
+class HeldOutFits:
+    """Fits of a robot: with its links and friction, and with a constant torque on each joint as well.
+
+    Each is built when it is first needed, and serves all questions about the robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+
+    @cached_property
+    def plain_fit(self) -> HeldOutFit:
+        """Fit of links and friction."""
+        return HeldOutFit(self._robot)
+
+    @cached_property
+    def offset_fit(self) -> HeldOutFit:
+        """Fit of links, friction and a constant torque on each joint."""
+        return HeldOutFit(self._robot, (OFFSETS,))
 
 
 def filter_motion(recording: Recording) -> Motion | None:
@@ -85,3 +125,40 @@ def filter_whole_motion(recording: Recording, *, narrow: bool = False) -> tuple[
     block: IntArray = np.arange(len(whole)) * BLOCKS // len(whole)
     q, dq, ddq, tau = (np.ascontiguousarray(part) for part in np.split(whole, 4, axis=1))
     return Motion(q, dq, ddq, tau, block), short.period * choice.decimation
+
+
+def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion, float] | None:
+    """Filter a recording as an identification does; or narrower, where much less is unexplained then.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    judges : HeldOutFits
+        Fits of the robot.
+
+    Returns
+    -------
+    tuple of Motion and float, or None
+        Rows in their order, and the seconds between them; None where the recording is too short.
+    """
+    wide = filter_whole_motion(recording)
+    if wide is None or not has_enough_rows(wide[0], judges.plain_fit):
+        return wide
+    unexplained = judges.plain_fit.measure_unexplained(thin_out(wide[0]))
+    if max(unexplained.average_share, unexplained.worst_share) < _EXPLAINED:
+        return wide
+    # What a rigid robot does not explain is mostly at high frequencies: an elastic arm, or backlash.
+    narrow = filter_whole_motion(recording, narrow=True)
+    if narrow is None or not has_enough_rows(narrow[0], judges.plain_fit):
+        return wide
+    return (
+        narrow
+        if unexplained.compute_summed_fall_to(judges.plain_fit.measure_unexplained(thin_out(narrow[0]))) >= CLEARLY
+        else wide
+    )
+
+
+def has_enough_rows(motion: Motion, judge: HeldOutFit) -> bool:
+    """Tell whether there are enough rows to decide anything."""
+    return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns

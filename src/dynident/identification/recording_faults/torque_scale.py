@@ -77,7 +77,7 @@ def find_excess_friction(robot: Robot, frictions: FloatArray, heavy: Collection[
             continue
         # Compare shares of the limits of effort: large joints have more friction than small ones in N m.
         usual, largest = float(np.median(share[others])), float(share[others].max())
-        most = size[others & _find_revolute(robot)].max(initial=0.0)
+        most = size[others & find_revolute_joints(robot)].max(initial=0.0)
         large = [
             share[joint]
             > _get_threshold_factor(int(joint), heavy) * max(LARGE_SHARE, APART * usual, APART_LARGEST * largest)
@@ -97,7 +97,7 @@ def find_excess_friction(robot: Robot, frictions: FloatArray, heavy: Collection[
 
 def _find_by_make(robot: Robot, size: FloatArray, known: BoolArray, limits: FloatArray) -> dict[int, float]:
     """Return the revolute joints whose friction is many times that of all others with the same limit of effort."""
-    turning = np.flatnonzero(known & _find_revolute(robot))
+    turning = np.flatnonzero(known & find_revolute_joints(robot))
     excess = {}
     for joint in turning:
         alike = [size[other] for other in turning if other != joint and limits[other] == limits[joint]]
@@ -159,13 +159,20 @@ def _get_threshold_factor(joint: int, heavy: Collection[int]) -> float:
     return AGREED if joint in heavy else 1.0
 
 
-def _find_revolute(robot: Robot) -> BoolArray:
+def find_revolute_joints(robot: Robot) -> BoolArray:
+    """Return which joints turn (n,).
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    """
     return np.array([joint.kind == "revolute" for joint in robot.joints])
 
 
 def _find_by_place(robot: Robot, size: FloatArray, known: BoolArray, heavy: Collection[int]) -> dict[int, float]:
     """Return the revolute joint whose friction is many times that of every other, if there is one."""
-    turning = _find_revolute(robot) & known
+    turning = find_revolute_joints(robot) & known
     if turning.sum() < 3:
         return {}
     order = np.flatnonzero(turning)[np.argsort(size[turning])]

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,6 +21,9 @@ _PARALLEL = 0.999
 
 BLOCKS = 10
 """Blocks of time that a motion is cut into."""
+
+_STILL = 1e-3
+"""Share of the fastest joint's speed below which a joint is at rest."""
 
 _SLOW = 0.05
 """Share of a joint's rms speed below which a row is left out: sticking joints have a friction of any size."""
@@ -273,9 +277,10 @@ class TreeFit:
         inner = np.zeros((BLOCKS + 1, len(self.joints), self.n_columns, self.n_columns))
         for joint, (at, rows, _) in enumerate(of_joints):
             columns = self._layout[joint][1]
-            for number in range(BLOCKS):
-                part = rows[motion.block[at] == number]
-                inner[number, joint][np.ix_(columns, columns)] = part.T @ part
+            # Blocks are in the order of time: each is a run of rows.
+            edges = np.searchsorted(motion.block[at], np.arange(BLOCKS + 1))
+            parts = [rows[first:last] for first, last in pairwise(edges)]
+            inner[:-1, joint, columns[:, None], columns] = [part.T @ part for part in parts]
         inner[-1] = inner[:-1].sum(axis=0)
         return _MotionRows(motion, inner, tuple(of_joints))
 
@@ -322,3 +327,9 @@ class TreeFit:
 def find_moving_rows(motion: Motion) -> BoolArray:
     """Return where each joint moves (m, n)."""
     return np.asarray(np.abs(motion.dq) > _SLOW * np.sqrt((motion.dq**2).mean(axis=0)))
+
+
+def find_moving_joints(motion: Motion) -> BoolArray:
+    """Return which joints move, and have a torque that changes (n,): the others tell nothing."""
+    speed = np.sqrt((motion.dq**2).mean(axis=0))
+    return np.asarray((speed > _STILL * speed.max(initial=0.0)) & (np.ptp(motion.tau, axis=0) > 0))

@@ -12,21 +12,19 @@ from scipy.optimize import nnls
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice, Signals, build_columns
-from dynident.identification.recording_faults.column_faults import ColumnFault, FaultKind, Motion
+from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
 from dynident.identification.recording_faults.torque_scale import compute_described_load
 from dynident.identification.recording_faults.tree_fit import (
     BLOCKS,
     LEAVE_ONE_OUT,
     TreeFit,
     TreeSolution,
+    find_moving_joints,
     find_moving_rows,
     list_trees,
 )
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot.robot_model import Robot
-
-_STILL = 1e-3
-"""Share of the fastest joint's speed below which a joint is at rest."""
 
 CLEARLY, SURELY = 0.6, 2.5
 """Sum over the joints of the logarithm by which the unexplained share of the torque has to fall without a fault (on
@@ -35,10 +33,10 @@ of arms of six joints nothing falls by 0.42, nor surely at all; of what can be p
 turned round, which change less (`benchmarks/gross_mistakes.py`). The sum, and not the mean: of an elastic arm of two
 joints another order of the columns leaves less by 0.1 to 0.2 a joint."""
 
-CLEARLY_SCALED, SURELY_SCALED = 0.36, 5.0
-"""The same of one joint's torque times a power of ten, which changes less but in every block alike: on untouched
-recordings it falls by at most 0.3, and by 3.4 standard errors; where the gain of a joint that carries little is ten
-times too large, by 0.42 and 8 (`benchmarks/planted_mistakes.py`)."""
+CLEARLY_IN_ALL_BLOCKS, IN_ALL_BLOCKS = 0.36, 5.0
+"""The same where it falls in every block alike: on untouched recordings it falls by at most 0.3, and by 3.4 standard
+errors; where the gain of a joint that carries little is ten times too large, by 0.42 and 8, and where a zero of a joint
+is 90 degrees off, by 0.38 and 12 (`benchmarks/planted_mistakes.py`)."""
 
 INSIDE = 0.33
 """Share of the same that has to fall where the blocks are fitted to, too. In short motions from point to point what was
@@ -54,6 +52,12 @@ _LEAST, _MOST = 0.02, 3.0
 _LEAST_FINE = 1e-4
 """The lower end where a lowest point is looked for: near it all shares of a good recording may be as good as perfect,
 and a curve that is cut off flat has its lowest point anywhere."""
+
+# Added to the scaled normal matrix, so that it has a Cholesky factor where columns depend on each other.
+_RIDGE = 1e-9
+
+_FEW_ROWS = 400
+"""Rows by which it is estimated what the description leaves: it has a few parameters a joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,15 +113,13 @@ class UnexplainedTorque:
         """Return the sum over the joints of the logarithm by which the score falls to another."""
         return float(self.moving.sum()) * (self.score - other.score)
 
-    def is_surely_above(self, other: UnexplainedTorque, kind: FaultKind | None = None) -> bool:
+    def is_surely_above(self, other: UnexplainedTorque) -> bool:
         """Tell whether clearly more is unexplained than in another fit, in most blocks, or friction drives more joints.
 
         Parameters
         ----------
         other : UnexplainedTorque
             What the other fit leaves unexplained.
-        kind : str, optional
-            Of the fault that was mended for the other.
         """
         score, fall = self.compute_summed_fall_to(other), self.compute_fall_to(other)
         # A paired comparison: both fits see the same blocks, so the scatter of the difference counts, which is much
@@ -125,7 +127,7 @@ class UnexplainedTorque:
         error = float((self.blocks - other.blocks).std(ddof=1)) / np.sqrt(BLOCKS)
         errors = fall / max(error, np.finfo(float).tiny)
         falls_inside = self.inside - other.inside >= INSIDE * fall
-        if kind == "torque scaled" and score >= CLEARLY_SCALED and errors >= SURELY_SCALED and falls_inside:
+        if score >= CLEARLY_IN_ALL_BLOCKS and errors >= IN_ALL_BLOCKS and falls_inside:
             return True
         return score >= CLEARLY and (self.against > other.against or (errors >= SURELY and falls_inside))
 
@@ -263,16 +265,6 @@ def compute_log_shares(squares: FloatArray, measured: FloatArray, least: float =
     return np.asarray(np.log(np.clip(shares, least, _MOST)))
 
 
-def find_moving_joints(motion: Motion) -> BoolArray:
-    """Return which joints move, and have a torque that changes (n,): the others tell nothing."""
-    speed = np.sqrt((motion.dq**2).mean(axis=0))
-    return np.asarray((speed > _STILL * speed.max(initial=0.0)) & (np.ptp(motion.tau, axis=0) > 0))
-
-
-# Added to the scaled normal matrix, so that it has a Cholesky factor where columns depend on each other.
-_RIDGE = 1e-9
-
-
 @dataclass(frozen=True, eq=False)
 class DescriptionFit:
     """Opinion of a robot's description on faults in a motion.
@@ -305,10 +297,69 @@ class DescriptionFit:
         fault : ColumnFault
             The fault.
         """
-        if fault.kind == "torque scaled" or self._unexplained_as_is > self.now.blocks.mean() + self._threshold:
+        as_is = self._left_as_is
+        if fault.kind == "torque scaled" or as_is is None:
             return False
-        mended = measure_left_by_description(self.robot, fault.mend(self.motion))
-        return mended is not None and self._unexplained_as_is - mended < self._threshold
+        mended = self.measure_left(fault)
+        if mended is None:
+            return False
+        explains_as_it_is = as_is.mean() <= self.now.blocks.mean() + self._threshold
+        return bool(
+            (explains_as_it_is and as_is.mean() - mended.mean() < self._threshold)
+            or self._is_surely_less(as_is, mended)
+        )
+
+    def surely_demands(self, fault: ColumnFault) -> bool:
+        """Tell whether the description surely explains more without a fault.
+
+        Parameters
+        ----------
+        fault : ColumnFault
+            The fault.
+        """
+        as_is, mended = self._left_as_is, self.measure_left(fault)
+        return as_is is not None and mended is not None and self._is_surely_less(mended, as_is)
+
+    def measure_left(self, fault: ColumnFault) -> FloatArray | None:
+        """Return what the description leaves in every block (blocks,) without a fault; None without masses.
+
+        Parameters
+        ----------
+        fault : ColumnFault
+            The fault.
+        """
+        if fault not in self._known:
+            self._known[fault] = measure_blocks_left_by_description(self.robot, fault.mend(self.motion))
+        return self._known[fault]
+
+    def may_demand(self, fault: ColumnFault) -> bool:
+        """Tell whether the description may explain more without a fault, by a few rows; also without masses.
+
+        Parameters
+        ----------
+        fault : ColumnFault
+            The fault.
+        """
+        as_is, mended = self._estimate_as_is, self.estimate_left(fault)
+        return as_is is None or mended is None or as_is - mended >= 0.5 * self._threshold
+
+    def estimate_left(self, fault: ColumnFault) -> float | None:
+        """Return what the description leaves of a few rows without a fault, in the mean; None without masses.
+
+        Parameters
+        ----------
+        fault : ColumnFault
+            The fault.
+        """
+        # The load does not depend on the torque, and takes most of the time.
+        load = None if fault.is_of_positions else self._few_loads
+        return _estimate_left(self.robot, fault.mend(self._few_rows), load)
+
+    def _is_surely_less(self, left: FloatArray, other: FloatArray) -> bool:
+        """Tell whether clearly less is left than otherwise, and in most blocks."""
+        more = other - left
+        error = float(more.std(ddof=1)) / np.sqrt(BLOCKS)
+        return float(more.mean()) >= max(self._threshold, SURELY * error)
 
     def prefers(self, fault: ColumnFault, other: ColumnFault) -> bool:
         """Tell whether the description explains clearly more without one fault than without another.
@@ -320,19 +371,33 @@ class DescriptionFit:
         fault, other : ColumnFault
             Two faults.
         """
-        first_left, second_left = (
-            measure_left_by_description(self.robot, each.mend(self.motion)) for each in (fault, other)
-        )
-        return first_left is not None and second_left is not None and second_left - first_left >= self._threshold
+        first, second = self.measure_left(fault), self.measure_left(other)
+        return first is not None and second is not None and second.mean() - first.mean() >= self._threshold
 
     @property
     def _threshold(self) -> float:
         return CLEARLY / max(int(self.now.moving.sum()), 1)
 
     @cached_property
-    def _unexplained_as_is(self) -> float:
-        unexplained = measure_left_by_description(self.robot, self.motion)
-        return np.inf if unexplained is None else unexplained
+    def _left_as_is(self) -> FloatArray | None:
+        return measure_blocks_left_by_description(self.robot, self.motion)
+
+    @cached_property
+    def _estimate_as_is(self) -> float | None:
+        return _estimate_left(self.robot, self._few_rows, self._few_loads)
+
+    @cached_property
+    def _few_rows(self) -> Motion:
+        every = max(1, len(self.motion.q) // _FEW_ROWS)
+        return Motion(*(getattr(self.motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block")))
+
+    @cached_property
+    def _few_loads(self) -> FloatArray | None:
+        return compute_described_load(self.robot, self._few_rows)
+
+    @cached_property
+    def _known(self) -> dict[ColumnFault, FloatArray | None]:
+        return {}
 
 
 def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
@@ -353,6 +418,20 @@ def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
     float or None
         None where the description has no masses.
     """
+    blocks = measure_blocks_left_by_description(robot, motion)
+    return None if blocks is None else float(blocks.mean())
+
+
+def measure_blocks_left_by_description(robot: Robot, motion: Motion) -> FloatArray | None:
+    """Return the same of every block (blocks,).
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    """
     load = compute_described_load(robot, motion)
     if load is None:
         return None
@@ -363,6 +442,20 @@ def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
         )
         for joint in np.flatnonzero(find_moving_joints(motion))
     ]
+    return np.mean(shares, axis=0)
+
+
+def _estimate_left(robot: Robot, motion: Motion, load: FloatArray | None = None) -> float | None:
+    """Return the mean logarithm of the unexplained share of the torque, of all rows that are fitted to."""
+    load = compute_described_load(robot, motion) if load is None else load
+    if load is None:
+        return None
+    moves, shares = find_moving_rows(motion), []
+    for joint in np.flatnonzero(find_moving_joints(motion)):
+        rows = np.column_stack([_build_columns(motion, load, int(joint)), motion.tau[:, joint]])[moves[:, joint]]
+        gram = rows.T @ rows
+        residual = np.append(-_fit(gram), 1.0)
+        shares.append(compute_log_shares(residual @ gram @ residual, gram[-1, -1]))
     return float(np.mean(shares))
 
 
@@ -373,7 +466,7 @@ def _build_columns(motion: Motion, load: FloatArray, joint: int) -> FloatArray:
     return np.stack([load[:, joint], np.sign(dq), dq, motion.ddq[:, joint], ones, -ones], axis=1)
 
 
-def _measure_unexplained(columns: FloatArray, tau: FloatArray, block: IntArray, moves: BoolArray) -> float:
+def _measure_unexplained(columns: FloatArray, tau: FloatArray, block: IntArray, moves: BoolArray) -> FloatArray:
     rows = np.concatenate([columns, tau[:, None]], axis=1)
     parts = [rows[moves & (block == number)] for number in range(BLOCKS)]
     grams = np.stack([part.T @ part for part in parts])
@@ -382,7 +475,7 @@ def _measure_unexplained(columns: FloatArray, tau: FloatArray, block: IntArray, 
     others = np.tensordot(LEAVE_ONE_OUT, grams, axes=1)
     residual = np.stack([np.append(-_fit(gram), 1.0) for gram in others[:-1]])
     squares = np.einsum("bi,bik,bk->b", residual, grams, residual)
-    return float(compute_log_shares(squares, others[-1, -1, -1] / BLOCKS).mean())
+    return compute_log_shares(squares, others[-1, -1, -1] / BLOCKS)
 
 
 def _fit(gram: FloatArray) -> FloatArray:

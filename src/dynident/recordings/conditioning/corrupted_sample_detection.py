@@ -51,11 +51,8 @@ def measure_usual_steps(steps: FloatArray) -> FloatArray:
     # NaN is sorted to the end: the finite values of a chunk come first, and quantiles are entries.
     chunks = np.sort(padded.reshape(n, CHUNK_ROWS, c), axis=1)
     n_finite = np.isfinite(chunks).sum(axis=1)
-    zeros = (chunks == 0.0).sum(axis=1)
-    # Of fewer changes than these one corrupted sample would make its own measure.
-    several = n_finite - zeros > 4
-    # The upper quartile of the finite entries, or the median of those that are not zero where it lies higher.
-    at = np.maximum((3 * n_finite) // 4, np.where(several, (n_finite + zeros) // 2, 0))
+    # The upper quartile of the finite entries.
+    at = (3 * n_finite) // 4
     own = np.take_along_axis(chunks, np.minimum(at, np.maximum(n_finite - 1, 0))[:, None, :], axis=1)[:, 0]
     own = np.nan_to_num(own)
     near = own.copy()
@@ -77,7 +74,7 @@ def measure_signal_steps(
     t : (m,)
         Times in s.
     run : (m,)
-        Number of the stretch without a gap in time.
+        Number of the segment without a gap in time.
     smooth : (c,)
         Which signals are smooth.
     periods : (c,)
@@ -86,7 +83,7 @@ def measure_signal_steps(
     Returns
     -------
     (m, c)
-        NaN at the first rows of a stretch.
+        NaN at the first rows of a segment.
     """
     first = np.full_like(values, np.nan)
     if len(values) < 3:
@@ -147,7 +144,8 @@ LATE_ROWS = 4
 """Rows on either side of a block whose stamps are looked at."""
 
 BESIDE = (0.04, 0.12)
-"""Share of what a torque is off by that the two samples before it, or behind it, may differ by; and the inner two."""
+"""Share of what a torque is off by that the two samples before it, or behind it, may differ by, and a position's steps
+there; and the inner two of a torque."""
 
 MORE_THAN_SWINGS = 4.0
 """Times as many samples have to be off as the signal swings by half as much and back again of its own: what happens
@@ -162,7 +160,7 @@ SAME_VALUES, SAME_SHARE = 3, 0.5
 
 @dataclass(frozen=True, eq=False)
 class SignalSeries:
-    """One signal: x (m,) at t (m,), the number of the stretch without a gap (run), and what is usual in it.
+    """One signal: x (m,) at t (m,), the number of the segment without a gap (run), and what is usual in it.
 
     `usual` (m,) is its usual step nearby, `threshold` (m,) how far off a sample has to be. A smooth signal is
     extrapolated along its slope. `step` is the usual step of time in s; `period` is that of a wrapping angle, 0 of any
@@ -258,7 +256,13 @@ def _measure_swings(course: SignalSeries) -> FloatArray:
     """Return the sizes, in usual steps, of moves off and back at once, as noise and controllers make them."""
     steps = _measure_steps(course)
     size = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:])) / course.usual[:-1]
-    return np.asarray(size[(steps[:-1] * steps[1:] < 0.0) & (size > TIMES_USUAL)])
+    swings = (steps[:-1] * steps[1:] < 0.0) & (size > TIMES_USUAL)
+    if not course.smooth:
+        # Beside a single jump of the signal, as of friction, a corrupted sample swings, too: noise does so from a
+        # signal that moves on either side.
+        quiet = np.abs(steps) <= 3.0 * course.usual
+        swings[1:-1] &= ~(quiet[:-3] ^ quiet[3:])
+    return np.asarray(size[swings])
 
 
 def _measure_deviations(course: SignalSeries) -> FloatArray:
@@ -301,7 +305,7 @@ def _find_blocks(course: SignalSeries, starts: IntArray, length: int) -> tuple[I
     t, x, run = course.t, course.x, course.run
     starts = starts[(starts >= 2) & (starts + length + 1 < len(x))]
     first = starts - (2 if course.smooth else LATE_ROWS)
-    # A block and the samples around it have to lie within one stretch without a gap.
+    # A block and the samples around it have to lie within one segment without a gap.
     starts = starts[(first >= 0) & (run[np.maximum(first, 0)] == run[starts + length + 1])]
     if not len(starts):
         return starts, np.empty((0, length))
@@ -347,7 +351,8 @@ def _continues(
         # The slopes before, across and behind the block have to agree; how far they may differ grows with its length.
         slopes = np.diff(x, axis=1) / np.maximum(np.diff(t, axis=1), 1e-12)
         turns = np.abs(np.diff(slopes, axis=1)).max(axis=1) * course.step
-        return np.asarray(turns <= usual * (length + 2))
+        # Beside a jump that is many times larger a joint may well begin to move.
+        return np.asarray(turns <= np.maximum(usual * (length + 2), BESIDE[0] * off))
     steps = np.abs(np.diff(x, axis=1))
     outer = np.maximum(steps[:, 0], steps[:, 2])
     # A torque may change while a block lasts: the longer it is, the farther apart its two sides may be.

@@ -12,6 +12,7 @@ from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.conditioning.angle_wrapping import TURN, find_wrapping_columns
 from dynident.recordings.conditioning.corrupted_sample_detection import (
     LONGEST,
+    MOMENT,
     SAME_VALUES,
     TIMES_USUAL,
     SignalSeries,
@@ -126,7 +127,10 @@ class CorruptedSamples:
             present = np.isfinite(measured)
             # How far off the suspects are is measured from a straight line between the samples that are no suspects.
             off = np.abs(x[rows] - np.interp(window.t[rows], window.t[present], measured[present]))
-            happened |= _mark_neighbours(slow[:, None], TURN_ROWS)[rows, 0] & (off < TIMES_FRICTION * friction)
+            # A joint that rests has no friction that changes, but just behind and before its last steps.
+            near = _mark_neighbours(turns[:, None], TURN_ROWS)[:, 0]
+            near |= slow & _mark_neighbours(turns[:, None], round(MOMENT / self._signals.step))[:, 0]
+            happened |= near[rows] & (off < TIMES_FRICTION * friction)
         return np.asarray(happened & ~stands_in)
 
     def _describe_signal(

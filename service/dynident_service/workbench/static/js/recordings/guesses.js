@@ -2,7 +2,7 @@
 
 import { h, put, select } from "../dom.js";
 import { percent } from "../format.js";
-import { signalInWords } from "./edits.js";
+import { signalInWords } from "./revision_edits.js";
 
 const SURE = 0.7;
 const SI = "si";
