@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dynident.array_types import BoolArray, FloatArray
+from dynident.array_types import FloatArray
 from dynident.identification.column_inference import dynamics_fits
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import (
@@ -178,7 +178,7 @@ class _ColumnInference(WorkingProposal):
     def _mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
         """Treat torques that hold no number as not recorded, as an import does."""
         raw = np.array(self.sample.values)
-        empty: BoolArray = ~np.asarray(np.isfinite(raw).any(axis=0))
+        empty = np.asarray(~np.isfinite(raw).any(axis=0))
         for joint, column in enumerate(effort.columns):
             if not empty[column]:
                 continue
