@@ -1,4 +1,4 @@
-"""Trajectories of all joints: Fourier series, B-splines, rest, sequences of pieces; the most samples.
+"""Motion of all joints: families of periodic trajectories, rest, sequences of pieces; the most samples.
 
 Periodic exciting trajectories start and end at rest: Fourier series (Swevers et al. 1997) and B-splines.
 """

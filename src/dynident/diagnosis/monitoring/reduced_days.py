@@ -1,4 +1,4 @@
-"""Reduce one day's recordings to inner products of the model and all possible changes; the file of stored days.
+"""Reduce one day's recordings to inner products of the model and all possible changes, and store them.
 
 The file of stored days makes one more day cost its own recordings alone.
 """
