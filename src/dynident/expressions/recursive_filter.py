@@ -1,6 +1,6 @@
 """Second-order-section filter (as `scipy.signal.sosfilt`) compiled to machine code, for all columns at once.
 
-Runs the position and torque filters; their cut-offs are chosen in recordings/preprocessing.py.
+Runs the position filter; cut-offs are chosen in recordings/preprocessing.py.
 """
 
 from __future__ import annotations
