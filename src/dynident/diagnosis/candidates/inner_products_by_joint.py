@@ -1,4 +1,4 @@
-"""What a round of scores needs, taken out of all there is once: the model, and candidates with it.
+"""Select from all inner products, joint by joint, those that one round of scores needs.
 
 Products of two candidates with each other are never needed, and there are very many of them.
 """

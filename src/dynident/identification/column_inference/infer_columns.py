@@ -1,4 +1,4 @@
-"""Propose the metadata of a file from a sample of its columns: names are checked against the data."""
+"""`propose`: from a sample of a file to proposed metadata; runs the other modules here in their order."""
 
 from __future__ import annotations
 
