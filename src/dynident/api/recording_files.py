@@ -265,7 +265,8 @@ def read_recordings(
         try:
             known = list_shared_cures(outcomes) if cure else ()
             recordings.append(_read_recording(file, machine, own, cure=cure, known=known, progress=share))
-            outcomes[name] = recordings[-1].source.edits
+            source = recordings[-1].source
+            outcomes[name] = () if source is None else source.edits
         # All files are read before the error is raised, so that one attempt reports what is wrong with every file.
         except RecordingError as error:
             failures.append((name if file.owner else file.path.name, error))

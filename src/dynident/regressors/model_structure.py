@@ -269,7 +269,8 @@ class Model:
             if row is not None and column.link in names:
                 drives[row, names.index(column.link)] += value
         loads = tuple(CarriedInertia(runs, inertias) for runs, inertias in carried.items())
-        return ReferenceParameters(links.reshape(-1, 10), *drives, carried=loads)
+        rotors_of_joints, dry, damping, constant = drives
+        return ReferenceParameters(links.reshape(-1, 10), rotors_of_joints, dry, damping, constant, loads)
 
     def _joint_index(self, column: int) -> int:
         return self.robot.tree.joint_names.index(self.columns[column].link)

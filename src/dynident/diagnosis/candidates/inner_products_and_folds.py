@@ -211,7 +211,8 @@ class Products:
         """
         if key not in self._cache:
             self._cache[key] = build()
-        return self._cache[key]
+        value: T = self._cache[key]
+        return value
 
     @cached_property
     def _cache(self) -> dict[Hashable, Any]:

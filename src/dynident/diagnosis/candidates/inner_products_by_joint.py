@@ -299,7 +299,8 @@ class RowBlock:
         if len(stacks) > 1:
             order = np.argsort(row_block, kind="stable")
             whole, row_block = whole.take(order, axis=1), row_block[order]
-        pairs, own = (kind.from_places(place, len(xp), portions) for kind in (Pairs, OwnColumns))
+        pairs = Pairs.from_places(place, len(xp), portions)
+        own = OwnColumns.from_places(place, len(xp), portions)
         return cls(have, place, whole, row_block, n_blocks, pairs, own)
 
     @property

@@ -178,7 +178,7 @@ class _ColumnInference(WorkingProposal):
     def _mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
         """Treat torques that hold no number as not recorded, as an import does."""
         raw = np.array(self.sample.values)
-        empty = ~np.isfinite(raw).any(axis=0)
+        empty = np.asarray(~np.isfinite(raw).any(axis=0))
         for joint, column in enumerate(effort.columns):
             if not empty[column]:
                 continue

@@ -359,7 +359,7 @@ class DescriptionFit:
         """Tell whether clearly less is left than otherwise, and in most blocks."""
         more = other - left
         error = float(more.std(ddof=1)) / np.sqrt(BLOCKS)
-        return float(more.mean()) >= max(self._threshold, SURELY * error)
+        return bool(more.mean() >= max(self._threshold, SURELY * error))
 
     def prefers(self, fault: ColumnFault, other: ColumnFault) -> bool:
         """Tell whether the description explains clearly more without one fault than without another.
@@ -442,7 +442,7 @@ def measure_blocks_left_by_description(robot: Robot, motion: Motion) -> FloatArr
         )
         for joint in np.flatnonzero(find_moving_joints(motion))
     ]
-    return np.mean(shares, axis=0)
+    return np.asarray(np.mean(shares, axis=0))
 
 
 def _estimate_left(robot: Robot, motion: Motion, load: FloatArray | None = None) -> float | None:

@@ -87,7 +87,8 @@ def _list_leaves(field: pa.Field, prefix: str = "") -> list[str]:
 def _flatten_structs(batch: pa.RecordBatch) -> pa.RecordBatch:
     """Return the batch with the parts of structures as columns: joint_state.position."""
     while any(pa.types.is_struct(field.type) for field in batch.schema):
-        names, arrays = [], []
+        names: list[str] = []
+        arrays: list[pa.Array] = []
         for field, column in zip(batch.schema, batch.columns, strict=True):
             is_struct = pa.types.is_struct(field.type)
             names += [f"{field.name}.{part.name}" for part in field.type.fields] if is_struct else [field.name]
