@@ -303,7 +303,7 @@ class DescriptionFit:
         mended = self.measure_left(fault)
         if mended is None:
             return False
-        explains_as_it_is = as_is.mean() <= self.now.blocks.mean() + self._threshold
+        explains_as_it_is = float(as_is.mean()) <= self.now.blocks.mean() + self._threshold
         return bool(
             (explains_as_it_is and as_is.mean() - mended.mean() < self._threshold)
             or self._is_surely_less(as_is, mended)
@@ -359,7 +359,7 @@ class DescriptionFit:
         """Tell whether clearly less is left than otherwise, and in most blocks."""
         more = other - left
         error = float(more.std(ddof=1)) / np.sqrt(BLOCKS)
-        return float(more.mean()) >= max(self._threshold, SURELY * error)
+        return bool(float(more.mean()) >= max(self._threshold, float(SURELY * error)))
 
     def prefers(self, fault: ColumnFault, other: ColumnFault) -> bool:
         """Tell whether the description explains clearly more without one fault than without another.
@@ -442,7 +442,7 @@ def measure_blocks_left_by_description(robot: Robot, motion: Motion) -> FloatArr
         )
         for joint in np.flatnonzero(find_moving_joints(motion))
     ]
-    return np.mean(shares, axis=0)
+    return np.asarray(np.mean(shares, axis=0))
 
 
 def _estimate_left(robot: Robot, motion: Motion, load: FloatArray | None = None) -> float | None:
