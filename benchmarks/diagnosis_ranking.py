@@ -25,6 +25,7 @@ from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording, recording_from_arrays
 from dynident.regressors.filtered_rows import reduce_recordings, stream_filtered_samples
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import robot_from_library, to_pinocchio
 
 IndexArray = NDArray[np.intp]
@@ -47,7 +48,9 @@ def main() -> None:
     building = time.process_time() - start
     start = time.process_time()
     data = products_from_reduction(
-        reduce_recordings(pool.observation, [recording], PREPROCESSING, model.estimate.next_reference())
+        reduce_recordings(
+            pool.observation, RegressorInputs([recording], PREPROCESSING, model.estimate.next_reference())
+        )
     )
     reducing = time.process_time() - start
     base = np.arange(pool.n_base, dtype=np.intp)

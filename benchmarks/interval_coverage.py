@@ -37,6 +37,7 @@ from dynident.identification.shape_search import refine_shapes
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording, choose_preprocessing, recording_from_arrays
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import robot_from_library, to_pinocchio
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
@@ -235,7 +236,9 @@ def shapes_found(arm: VirtualArm, hidden: Hidden, recording: Recording) -> Ident
     choices = [EffectChoice(hidden.effect, (name,), hidden.begun) for name in names]
     if hidden.begun:
         plain = identify(arm.robot, [recording], [], IdentificationChoices(effects=EFFECTS, preprocessing=filters))
-        choices = list(refine_shapes(plain.model, choices, [recording], filters, plain.estimate.next_reference()))
+        choices = list(
+            refine_shapes(plain.model, choices, RegressorInputs([recording], filters, plain.estimate.next_reference()))
+        )
     return identify(
         arm.robot, [recording], [], IdentificationChoices(effects=(*EFFECTS, *choices), preprocessing=filters)
     )

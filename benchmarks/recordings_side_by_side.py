@@ -31,6 +31,7 @@ from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import Preprocessing, Recording, RecordingMetadata
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot
 from dynident.robot.pinocchio_conversion import compute_described_torque
 
@@ -53,7 +54,9 @@ def main() -> None:
         def reduced(at_once: int) -> tuple[float, Reduction]:
             parallel.count_processors = lambda: at_once
             began = time.monotonic()
-            found = reduce_recordings(model.observation, runs, Preprocessing(10.0, 10.0, 10), reference)
+            found = reduce_recordings(
+                model.observation, RegressorInputs(runs, Preprocessing(10.0, 10.0, 10), reference)
+            )
             return time.monotonic() - began, found
 
         several = parallel.count_processors()

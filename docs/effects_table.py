@@ -77,6 +77,8 @@ def _names(identifiers: Iterable[str]) -> str:
 
 
 def _shape(effect: Effect, spec: ShapeSpec) -> str:
+    if spec.words:
+        return f"{spec.name}, {' or '.join(word for _, word in spec.words)} ({spec.description})"
     unit = "" if spec.unit == "-" else f" {spec.unit}"
     joints = effect.applicable(ROBOT)
     if spec.proposal != "grid" or not joints:

@@ -16,7 +16,6 @@ from dynident.diagnosis import compare
 from dynident.diagnosis.candidates.candidate_pool import Pool, build_pool
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
 from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
-from dynident.diagnosis.diagnosis_request import DEFAULT_MOST_EFFECTS
 from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import propose_shapes
 from dynident.diagnosis.search.external_contacts import find_contacts
@@ -30,7 +29,7 @@ from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase
 from dynident.regressors.filtered_rows import FilteredSamples, stream_filtered_samples
 from dynident.regressors.model_structure import Model
-from dynident.regressors.observation_matrix import Observation
+from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.row_phases import RowPhases, find_joints_with_friction
 from placebos.shifting import IndexArray, SamplesOf, remembered
 
@@ -64,9 +63,7 @@ class ChangedRows:
         return gather_products(
             pool.observation,
             self.model.signals,
-            self.recordings,
-            self.identification.preprocessing,
-            self.reference,
+            RegressorInputs(self.recordings, self.identification.preprocessing, self.reference),
             pool.n_base,
             samples_of=self.change(pool.observation, plain),
         )
@@ -76,7 +73,10 @@ class ChangedRows:
         found = [finding.judged.candidate.choice for finding in findings]
         preprocessing = self.identification.preprocessing
         return replace(
-            self, reference=improve_reference(self.model, found, self.recordings, preprocessing, self.reference)
+            self,
+            reference=improve_reference(
+                self.model, found, RegressorInputs(self.recordings, preprocessing, self.reference)
+            ).reference,
         )
 
 
@@ -108,7 +108,7 @@ class Question:
         data = rows.folded(pool, self.plain)
         start = self._start(data)
         first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
-        found = search_findings(data, pool, start, first, DEFAULT_MOST_EFFECTS, rows, ignore_progress)
+        found = search_findings(data, pool, start, first, rows, ignore_progress)
         return tuple(_told(finding) for finding in found.findings)
 
     def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IndexArray:

@@ -103,8 +103,8 @@ class MissingPackageFinder(MetaPathFinder):
         ModuleNotFoundError
             For a module of this library that needs the missing package; it says what to install.
         """
-        owner, _, room = fullname.partition(".")
-        if owner != "dynident" or not room or room.partition(".")[0] in _LIGHT_MODULES:
+        owner, _, module_name = fullname.partition(".")
+        if owner != "dynident" or not module_name or module_name.partition(".")[0] in _LIGHT_MODULES:
             return None
         raise ModuleNotFoundError(
             f"{fullname} needs the package {self._package}, which the light installation leaves out; "

@@ -43,7 +43,15 @@ Progress = Callable[[float, str], None]
 
 
 def ignore_progress(fraction: float, message: str) -> None:
-    """Ignore the report: the default progress function."""
+    """Ignore the report: the default progress function.
+
+    Parameters
+    ----------
+    fraction : float
+        Share of the work that is done, 0 to 1.
+    message : str
+        What is being done.
+    """
 
 
 def scale_progress(progress: Progress, first: float, last: float) -> Progress:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 
 NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
@@ -23,6 +24,25 @@ def replace_control_characters(text: str) -> str:
     """
     # Replaced, not removed: positions in the text stay what they are.
     return NOT_XML.sub("\ufffd", text)
+
+
+def decode_document(data: bytes) -> str:
+    """Return the text of a document in UTF-8 or UTF-16, with or without a mark of its encoding; XML also in Latin 1.
+
+    Raises
+    ------
+    UnicodeDecodeError
+        For other bytes.
+    """
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        # In XML nothing but comments and names of files has other letters than ASCII as a rule.
+        if not data.lstrip().startswith(b"<"):
+            raise
+        return data.decode("cp1252", errors="replace")
 
 
 def encode_text(text: str) -> bytes:

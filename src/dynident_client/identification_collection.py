@@ -160,7 +160,7 @@ class Identifications(LabelledCollection[Identification]):
 
         Returns
         -------
-        list of answers.Rung
+        list of answers.LadderStep
             The steps of the ladder.
         """
         return self._transport.get(f"{self.path}/{get_identifier(identification)}/lineage", answers.Lineage)["items"]

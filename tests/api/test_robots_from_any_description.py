@@ -79,3 +79,36 @@ def test_packages_are_found_in_the_folders_above_a_xacro_file_and_where_ros_says
         monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere{os.pathsep}{tmp_path / 'ws/src'}")
     assert dy.load_robot(folder / "arm.xacro").joint_names == ("joint1", "joint2")
     assert "ament_index_python" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    ("encoding", "comment"), [("utf-8-sig", ""), ("utf-16", ""), ("cp1252", "<!-- Gelenk für 90° -->"), ("utf-8", "\n")]
+)
+def test_a_urdf_is_read_in_the_encodings_that_editors_write(tmp_path: Path, encoding: str, comment: str) -> None:
+    text = (
+        f'{comment}<robot name="arm"><link name="base"/><link name="upper"/><joint name="a" type="continuous">'
+        '<parent link="base"/><child link="upper"/><axis xyz="0 1 0"/></joint></robot>'
+    )
+    (tmp_path / "arm.urdf").write_bytes(text.encode(encoding))
+    assert dy.load_robot(tmp_path / "arm.urdf").joint_names == ("a",)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("<robot", "<sdf", "give the URDF or xacro that it was made from"),
+        ('value="1"', 'value="-1"', "leave out this <inertial>"),
+        ('value="1"', 'value="${mass}" xmlns:xacro="http://www.ros.org/wiki/xacro"', "define it by <xacro:property>"),
+    ],
+)
+def test_a_description_that_cannot_be_used_says_what_to_do(tmp_path: Path, old: str, new: str, words: str) -> None:
+    pytest.importorskip("xacro")
+    text = (
+        '<robot name="arm"><link name="base"/><link name="upper"><inertial><mass value="1"/><inertia ixx="1" ixy="0" '
+        'ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link><joint name="a" type="continuous"><parent link="base"/>'
+        '<child link="upper"/><axis xyz="0 1 0"/></joint></robot>'
+    )
+    ends = text.replace("</robot>", "</sdf>") if new == "<sdf" else text
+    (tmp_path / "arm.urdf").write_text(ends.replace(old, new, 1))
+    with pytest.raises(DynidentError, match=words):
+        dy.load_robot(tmp_path / "arm.urdf")

@@ -20,6 +20,7 @@ from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.shape_refinement import list_shape_variables
 from dynident.identification.shape_search import list_between
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot
 
 
@@ -110,7 +111,7 @@ def test_a_mass_that_a_spring_would_say_as_well_keeps_its_name_from_day_to_day()
     model = identify(ROBOT, days[:1], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
     both, days, _ = identify_on_both(model, days[:1], days[1:])
     pool = replace(build_pool_of_choices(both.model, [mass, spring]), since=since)
-    rows = RecordedSource(both.model, days, both.preprocessing, both.estimate.next_reference())
+    rows = RecordedSource(both.model, RegressorInputs(days, both.preprocessing, both.estimate.next_reference()))
     data, base = rows.gather_products(pool), tuple(range(pool.n_base))
     state = State(base, estimate_residual_noise(data, base), np.full(6, 0.05), (), since)
     judged = score_all(data, pool, base, [pool.find_candidate(choice) for choice in (mass, spring)], state.noise)

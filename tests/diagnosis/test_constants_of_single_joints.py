@@ -11,7 +11,7 @@ from support.hidden_effects import EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, ex
 
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
-from dynident.diagnosis.search.finding_refinement import merge_alike
+from dynident.diagnosis.search.finding_refinement import merge_findings_with_close_constants
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import EffectChoice
 from dynident.identification import extend
@@ -73,7 +73,7 @@ def test_slips_too_short_for_the_data_to_tell_are_one():
     def left(slip: float) -> list[EffectChoice]:
         choices = (presliding(NAMES[1], slip, -1.0), five)
         findings = [Finding(cast(Any, choice), (), 0.001) for choice in choices]
-        return list(merge_alike(findings, choices, ROBOT, resolved)[1])
+        return list(merge_findings_with_close_constants(findings, choices, ROBOT, resolved)[1])
 
     assert left(0.0005) == [replace(five, joints=NAMES)]
     assert left(0.004) == [presliding(NAMES[1], 0.004, -1.0), five]

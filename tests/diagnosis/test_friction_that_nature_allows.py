@@ -10,6 +10,7 @@ from dynident.diagnosis.candidates.candidate_pool import build_pool
 from dynident.diagnosis.candidates.inner_product_accumulation import gather_products
 from dynident.diagnosis.search.physical_plausibility import is_physically_possible
 from dynident.diagnosis.search.search_state import score_all
+from dynident.regressors.observation_matrix import RegressorInputs
 
 LAWS = {
     "bend": lambda q, v, load: 9.0 * np.sqrt(np.abs(v)) * np.sign(v) - 15.0 * v,
@@ -30,7 +31,9 @@ def test_a_bend_that_needs_negative_viscous_friction_beside_it_is_not_possible(h
     found = run.identification
     pool = build_pool(found.model, [effect])
     reference = found.estimate.next_reference()
-    data = gather_products(pool.observation, found.model.signals, [run.training], BAND, reference, pool.n_base)
+    data = gather_products(
+        pool.observation, found.model.signals, RegressorInputs([run.training], BAND, reference), pool.n_base
+    )
     base = tuple(range(pool.n_base))
     own = [
         candidate

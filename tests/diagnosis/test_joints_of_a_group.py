@@ -44,7 +44,7 @@ def left_of(monkeypatch):
         def judge(data: Any, pool: Any, base: Any, asked: Candidate, noise: Any) -> Gain:
             return Gain(asked, gains[asked.joints[0]])
 
-        monkeypatch.setattr(pruning, "score_one", judge)
+        monkeypatch.setattr(pruning, "score_candidate", judge)
         monkeypatch.setattr(pruning, "compute_gain_over_floor", lambda *asked: 1.0)
         monkeypatch.setattr(
             pruning, "is_physically_possible", lambda *asked: asked[-1].candidate.joints[0] not in impossible

@@ -11,10 +11,11 @@ from support.oracles import fourier_motion
 
 from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
 from dynident.diagnosis.search.finding_refinement import RecordedSource
-from dynident.diagnosis.search.forward_selection import merge_findings
+from dynident.diagnosis.search.forward_selection import merge_findings_on_joint
 from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
+from dynident.regressors.observation_matrix import RegressorInputs
 
 JOINT = (NAMES[1],)
 
@@ -44,7 +45,9 @@ def test_of_an_offset_and_a_wave_one_spring_remains_where_it_says_both(hidden, k
     pool = build_pool_of_choices(
         model.model, [*two, *(EffectChoice("gravity_compensator", JOINT, shape) for shape in grid)]
     )
-    rows = RecordedSource(model.model, (recording,), model.preprocessing, model.estimate.next_reference())
+    rows = RecordedSource(
+        model.model, RegressorInputs((recording,), model.preprocessing, model.estimate.next_reference())
+    )
     data = rows.gather_products(pool)
     base = tuple(range(pool.n_base))
     state = State(base, estimate_residual_noise(data, base), np.full(6, 0.05), ())
@@ -52,6 +55,6 @@ def test_of_an_offset_and_a_wave_one_spring_remains_where_it_says_both(hidden, k
         (judged,) = score_all(data, pool, state.base, [pool.find_candidate(choice)], state.noise)
         found = Finding(judged, (), 1e-4)
         state = replace(state, base=state.base + found.columns, findings=(*state.findings, found))
-    after = merge_findings(rows, data, pool, state)
+    after = merge_findings_on_joint(rows, data, pool, state)
     assert [finding.judged.candidate.effect for finding in after.findings] == names
     assert set(after.base) == {*base, *(k for finding in after.findings for k in finding.columns)}

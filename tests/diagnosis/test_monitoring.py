@@ -28,7 +28,7 @@ from dynident.diagnosis.monitoring import (
 from dynident.diagnosis.monitoring.parameter_tracks import StepProductStack, widen_intervals
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import Reduction, concatenate_reductions, statistics, weighted
+from dynident.estimation import Reduction, concatenate_reductions, solve_weighted, statistics
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.reports.figures.changes import draw_parameter_tracks
 
@@ -118,7 +118,7 @@ def test_a_day_by_itself_has_the_values_of_an_identification_of_that_day() -> No
     _, measure, days = made(lambda k: nothing, 2)
     found = monitor_days(measure, days)
     own = days[1].reduction.select_columns(np.arange(measure.model.n_parameters))
-    solution = weighted(own)
+    solution = solve_weighted(own)
     half = statistics(own, solution).half_widths()
     steady = [k for k, course in enumerate(found.courses) if not course.varies]
     assert steady

@@ -10,7 +10,7 @@ from support.hidden_effects import BAND, NAMES, NOISE, ROBOT, WITH_OFFSET, exper
 from support.oracles import Motion, fourier_motion
 
 from dynident.diagnosis import compare, diagnose, judge
-from dynident.diagnosis.comparison.noise_floor import estimate_noise_from_repetitions, floor_of
+from dynident.diagnosis.comparison.noise_floor import estimate_noise_floor, estimate_noise_from_repetitions
 from dynident.diagnosis.comparison.repeated_motion import (
     compute_repeated_share,
     find_own_repeats,
@@ -72,7 +72,7 @@ def test_one_period_in_each_of_several_segments_is_a_repetition():
 def test_the_noise_floor_of_a_periodic_run_is_the_noise_itself_whatever_the_model_lacks():
     spring = on_joint(2, lambda q, v, load: 12.0 * np.sin(3 * q))
     lacking = experiment(spring)
-    found = floor_of(compare(lacking.identification, lacking.training), lacking.training, BAND)
+    found = estimate_noise_floor(compare(lacking.identification, lacking.training), lacking.training, BAND)
     assert found.source == "repeated_periods"
     assert found.period == pytest.approx(10.0, abs=0.01)
     assert found.repetitions == pytest.approx(4.0, abs=0.2)
@@ -95,10 +95,10 @@ def test_slow_disturbances_are_in_the_floor_of_repeated_periods_only(run):
         motion, lambda m, load: 6.0 * np.sin(2 * np.pi * m.t / 13.0)[:, None] * np.eye(6)[1], 4, "drift"
     )
     comparison = compare(run.identification, drifting)
-    periods = floor_of(comparison, drifting, BAND)
+    periods = estimate_noise_floor(comparison, drifting, BAND)
     assert periods.values[1] > 2.5 * IN_BAND[1]
     once = recorded(piece(motion, 0, 2000), nothing, 4, "once")
-    other = floor_of(compare(run.identification, once), once, BAND)
+    other = estimate_noise_floor(compare(run.identification, once), once, BAND)
     assert (other.source, other.period, other.lack_of_fit) == ("high_frequency", 0.0, None)
     np.testing.assert_allclose(other.values, IN_BAND, rtol=0.1)
 

@@ -12,8 +12,8 @@ from dynident.estimation import (
     Reduction,
     bootstrap_estimates,
     solve,
+    solve_weighted,
     statistics,
-    weighted,
 )
 
 CONTAINS = (np.array([0, 1, 2]), np.array([1, 2, 3]))
@@ -70,7 +70,7 @@ class Rows:
 
 def test_pairs_are_those_of_rows_drawn_stretch_by_stretch_and_weighed_anew():
     data = Rows(40)
-    solution = weighted(data.reduction())
+    solution = solve_weighted(data.reduction())
     found = bootstrap_estimates(data.reduction(), solution, draws=2000, seed=1)
     assert (found.kind, found.lost) == ("pairs", 0)
     np.testing.assert_allclose(found.deviations, data.drawn(2000, solution.noise), rtol=0.08)
@@ -106,14 +106,14 @@ def test_wild_draws_are_those_of_dense_residuals_with_webbs_weights():
 @pytest.mark.parametrize("stretches", [12, 60])
 def test_it_agrees_with_what_is_told_without_drawing(stretches):
     data = Rows(stretches, 3)
-    solution = weighted(data.reduction())
+    solution = solve_weighted(data.reduction())
     told = statistics(data.reduction(), solution).standard_deviations
     np.testing.assert_allclose(bootstrap_estimates(data.reduction(), solution).deviations, told, rtol=0.25)
 
 
 def test_it_disagrees_where_the_shared_error_is_not_counted():
     data = Rows(20, 4)
-    solution = weighted(data.reduction())
+    solution = solve_weighted(data.reduction())
     told = statistics(data.reduction(), solution, "independent").standard_deviations
     assert np.median(bootstrap_estimates(data.reduction(), solution).deviations / told) > 1.5
 
@@ -131,5 +131,5 @@ def test_draws_that_lack_what_a_parameter_is_told_by_are_counted():
     for w in data.w:
         w[data.stretch > 1] *= np.array([1.0, 1.0, 0.0]) if w is data.w[1] else np.ones(3)
     data.y[1] = data.w[1] @ np.array([-2.0, 0.5, 3.0]) + np.random.default_rng(0).normal(size=len(data.t))
-    found = bootstrap_estimates(data.reduction(), weighted(data.reduction()), kind="pairs", draws=300)
+    found = bootstrap_estimates(data.reduction(), solve_weighted(data.reduction()), kind="pairs", draws=300)
     assert 0.08 < found.lost / 300 < 0.2

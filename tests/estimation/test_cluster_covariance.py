@@ -14,8 +14,8 @@ from dynident.estimation import (
     Reduction,
     solve,
     solve_instrumental,
+    solve_weighted,
     statistics,
-    weighted,
 )
 from dynident.estimation.parameter_covariance import estimate_cluster_covariance
 
@@ -110,7 +110,7 @@ def test_errors_that_equations_share_widen_the_intervals_as_far_as_estimates_spr
     found, together, apart = [], [], []
     for seed in range(200):
         reduction = Rows(seed, correlated=0.95, alike=True).reduction()
-        solution = weighted(reduction)
+        solution = solve_weighted(reduction)
         found.append(solution.values)
         together.append(statistics(reduction, solution).standard_deviations)
         apart.append(statistics(reduction, solution, "by_joint").standard_deviations)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from dynident.estimation import FactorAccumulator, Reduction, compute_correlation_factor, ordinary, statistics
+from dynident.estimation import FactorAccumulator, Reduction, compute_correlation_factor, solve_ordinary, statistics
 
 P, M, RATE = 5, 6000, 50.0
 
@@ -27,7 +27,7 @@ def reduced(w: np.ndarray, y: np.ndarray, block_length: float = 2.0) -> Reductio
 
 def factor_of(w: np.ndarray, y: np.ndarray, block_length: float = 2.0) -> float:
     reduction = reduced(w, y, block_length)
-    return compute_correlation_factor(reduction.equations[0], ordinary(reduction).values)
+    return compute_correlation_factor(reduction.equations[0], solve_ordinary(reduction).values)
 
 
 def many(column_pole: float, residual_pole: float, runs: int = 60, block_length: float = 2.0) -> np.ndarray:
@@ -74,7 +74,7 @@ def test_standard_deviations_are_the_spread_of_estimates_with_correlated_residua
     estimates, promised = [], []
     for _ in range(80):
         reduction = reduced(w, w @ np.ones(P) + smooth(rng, (M, 1), pole)[:, 0])
-        solution = ordinary(reduction)
+        solution = solve_ordinary(reduction)
         estimates.append(solution.values)
         promised.append(statistics(reduction, solution).standard_deviations)
     np.testing.assert_allclose(np.mean(promised, axis=0), np.std(estimates, axis=0), rtol=0.25)
@@ -84,7 +84,7 @@ def test_effective_rows_are_the_rows_over_the_factor():
     rng = np.random.default_rng(3)
     w = smooth(rng, (M, P), 0.9)
     reduction = reduced(w, w @ np.ones(P) + smooth(rng, (M, 1), 0.9)[:, 0])
-    solution = ordinary(reduction)
+    solution = solve_ordinary(reduction)
     factor = compute_correlation_factor(reduction.equations[0], solution.values)
     assert statistics(reduction, solution).effective_rows[0] == pytest.approx(M / factor)
 
@@ -102,7 +102,7 @@ def test_neither_units_nor_the_order_of_stretches_change_the_factor(seed, scales
     y = w @ np.ones(P) + smooth(rng, (M, 1), 0.8)[:, 0]
     plain = factor_of(w, y)
     reduction = reduced(w * scales, gain * y).select_blocks(order)
-    assert compute_correlation_factor(reduction.equations[0], ordinary(reduction).values) == pytest.approx(
+    assert compute_correlation_factor(reduction.equations[0], solve_ordinary(reduction).values) == pytest.approx(
         plain, rel=1e-6
     )
 
@@ -128,5 +128,5 @@ def test_a_column_that_an_equation_hardly_sees_does_no_harm():
     accumulator = FactorAccumulator([np.arange(P + 1)], P + 1, 2.0)
     accumulator.push(np.arange(M) / RATE, [np.column_stack([wide, y])])
     equation = accumulator.finish().equations[0]
-    values = np.append(ordinary(reduced(w, y)).values, 7.0)
+    values = np.append(solve_ordinary(reduced(w, y)).values, 7.0)
     assert compute_correlation_factor(equation, values) == pytest.approx(plain, rel=1e-6)

@@ -13,7 +13,7 @@ from dynident.estimation import (
     FactorAccumulator,
     Reduction,
     eliminate_parameters,
-    ordinary,
+    solve_ordinary,
     statistics,
 )
 
@@ -34,7 +34,7 @@ def drawn(truth: np.ndarray, seed: int = 0, noise: float = 1.0) -> tuple[np.ndar
 
 def path_of(w: np.ndarray, y: np.ndarray, **more) -> EliminationPath:
     reduction = reduced(w, y)
-    solution = ordinary(reduction)
+    solution = solve_ordinary(reduction)
     return eliminate_parameters(reduction, solution, statistics(reduction, solution), **more)
 
 
@@ -59,7 +59,7 @@ def test_what_is_left_is_least_squares_with_these_columns_alone():
 def test_the_first_to_go_is_the_one_with_the_largest_relative_deviation():
     w, y = drawn(ZEROS, 1)
     reduction = reduced(w, y)
-    solution = ordinary(reduction)
+    solution = solve_ordinary(reduction)
     relative = statistics(reduction, solution).relative_standard_deviations(solution.values)
     first = path_of(w, y).eliminations[0]
     assert first.removed == int(np.argmax(relative))

@@ -13,10 +13,10 @@ from dynident.estimation import (
     FactorAccumulator,
     Reduction,
     build_prior,
-    ordinary,
     solve_instrumental,
+    solve_ordinary,
+    solve_weighted,
     statistics,
-    weighted,
 )
 
 CONTAINS = (np.array([0, 1, 2]), np.array([1, 2, 3, 4]))
@@ -65,7 +65,7 @@ def test_instruments_that_are_the_columns_themselves_give_weighted_least_squares
     data.z = data.w
     found, expected = (
         solve_instrumental(data.reduction()),
-        weighted(data.reduction().select_columns(np.arange(C, 2 * C))),
+        solve_weighted(data.reduction().select_columns(np.arange(C, 2 * C))),
     )
     np.testing.assert_allclose(found.solution.values, expected.values, rtol=1e-9)
     observed = data.reduction().select_columns(np.arange(C, 2 * C))
@@ -88,7 +88,7 @@ def test_noise_in_the_columns_biases_least_squares_but_not_instrumental_variable
         both = Rows(seed).reduction()
         found = solve_instrumental(both)
         observed = both.select_columns(np.arange(C, 2 * C))
-        least = ordinary(observed)
+        least = solve_ordinary(observed)
         estimates.append(found.solution.values)
         deviations.append(found.statistics.standard_deviations)
         plain.append(least.values)

@@ -18,10 +18,10 @@ from dynident.estimation import (
     compute_errors,
     compute_noise_levels,
     concatenate_reductions,
-    ordinary,
     solve,
+    solve_ordinary,
+    solve_weighted,
     statistics,
-    weighted,
 )
 
 N_PARAMETERS = 7
@@ -65,7 +65,7 @@ def test_ordinary_least_squares_is_numpys():
     data = Rows()
     w, y = data.dense()
     expected = np.linalg.lstsq(w, y, rcond=None)[0]
-    solution = ordinary(data.reduction())
+    solution = solve_ordinary(data.reduction())
     np.testing.assert_allclose(solution.values, expected, rtol=1e-10)
     np.testing.assert_allclose(solution.normal_inverse, np.linalg.inv(w.T @ w), rtol=1e-8)
     np.testing.assert_allclose(solution.scales, np.linalg.norm(w, axis=0), rtol=1e-12)
@@ -89,9 +89,9 @@ def test_what_is_known_beforehand_counts_as_rows_of_its_own():
 def test_a_value_known_for_certain_stays_what_it_is_and_a_vague_one_changes_nothing():
     reduction = Rows().reduction()
     certain = build_prior(np.array([3.0]), np.zeros((1, 1)), np.array([2]), N_PARAMETERS)
-    assert weighted(reduction, certain).values[2] == pytest.approx(3.0, abs=1e-6)
+    assert solve_weighted(reduction, certain).values[2] == pytest.approx(3.0, abs=1e-6)
     vague = build_prior(np.array([3.0]), np.full((1, 1), 1e16), np.array([2]), N_PARAMETERS)
-    for estimator in (ordinary, weighted):
+    for estimator in (solve_ordinary, solve_weighted):
         np.testing.assert_allclose(
             estimator(reduction, vague).values, estimator(reduction).values, rtol=0.02, atol=0.02
         )
@@ -101,10 +101,12 @@ def test_the_covariance_counts_what_was_known_once():
     data = Rows(sigma=np.array([1.0, 1.0, 1.0]), m=4000)
     reduction = data.reduction(stretch=2.0)
     known = build_prior(data.truth[:1], np.full((1, 1), 1e-8), np.array([0]), N_PARAMETERS)
-    solution = weighted(reduction, known)
+    solution = solve_weighted(reduction, known)
     found = statistics(reduction, solution)
     assert found.standard_deviations[0] == pytest.approx(1e-4, rel=0.05)
-    assert np.all(found.standard_deviations <= 1.1 * statistics(reduction, weighted(reduction)).standard_deviations)
+    assert np.all(
+        found.standard_deviations <= 1.1 * statistics(reduction, solve_weighted(reduction)).standard_deviations
+    )
 
 
 @settings(max_examples=30, deadline=None)
@@ -113,7 +115,7 @@ def test_neither_stretches_nor_blocks_change_the_solution(seed, stretch, block):
     data = Rows(seed)
     w, y = data.dense()
     reduction = data.reduction(stretch, block=block)
-    np.testing.assert_allclose(ordinary(reduction).values, np.linalg.lstsq(w, y, rcond=None)[0], rtol=1e-9)
+    np.testing.assert_allclose(solve_ordinary(reduction).values, np.linalg.lstsq(w, y, rcond=None)[0], rtol=1e-9)
     assert reduction.n_rows == len(y)
     assert sum(reduction.equations[0].counts) == len(data.t)
     assert (np.diff(reduction.spans, axis=1) < stretch + 1e-9).all()
@@ -121,7 +123,7 @@ def test_neither_stretches_nor_blocks_change_the_solution(seed, stretch, block):
 
 def test_weighted_least_squares_is_that_of_statsmodels_with_the_noise_of_each_equation():
     data = Rows(1)
-    solution = weighted(data.reduction())
+    solution = solve_weighted(data.reduction())
     w, y = data.dense()
     weights = np.repeat(1 / solution.noise**2, len(data.t))
     expected = sm.WLS(y, w, weights=weights).fit()
@@ -135,13 +137,13 @@ def test_weights_make_the_estimate_better_where_noise_differs():
         data = Rows(seed)
         return np.linalg.norm(estimator(data.reduction()).values - data.truth)
 
-    assert np.median([miss(weighted, k) / miss(ordinary, k) for k in range(20)]) < 0.7
+    assert np.median([miss(solve_weighted, k) / miss(solve_ordinary, k) for k in range(20)]) < 0.7
 
 
 def test_the_noise_of_an_equation_is_that_of_its_residual():
     data = Rows(2)
     reduction = data.reduction()
-    chi = ordinary(reduction).values
+    chi = solve_ordinary(reduction).values
     share = 1 - N_PARAMETERS / reduction.n_rows
     expected = [
         np.sqrt(np.sum((y - w @ chi[c]) ** 2) / (len(y) * share))
@@ -158,7 +160,7 @@ def test_the_covariance_of_one_equation_with_independent_residuals_is_statsmodel
     accumulator = FactorAccumulator([np.arange(4)], 4, 1e9)  # one stretch: no correlation can be seen
     accumulator.push(np.arange(m) / 100, [np.column_stack([w, y])])
     reduction = accumulator.finish()
-    found = statistics(reduction, ordinary(reduction))
+    found = statistics(reduction, solve_ordinary(reduction))
     expected = sm.OLS(y, w).fit()
     np.testing.assert_allclose(found.covariance, expected.cov_params(), rtol=1e-9)
     np.testing.assert_allclose(found.standard_deviations, expected.bse, rtol=1e-9)
@@ -169,7 +171,7 @@ def test_the_covariance_of_one_equation_with_independent_residuals_is_statsmodel
 def test_the_covariance_of_ordinary_least_squares_knows_that_equations_differ_in_noise():
     data = Rows(4)
     reduction = data.reduction(stretch=1e9)
-    solution = ordinary(reduction)
+    solution = solve_ordinary(reduction)
     w, y = data.dense()
     rest = (y - w @ solution.values).reshape(3, -1)
     share = 1 - N_PARAMETERS / len(y)
@@ -189,7 +191,7 @@ def test_standard_deviations_are_the_spread_of_the_estimates():
             for w, c, s in zip(data.w, CONTAINS, SIGMA, strict=True)
         ]
         reduction = data.reduction()
-        solution = weighted(reduction)
+        solution = solve_weighted(reduction)
         found.append(solution.values)
         promised.append(statistics(reduction, solution).standard_deviations)
     spread = np.std(found, axis=0)
@@ -199,7 +201,7 @@ def test_standard_deviations_are_the_spread_of_the_estimates():
 def test_relative_deviations_are_fractions_and_infinite_at_zero():
     data = Rows(5)
     reduction = data.reduction()
-    found = statistics(reduction, weighted(reduction))
+    found = statistics(reduction, solve_weighted(reduction))
     relative = found.relative_standard_deviations(np.array([2.0, 0, -1, 1, 1, 1, 1]))
     assert relative[0] == pytest.approx(found.standard_deviations[0] / 2)
     assert relative[1] == np.inf
@@ -233,7 +235,9 @@ def test_choosing_columns_is_the_fit_with_those_columns():
     w, y = data.dense()
     picked = [5, 0, 4, 3]
     reduction = data.reduction().select_columns(picked)
-    np.testing.assert_allclose(ordinary(reduction).values, np.linalg.lstsq(w[:, picked], y, rcond=None)[0], rtol=1e-9)
+    np.testing.assert_allclose(
+        solve_ordinary(reduction).values, np.linalg.lstsq(w[:, picked], y, rcond=None)[0], rtol=1e-9
+    )
     np.testing.assert_allclose(compute_errors(reduction, np.zeros(4)).measured, [v @ v for v in data.y], rtol=1e-10)
 
 
@@ -243,7 +247,7 @@ def test_choosing_stretches_is_the_fit_on_those_rows():
     assert reduction.n_blocks == 4
     w, y = data.dense(rows=slice(100, 300))
     np.testing.assert_allclose(
-        ordinary(reduction.select_blocks([1, 2])).values, np.linalg.lstsq(w, y, rcond=None)[0], rtol=1e-9
+        solve_ordinary(reduction.select_blocks([1, 2])).values, np.linalg.lstsq(w, y, rcond=None)[0], rtol=1e-9
     )
     without = reduction.equations[0].factor_without_blocks([0, 3])
     chosen = reduction.select_blocks([1, 2]).equations[0].whole_factor
@@ -262,7 +266,7 @@ def test_data_sets_behind_one_another_are_one_data_set():
     assert whole.n_rows == 1200
     assert whole.n_blocks == parts[0].n_blocks + parts[1].n_blocks
     w, y = data.dense()
-    np.testing.assert_allclose(ordinary(whole).values, np.linalg.lstsq(w, y, rcond=None)[0], rtol=1e-9)
+    np.testing.assert_allclose(solve_ordinary(whole).values, np.linalg.lstsq(w, y, rcond=None)[0], rtol=1e-9)
 
 
 @settings(max_examples=30, deadline=None)
@@ -270,7 +274,7 @@ def test_data_sets_behind_one_another_are_one_data_set():
 def test_the_order_of_stretches_changes_neither_estimates_nor_deviations(seed, order):
     reduction = Rows(seed).reduction(stretch=0.5)
     mixed = reduction.select_blocks(order)
-    one, other = weighted(reduction), weighted(mixed)
+    one, other = solve_weighted(reduction), solve_weighted(mixed)
     np.testing.assert_allclose(one.values, other.values, rtol=1e-9)
     np.testing.assert_allclose(
         statistics(reduction, one).covariance, statistics(mixed, other).covariance, rtol=1e-7, atol=1e-18
@@ -285,7 +289,7 @@ def test_units_of_the_parameters_change_only_the_parameters_units(seed, scales):
     s = np.array(scales)
     data.w = [w * s[c] for w, c in zip(data.w, CONTAINS, strict=True)]
     scaled = data.reduction()
-    one, other = weighted(reduction), weighted(scaled)
+    one, other = solve_weighted(reduction), solve_weighted(scaled)
     np.testing.assert_allclose(other.values * s, one.values, rtol=1e-7)
     np.testing.assert_allclose(other.noise, one.noise, rtol=1e-7)
     deviations = statistics(scaled, other).standard_deviations * s
@@ -299,7 +303,7 @@ def test_units_of_torque_scale_everything_alike(seed, gain):
     reduction = data.reduction()
     data.y = [gain * y for y in data.y]
     scaled = data.reduction()
-    one, other = weighted(reduction), weighted(scaled)
+    one, other = solve_weighted(reduction), solve_weighted(scaled)
     np.testing.assert_allclose(other.values, gain * one.values, rtol=1e-8)
     np.testing.assert_allclose(
         statistics(scaled, other).standard_deviations, gain * statistics(reduction, one).standard_deviations, rtol=1e-7
@@ -309,7 +313,7 @@ def test_units_of_torque_scale_everything_alike(seed, gain):
 def test_fewer_rows_than_parameters_are_refused_with_both_numbers():
     reduction = Rows(11).reduction(rows=slice(0, 2))
     with pytest.raises(EstimationError, match="6 equations cannot determine 7 parameters") as caught:
-        ordinary(reduction)
+        solve_ordinary(reduction)
     assert caught.value.title == "Too few samples"
 
 
@@ -318,19 +322,19 @@ def test_columns_that_depend_on_one_another_are_refused():
     data.w[0][:, 1] = 2 * data.w[0][:, 0]
     data.w[2][:, 0] = 0
     with pytest.raises(EstimationError, match="full rank"):
-        weighted(data.reduction())
+        solve_weighted(data.reduction())
 
 
 def test_a_column_of_zeros_is_refused():
     data = Rows(13)
     data.w[2][:, 2] = 0
     with pytest.raises(EstimationError, match="full rank"):
-        ordinary(data.reduction())
+        solve_ordinary(data.reduction())
 
 
 def test_an_equation_that_fits_perfectly_gets_no_infinite_weight():
     data = Rows(14, sigma=np.array([0.5, 0.0, 0.0]))
-    solution = weighted(data.reduction())
+    solution = solve_weighted(data.reduction())
     assert np.isfinite(solution.values).all()
     assert np.isfinite(solution.noise).all()
     np.testing.assert_allclose(solution.values[4:], data.truth[4:], rtol=1e-6)
@@ -340,7 +344,7 @@ def test_no_torque_at_all_gives_zeros_and_finite_deviations():
     data = Rows(15)
     data.y = [np.zeros(len(data.t))] * 3
     reduction = data.reduction()
-    solution = weighted(reduction)
+    solution = solve_weighted(reduction)
     assert not solution.values.any()
     assert np.isfinite(statistics(reduction, solution).covariance).all()
 

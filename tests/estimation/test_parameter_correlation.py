@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynident.estimation import FactorAccumulator, ordinary, statistics
+from dynident.estimation import FactorAccumulator, solve_ordinary, statistics
 from dynident.estimation.parameter_correlation import Collinearity, find_collinearity
 
 M = 2000
@@ -19,7 +19,7 @@ def found(w: np.ndarray, **more) -> Collinearity:
     y = w @ np.ones(w.shape[1]) + rng.normal(size=M)
     accumulator.push(np.arange(M) / 50.0, [np.column_stack([w, y])])
     reduction = accumulator.finish()
-    solution = ordinary(reduction)
+    solution = solve_ordinary(reduction)
     return find_collinearity(solution, statistics(reduction, solution, "by_joint"), **more)
 
 

@@ -21,8 +21,8 @@ from dynident.estimation import (
     concatenate_reductions,
     estimate_group_weights,
     merge_row_groups,
-    ordinary,
-    weighted,
+    solve_ordinary,
+    solve_weighted,
 )
 
 N_ROWS, N_COLUMNS, STRETCHES = 600, 4, 12
@@ -68,8 +68,8 @@ def test_a_solution_is_that_of_rows_divided_by_their_noise_whatever_they_were_we
     once = reduction(found, turns).weight_groups(weights)
     again = reduction(found, turns).weight_groups(np.array([0.3, 0.02])).weight_groups(weights)
     expected = by_rows(found, turns, weights)
-    np.testing.assert_allclose(ordinary(once).values, expected, rtol=1e-9, atol=1e-10)
-    np.testing.assert_allclose(ordinary(again).values, expected, rtol=1e-9, atol=1e-10)
+    np.testing.assert_allclose(solve_ordinary(once).values, expected, rtol=1e-9, atol=1e-10)
+    np.testing.assert_allclose(solve_ordinary(again).values, expected, rtol=1e-9, atol=1e-10)
 
 
 def test_weights_are_what_the_noise_of_either_kind_of_rows_says():
@@ -83,8 +83,8 @@ def test_rows_that_are_quieter_where_a_joint_turns_round_count_as_the_others_do(
 
 def test_estimates_come_nearer_to_the_truth_than_with_all_rows_alike():
     drawn = [reduction(*rows(seed, (0.1, 2.0))) for seed in range(20)]
-    alike = [weighted(one).values - TRUTH for one in drawn]
-    weighed = [weighted(one.weight_groups(estimate_group_weights(one))).values - TRUTH for one in drawn]
+    alike = [solve_weighted(one).values - TRUTH for one in drawn]
+    weighed = [solve_weighted(one.weight_groups(estimate_group_weights(one))).values - TRUTH for one in drawn]
     assert np.linalg.norm(weighed) < 0.4 * np.linalg.norm(alike)
 
 
@@ -107,7 +107,9 @@ def test_fewer_columns_and_combinations_of_them_keep_what_is_told_apart(picked):
     change = np.eye(N_COLUMNS)[:, picked]
     for smaller in (reduction(found, turns).select_columns(picked), reduction(found, turns).combine_columns(change)):
         expected = reduction(found, turns).weight_groups(weights).select_columns(picked)
-        np.testing.assert_allclose(ordinary(smaller.weight_groups(weights)).values, ordinary(expected).values)
+        np.testing.assert_allclose(
+            solve_ordinary(smaller.weight_groups(weights)).values, solve_ordinary(expected).values
+        )
 
 
 def test_recordings_behind_one_another_are_told_apart_where_all_of_them_are():
@@ -145,7 +147,9 @@ def test_where_no_joint_turns_round_nothing_changes():
     found, _ = rows(6, (0.1, 0.5))
     data = reduction(found, np.zeros((N_ROWS, 2), dtype=bool))
     assert (estimate_group_weights(data) == 1.0).all()
-    np.testing.assert_array_equal(ordinary(data.weight_groups(np.full(2, 0.5))).values, ordinary(data).values)
+    np.testing.assert_array_equal(
+        solve_ordinary(data.weight_groups(np.full(2, 0.5))).values, solve_ordinary(data).values
+    )
 
 
 def test_a_zero_row_among_others_loses_none_of_them() -> None:

@@ -57,7 +57,7 @@ def error_of_reader(file: ExportedFile) -> float:
 
 def stated_errors(file: ExportedFile) -> tuple[float, float]:
     """The errors of the file and of the model that the file states at its head."""
-    found = re.search(r"of this file \(and of the model\): ([\d.]+)% \(([\d.]+)%\)", file.content.decode())
+    found = re.search(r"of this file \(and of the model\): ([\d.]+)\s% \(([\d.]+)\s%\)", file.content.decode())
     assert found is not None
     return float(found[1]) / 100, float(found[2]) / 100
 

@@ -106,7 +106,7 @@ def test_the_folder_does_not_grow_without_end(folder, monkeypatch):
         newest = max(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns)
         os.utime(newest, (number, number))
     code_cache.load_or_compile("text 0", lambda: pytest.fail("it is there"))  # used just now, so the newest
-    monkeypatch.setattr(code_cache, "_ROOM", 5000)
+    monkeypatch.setattr(code_cache, "_MOST_BYTES", 5000)
     code_cache._remove_old_files.cache_clear()
     code_cache.load_or_compile("text 8", lambda: bytes(1000))
     for number in (0, 8):

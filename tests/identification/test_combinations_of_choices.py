@@ -10,7 +10,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import FactorAccumulator, build_prior, solve_instrumental, weighted
+from dynident.estimation import FactorAccumulator, build_prior, solve_instrumental, solve_weighted
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.estimators.feasible_problem import _list_not_negative
 from dynident.identification.identified_models.torque_prediction import predict
@@ -80,6 +80,6 @@ def test_instruments_take_what_is_known_into_account_from_the_beginning():
     known = build_prior(np.array([2.0]), np.full((1, 1), 1e-6), np.array([1]), 3)
     np.testing.assert_allclose(
         solve_instrumental(both, known).solution.values,
-        weighted(both.select_columns(np.arange(3)), known).values,
+        solve_weighted(both.select_columns(np.arange(3)), known).values,
         atol=1e-3,
     )

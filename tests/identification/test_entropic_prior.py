@@ -13,7 +13,7 @@ from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque,
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
-from dynident.estimation import build_weighted_factor, weighted
+from dynident.estimation import build_weighted_factor, solve_weighted
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.description_prior import (
     EntropicPrior,
@@ -27,6 +27,7 @@ from dynident.identification.estimators.feasible_problem import build_problem, b
 from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import robot_from_urdf
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS, inertial_parameters, pseudo_inertia
 
@@ -54,10 +55,12 @@ class TwoLinks:
         self.choices = replace(CHOICES, effects=LINKS)
         run = recorded(self.robot, self.truth, 0.3, noise, friction=False)
         data = reduce_to_rows(
-            self.model, self.choices.row_options, [run], FILTERS, ReferenceParameters.massless(self.robot)
+            self.model,
+            self.choices.row_options,
+            RegressorInputs([run], FILTERS, ReferenceParameters.massless(self.robot)),
         )
         known = build_prior(self.model, self.choices.trust)
-        start = weighted(data.equations, known)
+        start = solve_weighted(data.equations, known)
         believed = build_standard_prior(self.model, self.choices.trust, start)
         at_nominal = build_problem(self.model, data.equations, known, believed.approximate_at(believed.belief.mean))
         _, found = minimise_entropic_cost(self.model, at_nominal, believed, start.noise)

@@ -10,7 +10,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
-from dynident.estimation import ordinary, statistics
+from dynident.estimation import solve_ordinary, statistics
 from dynident.identification import IdentificationChoices, identify, remove
 from dynident.identification.equations.reduced_recordings import reduce_torque
 from dynident.identification.estimation_problem import Problem
@@ -25,6 +25,7 @@ from dynident.identification.estimators.instrumental_variables_and_output_error 
 )
 from dynident.recordings import Preprocessing
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 
 NAMES = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")
 EFFECTS = tuple(EffectChoice(name) for name in NAMES)
@@ -133,9 +134,9 @@ def test_instrumental_variables_remove_the_bias_that_encoder_noise_leaves_in_lea
     least, least_deviations, found, deviations = [], [], [], []
     for seed in range(runs):
         data = reduce_torque(
-            big.model, [big.recorded(seed, 1e-4, noise)], WIDE, ReferenceParameters.massless(big.robot)
+            big.model, RegressorInputs([big.recorded(seed, 1e-4, noise)], WIDE, ReferenceParameters.massless(big.robot))
         )
-        plain = ordinary(data.equations)
+        plain = solve_ordinary(data.equations)
         least.append(plain.values)
         least_deviations.append(statistics(data.equations, plain).standard_deviations)
         fit = estimate_by_instrumental_variables(Problem.from_choices(big.model, choices("iv"), data))

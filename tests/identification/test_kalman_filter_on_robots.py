@@ -15,6 +15,7 @@ from dynident.identification.equations.reduced_recordings import reduce_to_rows
 from dynident.identification.estimators.kalman import TorqueFunction, estimate_noise, run_filter
 from dynident.recordings import choose_preprocessing
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 
 ROBOT = arm("scara")
 NAMES = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")
@@ -115,7 +116,9 @@ def test_two_recordings_are_one_after_another():
 def test_a_filter_that_begins_with_a_robot_that_cannot_be_and_is_sure_of_it_diverges_with_an_error():
     run = recorded(10.0)
     filters = choose_preprocessing([run])
-    data = reduce_to_rows(MODEL, choices("ekf").row_options, [run], filters, ReferenceParameters.massless(ROBOT))
+    data = reduce_to_rows(
+        MODEL, choices("ekf").row_options, RegressorInputs([run], filters, ReferenceParameters.massless(ROBOT))
+    )
     values = TRUTH.copy()
     values[:4] *= -10.0
     start = build_prior(values, np.diag((1e-6 * np.abs(TRUTH) + 1e-9) ** 2), np.arange(len(TRUTH)), len(TRUTH))

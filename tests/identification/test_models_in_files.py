@@ -171,3 +171,16 @@ def test_a_model_is_written_with_blas_on_one_thread(monkeypatch: pytest.MonkeyPa
         assert to_bytes(read)
     assert threads
     assert set(threads) == {1}
+
+
+def test_what_a_link_carries_in_some_runs_comes_back():
+    carried = EffectChoice("payload", ROBOT.joint_names[-1:], (), ("run 2",))
+    rubs = EffectChoice("load_dependent_friction", ROBOT.joint_names[:2])
+    model = identify(ROBOT, RUNS, [], IdentificationChoices((*EFFECTS, carried, rubs)))
+    again = from_bytes(to_bytes(model))
+    (load,) = again.estimate.reference.carried
+    assert load.runs == ("run 2",)
+    # Friction that grows with the load is that of the arm and what it carries there.
+    assert again.estimate.reference.add_carried(lambda runs: runs == ("run 2",)).inertias[-1].any()
+    assert again.estimate.reference.equals(model.estimate.reference)
+    assert_same(again, model)

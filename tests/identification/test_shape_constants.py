@@ -19,6 +19,7 @@ from dynident.identification.shape_search import (
     split_by_joint,
 )
 from dynident.recordings import Preprocessing
+from dynident.regressors.observation_matrix import RegressorInputs
 
 ROBOT = arm("ur10")
 BASE = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
@@ -60,18 +61,18 @@ STRIBECK = with_stribeck(1, 0.13, 12.0)
 PLAIN_STRIBECK, RUN_STRIBECK = plain(STRIBECK)
 
 
-def arguments(identification, run):
+def build_inputs(identification, run):
     links = identification.estimate.standard_inertia().reshape(-1, 10)
-    return [run], BAND, ReferenceParameters.from_links(links, identification.model.robot.n)
+    return RegressorInputs([run], BAND, ReferenceParameters.from_links(links, identification.model.robot.n))
 
 
 def test_a_stribeck_velocity_is_found_on_the_grid_and_then_between_its_points():
     choice = EffectChoice("stribeck", (NAMES[1],))
-    (coarse,) = find_shapes(PLAIN_STRIBECK.model, [choice], *arguments(PLAIN_STRIBECK, RUN_STRIBECK))
+    (coarse,) = find_shapes(PLAIN_STRIBECK.model, [choice], build_inputs(PLAIN_STRIBECK, RUN_STRIBECK))
     assert coarse.shape_values["vs"] == pytest.approx(0.13, rel=0.45)
-    (fine,) = refine_shapes(PLAIN_STRIBECK.model, [coarse], *arguments(PLAIN_STRIBECK, RUN_STRIBECK))
+    (fine,) = refine_shapes(PLAIN_STRIBECK.model, [coarse], build_inputs(PLAIN_STRIBECK, RUN_STRIBECK))
     assert fine.shape_values["vs"] == pytest.approx(0.13, rel=0.12)
-    (complete,) = complete_shapes(PLAIN_STRIBECK.model, [choice], *arguments(PLAIN_STRIBECK, RUN_STRIBECK))
+    (complete,) = complete_shapes(PLAIN_STRIBECK.model, [choice], build_inputs(PLAIN_STRIBECK, RUN_STRIBECK))
     assert complete == fine
 
 
@@ -79,7 +80,7 @@ def test_a_stribeck_velocity_is_found_on_the_grid_and_then_between_its_points():
 def test_a_slip_distance_is_found(slip):
     identification, run = plain(with_presliding(2, slip, 8.0))
     (found,) = complete_shapes(
-        identification.model, [EffectChoice("presliding", (NAMES[2],))], *arguments(identification, run)
+        identification.model, [EffectChoice("presliding", (NAMES[2],))], build_inputs(identification, run)
     )
     assert found.shape_values["d0"] == pytest.approx(slip, rel=0.25)
 
@@ -91,7 +92,7 @@ def test_an_exponent_is_found(power):
     tau[:, 0] += 6.0 * np.abs(v) ** power * np.sign(v)
     identification, run = plain(tau)
     choice = EffectChoice("viscous_nonlinear", (NAMES[0],))
-    (found,) = complete_shapes(identification.model, [choice], *arguments(identification, run))
+    (found,) = complete_shapes(identification.model, [choice], build_inputs(identification, run))
     assert found.shape_values["p"] == power
 
 
@@ -102,7 +103,7 @@ def test_an_angle_is_refined_downward_and_through_zero(angle):
     tau[:, 1] -= 1200.0 * np.sin(x) * (1 - 0.4 / np.sqrt(1 + ratio**2 + 2 * ratio * np.cos(x)))
     identification, run = plain(tau)
     choice = EffectChoice("gravity_compensator", (NAMES[1],), (("r", ratio), ("phi", angle + 0.2)))
-    (found,) = refine_shapes(identification.model, [choice], *arguments(identification, run), kept=[("r",)])
+    (found,) = refine_shapes(identification.model, [choice], build_inputs(identification, run), kept=[("r",)])
     assert found.shape_values["phi"] == pytest.approx(angle, abs=0.04)
 
 
@@ -114,7 +115,7 @@ def test_the_side_of_a_coupling_is_found(side):
     tau[:, 5] += side * shared
     identification, run = plain(tau)
     choice = EffectChoice("transmission_coupling", (NAMES[4],))
-    (found,) = complete_shapes(identification.model, [choice], *arguments(identification, run))
+    (found,) = complete_shapes(identification.model, [choice], build_inputs(identification, run))
     assert found.shape_values["side"] == side
 
 
@@ -122,21 +123,21 @@ def test_two_effects_are_sought_beside_each_other():
     tau = with_stribeck(1, 0.13, 12.0) + with_presliding(2, 0.03, 8.0) - base_torque(MOTION)
     identification, run = plain(tau)
     choices = [EffectChoice("stribeck", (NAMES[1],)), EffectChoice("presliding", (NAMES[2],))]
-    stribeck, presliding = complete_shapes(identification.model, choices, *arguments(identification, run))
+    stribeck, presliding = complete_shapes(identification.model, choices, build_inputs(identification, run))
     assert stribeck.shape_values["vs"] == pytest.approx(0.13, rel=0.15)
     assert presliding.shape_values["d0"] == pytest.approx(0.03, rel=0.25)
 
 
 def test_given_shapes_are_kept():
     given = EffectChoice("stribeck", (NAMES[1],), (("delta", 2.0), ("vs", 0.5)))
-    found = complete_shapes(PLAIN_STRIBECK.model, [given], *arguments(PLAIN_STRIBECK, RUN_STRIBECK))
+    found = complete_shapes(PLAIN_STRIBECK.model, [given], build_inputs(PLAIN_STRIBECK, RUN_STRIBECK))
     assert found == (given,)
 
 
 @pytest.mark.parametrize(("given", "free"), [("vs", "delta"), ("delta", "vs")])
 def test_of_two_shape_constants_the_one_that_was_given_is_kept(given, free):
     choice = EffectChoice("stribeck", (NAMES[1],), ((given, 0.5),))
-    (found,) = complete_shapes(PLAIN_STRIBECK.model, [choice], *arguments(PLAIN_STRIBECK, RUN_STRIBECK))
+    (found,) = complete_shapes(PLAIN_STRIBECK.model, [choice], build_inputs(PLAIN_STRIBECK, RUN_STRIBECK))
     assert found.shape_values[given] == 0.5
     assert found.shape_values.keys() == {given, free}
 
@@ -146,7 +147,7 @@ def test_a_line_is_refined_by_less_than_its_width():
     tau[:, 3] += 3.0 * np.sin(21.37 * MOTION.q[:, 3] + 0.4)
     identification, run = plain(tau)
     choice = EffectChoice("torque_ripple", (NAMES[3],), (("k", 21.3),))
-    (found,) = refine_shapes(identification.model, [choice], *arguments(identification, run))
+    (found,) = refine_shapes(identification.model, [choice], build_inputs(identification, run))
     assert found.shape_values["k"] == pytest.approx(21.37, abs=0.02)
 
 
@@ -213,9 +214,9 @@ def test_an_effect_that_needs_the_load_is_refused_without_the_links():
 
 
 def test_rows_that_a_model_has_kept_give_the_same_constants():
-    choice, given = EffectChoice("stribeck", (NAMES[1],)), arguments(PLAIN_STRIBECK, RUN_STRIBECK)
+    choice, inputs = EffectChoice("stribeck", (NAMES[1],)), build_inputs(PLAIN_STRIBECK, RUN_STRIBECK)
     rows = PLAIN_STRIBECK.in_memory.training
     assert rows is not None
-    assert complete_shapes(PLAIN_STRIBECK.model, [choice], *given, known=rows) == complete_shapes(
-        PLAIN_STRIBECK.model, [choice], *given
+    assert complete_shapes(PLAIN_STRIBECK.model, [choice], inputs, known=rows) == complete_shapes(
+        PLAIN_STRIBECK.model, [choice], inputs
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import runpy
 import subprocess
 import sys
@@ -24,6 +25,15 @@ NAMES_OF_TWO = {"Bootstrap", "Question"}
 
 def test_there_are_modules_to_look_at() -> None:
     assert len(MODULES) > 50
+
+
+def test_every_file_that_the_architecture_names_is_there() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([\w/]+/[\w/]*(?:\.\w+)?)`", page)) | set(re.findall(r"`(\w+\.py)`", page))
+    assert len(named) > 100
+    service = ROOT / "service/dynident_service"
+    homes = (ROOT, ROOT / "src/dynident", service, service / "workbench/static/js")
+    assert {name for name in named if not any((home / name).exists() for home in homes)} == set()
 
 
 def test_no_module_is_longer_than_one_can_read() -> None:

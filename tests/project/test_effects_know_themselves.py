@@ -42,7 +42,7 @@ CONTRACT = {
     "src/dynident/robot/collada.py": {"offset"},
     "service/dynident_service/workbench/static/js/identification_form.js": {c.effect for c in DEFAULT_EFFECTS},
     # Sample data have the demonstration's hidden effect.
-    "service/dynident_service/workbench/static/js/begin.js": {*(c.effect for c in DEFAULT_EFFECTS), "stribeck"},
+    "service/dynident_service/workbench/static/js/first_model.js": {*(c.effect for c in DEFAULT_EFFECTS), "stribeck"},
 }
 
 

@@ -5,6 +5,7 @@ What needs the generator (warnings, dead links, entries in the built pages) `doc
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 import runpy
@@ -89,9 +90,36 @@ def documented_parameters(value: object) -> set[str]:
 
 @pytest.mark.parametrize(("name", "value"), NAMES, ids=called)
 def test_every_parameter_of_a_public_name_is_described(name: str, value: object) -> None:
-    own = isinstance(value, FunctionType) or "__init__" in vars(value)
-    if not own or (isinstance(value, type) and issubclass(value, dict | tuple)):
+    if isinstance(value, type) and issubclass(value, tuple):
+        parameters = set(getattr(value, "_fields", ()))
+    elif isinstance(value, FunctionType) or ("__init__" in vars(value) and not issubclass(value, dict)):
+        signature = inspect.signature(value if isinstance(value, FunctionType) else vars(value)["__init__"])
+        parameters = {one for one in signature.parameters if one not in ("self", "cls") and not one.startswith("_")}
+    else:
         return
-    signature = inspect.signature(value if isinstance(value, FunctionType) else vars(value)["__init__"])
-    parameters = {one for one in signature.parameters if one not in ("self", "cls") and not one.startswith("_")}
     assert parameters - documented_parameters(value) == set(), name
+
+
+def test_a_function_that_another_package_uses_describes_its_parameters() -> None:
+    """Of the library; in `__all__` or not. One argument its first line may describe."""
+    modules = {
+        ".".join(path.relative_to(ROOT / "src").with_suffix("").parts): ast.parse(path.read_text(encoding="utf-8"))
+        for path in sorted((ROOT / "src" / "dynident").rglob("*.py"))
+    }
+    used = {
+        (node.module, name.name)
+        for module, tree in modules.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[:2] != module.split(".")[:2]
+        for name in node.names
+    }
+    assert len(used) > 500
+    bare = [
+        f"{module}.{node.name}"
+        for module, tree in modules.items()
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef)
+        if (module, node.name) in used and len((*node.args.args, *node.args.kwonlyargs)) > 1
+        if "Parameters\n---" not in (ast.get_docstring(node) or "")
+    ]
+    assert bare == []

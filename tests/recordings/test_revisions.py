@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from support.oracles import arm, fourier_motion, pinocchio_torque
 
+from dynident.api.recording_files import read_recordings
 from dynident.identification.robot_recording_import import import_cured, import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
 from dynident.recordings.metadata_revisions import adapt_revision
@@ -81,6 +82,42 @@ def test_what_has_no_cure_is_refused_all_the_same(tmp_path: Path) -> None:
     path = written(tmp_path / "run.csv")
     with pytest.raises(RecordingError, match="Window 1 runs"):
         import_cured(ROBOT, path, tmp_path / "x.parquet", RecordingMetadata(windows=((100.0, 200.0),)))
+
+
+SIGNS = {"first": (1, 1, 1, 1, 1, -1), "second": (1, 1, 1, 1, -1, 1), "third": (1, 1, 1, 1, 1, -1)}
+
+
+def test_recordings_that_no_one_sign_fits_are_told_as_such(tmp_path: Path) -> None:
+    paths = [written(tmp_path / f"{name}.csv", signs=signs) for name, signs in SIGNS.items()]
+    with pytest.raises(RecordingError) as refused:
+        read_recordings(*paths, robot=ROBOT)
+    last, before = ROBOT.joint_names[-1], ROBOT.joint_names[-2]
+    assert f"another sign of {last} in first and third; another sign of {before} in second" in refused.value.detail
+    with pytest.raises(RecordingError) as refused:
+        read_recordings(paths[0], paths[2], robot=ROBOT)
+    assert "No one correction" not in refused.value.detail
+
+
+def test_recordings_that_would_be_cured_apart_are_refused(tmp_path: Path) -> None:
+    orders = {"first": (1, 0, 2, 3, 4, 5), "second": (0, 2, 1, 3, 4, 5)}
+    paths = [written(tmp_path / f"{name}.csv", order=order) for name, order in orders.items()]
+    for path in paths:
+        read_recordings(path, robot=ROBOT, cure=True)
+    with pytest.raises(RecordingError, match=r"another order of tau .2 1 3 4 5 6. in first") as refused:
+        read_recordings(*paths, robot=ROBOT, cure=True)
+    assert refused.value.title == "Recordings contradict each other"
+
+
+def test_a_cure_that_another_recording_of_the_robot_has_is_taken_first(tmp_path: Path) -> None:
+    right, _ = brought_in(written(tmp_path / "right.csv"), RecordingMetadata())
+    path, target = written(tmp_path / "wrong.csv", signs=SIGNS["first"]), tmp_path / "cured.parquet"
+    # By itself the recording does not tell whether the position or the torque has the wrong sign.
+    with pytest.raises(RecordingError):
+        import_cured(ROBOT, path, target, RecordingMetadata())
+    known = (Revision(signs={"tau6": -1.0}),)
+    cured = import_cured(ROBOT, path, target, RecordingMetadata(), known=known)
+    assert cured.revisions == known
+    assert np.array_equal(torque(cured.recording), torque(right))
 
 
 def test_excluded_seconds_are_not_used(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from dynident.regressors.filtered_energy_power_rows import (
 )
 from dynident.regressors.filtered_rows import SampleFunction
 from dynident.regressors.model_structure import Model, build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 
 ROBOT = arm("ur10")
 RATE = 500.0
@@ -55,12 +56,12 @@ def test_the_torque_of_an_effect_satisfies_the_equations_of_every_model(name):
     model = build_model(ROBOT, [EffectChoice(name, runs=runs)])
     assert model.n_parameters
     values = np.random.default_rng(0).uniform(0.5, 2.0, model.n_parameters)
-    rest = ([with_torque_of(model, values)], PREPROCESSING, REFERENCE)
+    inputs = RegressorInputs([with_torque_of(model, values)], PREPROCESSING, REFERENCE)
     power = build_power_form(ROBOT, model.kept, model.signals)
     reductions = {
-        "filtered": reduce_form(build_filtered_form(ROBOT, model.kept, model.signals), filter_with_pole(30.0), *rest),
-        "energy": reduce_form(power, integrate_over_intervals(0.5), *rest),
-        "power": reduce_form(power, stream_equations, *rest),
+        "filtered": reduce_form(build_filtered_form(ROBOT, model.kept, model.signals), filter_with_pole(30.0), inputs),
+        "energy": reduce_form(power, integrate_over_intervals(0.5), inputs),
+        "power": reduce_form(power, stream_equations, inputs),
     }
     for which, reduction in reductions.items():
         assert reduction.n_rows > 100

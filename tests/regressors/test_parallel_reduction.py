@@ -21,6 +21,7 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.regressors.filtered_rows import SampleFunction, reduce_recordings
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.qr_accumulation import EquationRows, accumulate_equations
 from dynident.regressors.row_cache import reduce_and_cache
 
@@ -46,7 +47,9 @@ def test_the_factors_are_those_of_one_recording_after_the_other(monkeypatch: pyt
     told: list[float] = []
 
     def reduced(progress: Progress = ignore_progress) -> Reduction:
-        return reduce_recordings(model.observation, runs, Preprocessing(10.0, 10.0, 4), reference, progress)
+        return reduce_recordings(
+            model.observation, RegressorInputs(runs, Preprocessing(10.0, 10.0, 4), reference), progress
+        )
 
     at_once = reduced(lambda fraction, _: told.append(fraction))
     monkeypatch.setattr(threads, "count_processors", lambda: 1)
@@ -60,7 +63,9 @@ def test_the_factors_are_those_of_one_recording_after_the_other(monkeypatch: pyt
 def test_rows_that_are_kept_are_those_of_their_recordings() -> None:
     model, runs = build_model(ROBOT, DEFAULT_EFFECTS), [run(1, 40.0), run(2, 3.0), run(3, 3.0)]
     preprocessing = Preprocessing(10.0, 10.0, 4)
-    _, rows = reduce_and_cache(model, runs, preprocessing, model.build_reference(np.zeros(model.n_parameters)))
+    _, rows = reduce_and_cache(
+        model, RegressorInputs(runs, preprocessing, model.build_reference(np.zeros(model.n_parameters)))
+    )
     assert rows is not None
     for recording in runs:
         kept = rows.find_samples(recording, preprocessing)
@@ -81,7 +86,7 @@ def test_a_single_large_recording_is_evaluated_while_the_rows_before_are_folded(
         evaluate(self, block, out)
 
     def reduced() -> Reduction:
-        return reduce_recordings(model.observation, [alone], Preprocessing(10.0, 10.0, 4), reference)
+        return reduce_recordings(model.observation, RegressorInputs([alone], Preprocessing(10.0, 10.0, 4), reference))
 
     monkeypatch.setattr(SampleFunction, "fill", fill)
     at_once, elsewhere = reduced(), set(makers)

@@ -17,7 +17,7 @@ from dynident import parallel
 from dynident.effects import STOP, EffectChoice, ReferenceParameters
 from dynident.effects.effect_signals import MemorySignal
 from dynident.effects.hysteresis_states import step_state
-from dynident.estimation import compute_errors, ordinary, weighted
+from dynident.estimation import compute_errors, solve_ordinary, solve_weighted
 from dynident.recordings import (
     Preprocessing,
     Recording,
@@ -30,6 +30,7 @@ from dynident.recordings import (
 from dynident.recordings.recording import StoredRows
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.qr_accumulation import choose_block_length, compute_used_duration
 from dynident.regressors.row_phases import RowPhases
 
@@ -141,10 +142,10 @@ def least_squares(w: np.ndarray, y: np.ndarray, noise=None) -> np.ndarray:
 
 def assert_same_solution(recordings, preprocessing=PREPROCESSING) -> None:
     w, y, equations = dense(recordings, preprocessing)
-    reduction = reduce_recordings(MODEL.observation, recordings, preprocessing, REFERENCE)
+    reduction = reduce_recordings(MODEL.observation, RegressorInputs(recordings, preprocessing, REFERENCE))
     assert reduction.n_rows == equations.sum() < y.size
     expected = least_squares(w, y)
-    found = ordinary(reduction).values
+    found = solve_ordinary(reduction).values
     # In torque: what a poorly determined parameter is off by must not be seen either.
     predicted, wanted = w @ found, w @ expected
     np.testing.assert_allclose(predicted, wanted, atol=1e-8 * np.abs(wanted).max())
@@ -186,7 +187,9 @@ def test_weighted_least_squares_is_that_of_the_whole_matrix():
     for _ in range(20):
         noise = np.sqrt(((y - w @ chi) ** 2).sum(axis=0) / equations.sum(axis=0) / share)
         chi = least_squares(w, y, noise)
-    solution = weighted(reduce_recordings(MODEL.observation, recordings, PREPROCESSING, REFERENCE))
+    solution = solve_weighted(
+        reduce_recordings(MODEL.observation, RegressorInputs(recordings, PREPROCESSING, REFERENCE))
+    )
     # Rounds end once the noise changes by a millionth.
     np.testing.assert_allclose(solution.values, chi, rtol=1e-5, atol=1e-6 * np.abs(chi).max())
     np.testing.assert_allclose(solution.noise, noise, rtol=1e-5)
@@ -198,8 +201,8 @@ def test_the_length_of_blocks_changes_nothing(monkeypatch, length):
     recordings = [recording(8, 1, parts=2, windows=((1.0, 14.0),))]
     with monkeypatch.context() as patch:
         patch.setattr(stream, "filtered_blocks", lambda r, p: filtered_blocks(r, p, block_length=length))
-        cut = reduce_recordings(MODEL.observation, recordings, PREPROCESSING, REFERENCE)
-    whole = reduce_recordings(MODEL.observation, recordings, PREPROCESSING, REFERENCE)
+        cut = reduce_recordings(MODEL.observation, RegressorInputs(recordings, PREPROCESSING, REFERENCE))
+    whole = reduce_recordings(MODEL.observation, RegressorInputs(recordings, PREPROCESSING, REFERENCE))
     np.testing.assert_array_equal(cut.spans, whole.spans)
     for one, other in zip(cut.equations, whole.equations, strict=True):
         np.testing.assert_array_equal(one.counts, other.counts)
@@ -214,15 +217,18 @@ def test_two_runs_in_one_file_are_the_same_as_two_files():
         q, tau = stored(together, segment)
         t = segment.start_time + np.arange(len(q)) / RATE
         apart.append(recording_from_arrays(t, q, tau, joint_names=ROBOT.joint_names))
-    one, two = (reduce_recordings(MODEL.observation, group, PREPROCESSING, REFERENCE) for group in ([together], apart))
+    one, two = (
+        reduce_recordings(MODEL.observation, RegressorInputs(group, PREPROCESSING, REFERENCE))
+        for group in ([together], apart)
+    )
     assert one.n_rows == two.n_rows
-    np.testing.assert_allclose(ordinary(one).values, ordinary(two).values, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(solve_ordinary(one).values, solve_ordinary(two).values, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(one.spans, two.spans)
 
 
 def test_stretches_cover_the_windows_end_to_end_and_none_spans_two_runs():
     run = recording(12, 8, parts=2, gap=0.01)
-    reduction = reduce_recordings(MODEL.observation, [run], PREPROCESSING, REFERENCE)
+    reduction = reduce_recordings(MODEL.observation, RegressorInputs([run], PREPROCESSING, REFERENCE))
     length = choose_block_length([run])
     assert (np.diff(reduction.spans, axis=1) <= length + 1e-9).all()
     assert (np.diff(reduction.spans.ravel()) >= 0).all()
@@ -241,7 +247,9 @@ def test_progress_runs_from_low_to_one_and_may_cancel():
     seen: list[float] = []
     recordings = [recording(10, 1), recording(10, 2)]
     reduce_recordings(
-        MODEL.observation, recordings, PREPROCESSING, REFERENCE, lambda share, message: seen.append(share)
+        MODEL.observation,
+        RegressorInputs(recordings, PREPROCESSING, REFERENCE),
+        lambda share, message: seen.append(share),
     )
     assert seen
     assert seen == sorted(seen)
@@ -251,12 +259,12 @@ def test_progress_runs_from_low_to_one_and_may_cancel():
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        reduce_recordings(MODEL.observation, recordings, PREPROCESSING, REFERENCE, cancel)
+        reduce_recordings(MODEL.observation, RegressorInputs(recordings, PREPROCESSING, REFERENCE), cancel)
 
 
 def test_a_window_shorter_than_the_filter_leaves_no_rows():
     run = recording(10, 1, windows=((5.0, 5.1),))
-    reduction = reduce_recordings(MODEL.observation, [run], PREPROCESSING, REFERENCE)
+    reduction = reduce_recordings(MODEL.observation, RegressorInputs([run], PREPROCESSING, REFERENCE))
     assert reduction.n_rows == 0
     assert reduction.n_blocks == 0
 
@@ -283,7 +291,7 @@ def test_ten_times_the_data_takes_no_more_memory(monkeypatch: pytest.MonkeyPatch
     for length in (60_000, 600_000):
         run = Recording("long", ROBOT.joint_names, RATE, (Segment(0, length, 0.0),), Endless())
         tracemalloc.start()
-        reduce_recordings(MODEL.observation, [run], PREPROCESSING, REFERENCE)
+        reduce_recordings(MODEL.observation, RegressorInputs([run], PREPROCESSING, REFERENCE))
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.25 * peaks[0]
@@ -291,7 +299,7 @@ def test_ten_times_the_data_takes_no_more_memory(monkeypatch: pytest.MonkeyPatch
 
 def test_every_pair_of_stretches_is_disjoint_in_rows():
     run = recording(10, 9)
-    reduction = reduce_recordings(MODEL.observation, [run], PREPROCESSING, REFERENCE)
+    reduction = reduce_recordings(MODEL.observation, RegressorInputs([run], PREPROCESSING, REFERENCE))
     for (_, end), (start, _) in itertools.pairwise(reduction.spans):
         assert start > end
     assert sum(equation.counts.sum() for equation in reduction.equations) == reduction.n_rows

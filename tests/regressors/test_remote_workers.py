@@ -21,6 +21,7 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors import row_cache
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.row_cache import reduce_and_cache
 
 ROBOT = arm("scara")
@@ -169,9 +170,9 @@ def test_recordings_reduced_elsewhere_give_the_same_factors(
     model = build_model(ROBOT, effects)
     reference = model.build_reference(np.full(model.n_parameters, 0.3))
     runs = [run(seed, 4.0 + seed) for seed in range(4)]
-    alone, _ = reduce_and_cache(model, runs, Preprocessing(10.0, 10.0, 4), reference)
+    alone, _ = reduce_and_cache(model, RegressorInputs(runs, Preprocessing(10.0, 10.0, 4), reference))
     with share_work_with(Others([sent, sent])):
-        shared, _ = reduce_and_cache(model, runs, Preprocessing(10.0, 10.0, 4), reference)
+        shared, _ = reduce_and_cache(model, RegressorInputs(runs, Preprocessing(10.0, 10.0, 4), reference))
     np.testing.assert_array_equal(alone.spans, shared.spans)
     for one, other in zip(alone.equations, shared.equations, strict=True):
         np.testing.assert_array_equal(one.factors, other.factors)

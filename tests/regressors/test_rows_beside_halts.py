@@ -7,13 +7,14 @@ import pytest
 from support.oracles import arm, pinocchio_torque
 
 from dynident.effects import EffectChoice, ReferenceParameters
-from dynident.estimation import Errors, compute_errors, weighted
+from dynident.estimation import Errors, compute_errors, solve_weighted
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.recordings.joint_phases import find_phases
 from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.row_cache import reduce_and_cache
 
 ROBOT = arm("scara")
@@ -59,11 +60,11 @@ def told(rows: Errors) -> float:
 def test_rows_beside_halts_are_exact_whatever_the_joint_is_held_by_at_rest():
     run = resting(40.0, 1)
     model = build_model(ROBOT, (*PLAIN, PEAK))
-    reduction, _ = reduce_and_cache(model, [run], EXACT, ReferenceParameters.massless(ROBOT))
+    reduction, _ = reduce_and_cache(model, RegressorInputs([run], EXACT, ReferenceParameters.massless(ROBOT)))
     (beside,) = (e.separate_rows for e in reduction.equations[:1])
     assert beside is not None
     assert beside.counted.count > 100
-    values = weighted(reduction).values
+    values = solve_weighted(reduction).values
     places = {(c.effect, c.link): k for k, c in enumerate(model.kept)}
     assert values[places["stribeck", NAMES[0]]] == pytest.approx(EXCESS, rel=1e-6)
     assert values[places["coulomb", NAMES[0]]] == pytest.approx(COULOMB, rel=1e-6)
@@ -74,7 +75,9 @@ def test_rows_beside_halts_are_exact_whatever_the_joint_is_held_by_at_rest():
 def test_only_joints_whose_friction_shows_there_use_them_and_every_row_is_counted_once():
     run = resting(20.0, 2)
     with_peak, without = (
-        reduce_and_cache(build_model(ROBOT, effects), [run], EXACT, ReferenceParameters.massless(ROBOT))[0]
+        reduce_and_cache(
+            build_model(ROBOT, effects), RegressorInputs([run], EXACT, ReferenceParameters.massless(ROBOT))
+        )[0]
         for effects in ((*PLAIN, PEAK), PLAIN)
     )
     counts = [

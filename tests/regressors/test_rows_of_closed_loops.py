@@ -13,7 +13,7 @@ from dynident.regressors.base_parameters import find_base_parameters
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model_structure import build_model
-from dynident.regressors.observation_matrix import Observation
+from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.row_phases import RowPhases
 from dynident.robot import Robot
 
@@ -201,7 +201,9 @@ def test_nothing_is_felt_of_what_happens_where_the_sign_of_a_passive_joints_fric
     assert uncertain[:, 0].any()
     shaken = recording_from_arrays(t, q, 100.0 * uncertain, joint_names=robot.joint_names, name="shaken")
     reference = ReferenceParameters.massless(robot)
-    of_still, of_shaken = (reduce_recordings(model.observation, [r], filters, reference) for r in (still, shaken))
+    of_still, of_shaken = (
+        reduce_recordings(model.observation, RegressorInputs([r], filters, reference)) for r in (still, shaken)
+    )
     for one, other in zip(of_still.equations, of_shaken.equations, strict=True):
         np.testing.assert_array_equal(one.whole_factor, other.whole_factor)
     # And rows beside these instants are equations.

@@ -13,7 +13,15 @@ from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque,
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
-from dynident.estimation import EquationFactors, Reduction, compute_errors, ordinary, solve, statistics, weighted
+from dynident.estimation import (
+    EquationFactors,
+    Reduction,
+    compute_errors,
+    solve,
+    solve_ordinary,
+    solve_weighted,
+    statistics,
+)
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.equations.filtered_energy_power_wrench import marginalise_parameters
 from dynident.identification.identified_models.remove_and_solve_again import remove
@@ -52,7 +60,7 @@ def recorded(robot, seconds=60.0, rate=1000.0, frequency=0.05, seed=3, noise=0.0
 
 def error(found, truth: np.ndarray) -> float:
     """||D (χ - truth)|| / ||D truth|| with D the norms of the torque's columns."""
-    scales = ordinary(found.data.training).scales
+    scales = solve_ordinary(found.data.training).scales
     return float(np.linalg.norm(scales * (found.values - truth)) / np.linalg.norm(scales * truth))
 
 
@@ -148,14 +156,14 @@ def test_taking_nuisance_out_leaves_estimates_residuals_and_deviations_as_they_w
         equations.append(EquationFactors(np.arange(6), factors, np.full(8, 50)))
     whole = Reduction(6, tuple(equations), np.arange(16.0).reshape(8, 2))
     smaller = marginalise_parameters(whole, 2)
-    one, other = weighted(whole), weighted(smaller)
+    one, other = solve_weighted(whole), solve_weighted(smaller)
     np.testing.assert_allclose(other.values, one.values[2:], rtol=1e-4)
     np.testing.assert_allclose(
         statistics(smaller, other).standard_deviations, statistics(whole, one).standard_deviations[2:], rtol=0.1
     )
     alike = solve(whole, np.ones(2))
     plain = marginalise_parameters(whole, 2, weighted=False)
-    np.testing.assert_allclose(ordinary(plain).values, alike.values[2:], rtol=1e-9)
+    np.testing.assert_allclose(solve_ordinary(plain).values, alike.values[2:], rtol=1e-9)
     np.testing.assert_allclose(
         compute_errors(plain, alike.values[2:]).squares, compute_errors(whole, alike.values).squares, rtol=1e-9
     )

@@ -21,7 +21,7 @@ from dynident.effects import (
     build_columns,
     count_reference_parameters,
 )
-from dynident.estimation import Reduction, ordinary
+from dynident.estimation import Reduction, solve_ordinary
 from dynident.recordings import Preprocessing, Recording, Segment, filtered_blocks, low_pass, recording_from_arrays
 from dynident.recordings.recording import StoredRows
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
@@ -35,6 +35,7 @@ from dynident.regressors.filtered_energy_power_rows import (
 )
 from dynident.regressors.filtered_rows import Samples, reduce_recordings
 from dynident.regressors.model_structure import Model, build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import robot_from_urdf
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
@@ -61,18 +62,18 @@ def reductions(model: Model, *runs: Recording, preprocessing=SLOW) -> dict[str, 
     """The equations of every model on recordings."""
     known, reference = (model.robot, model.kept, model.signals), ReferenceParameters.massless(model.robot)
     power = build_power_form(*known)
-    rest = (runs, preprocessing, reference)
+    inputs = RegressorInputs(runs, preprocessing, reference)
     return {
-        "dynamic": reduce_recordings(model.observation, *rest),
-        "filtered": reduce_form(build_filtered_form(*known), filter_with_pole(20.0), *rest),
-        "energy": reduce_form(power, integrate_over_intervals(0.5), *rest),
-        "power": reduce_form(power, stream_equations, *rest),
+        "dynamic": reduce_recordings(model.observation, inputs),
+        "filtered": reduce_form(build_filtered_form(*known), filter_with_pole(20.0), inputs),
+        "energy": reduce_form(power, integrate_over_intervals(0.5), inputs),
+        "power": reduce_form(power, stream_equations, inputs),
     }
 
 
 def error(reduction: Reduction, truth: np.ndarray) -> float:
     """||D (χ - truth)|| / ||D truth|| with D the norms of W's columns: by what each parameter does to the equations."""
-    found = ordinary(reduction)
+    found = solve_ordinary(reduction)
     return float(np.linalg.norm(found.scales * (found.values - truth)) / np.linalg.norm(found.scales * truth))
 
 
@@ -127,7 +128,9 @@ def test_filtered_rows_are_those_of_a_dense_computation():
     run = noise_free(robot, seconds=12.0, rate=200.0, frequency=0.3)
     preprocessing = Preprocessing(10.0, 8.0, 4)
     form = build_filtered_form(robot, model.kept, model.signals)
-    found = reduce_form(form, filter_with_pole(30.0), [run], preprocessing, ReferenceParameters.massless(robot))
+    found = reduce_form(
+        form, filter_with_pole(30.0), RegressorInputs([run], preprocessing, ReferenceParameters.massless(robot))
+    )
 
     blocks = list(filtered_blocks(run, preprocessing))
     q, dq, tau, used = (np.concatenate([getattr(b, what) for b in blocks]) for what in ("q", "dq", "tau", "used"))
@@ -172,7 +175,9 @@ def test_the_energy_of_an_interval_is_the_work_done_in_it():
     run = noise_free(robot, seconds=10.0, rate=500.0, frequency=0.2)
     preprocessing = Preprocessing(None, None, 10)
     form = build_power_form(robot, model.kept, model.signals)
-    found = reduce_form(form, integrate_over_intervals(1.0), [run], preprocessing, ReferenceParameters.massless(robot))
+    found = reduce_form(
+        form, integrate_over_intervals(1.0), RegressorInputs([run], preprocessing, ReferenceParameters.massless(robot))
+    )
     blocks = list(filtered_blocks(run, preprocessing))
     dq, tau = (np.concatenate([getattr(b, what) for b in blocks]) for what in ("dq", "tau"))
     work = integrate.cumulative_simpson((tau * dq).sum(axis=1), dx=1 / 500.0, initial=0.0)
@@ -260,7 +265,9 @@ def test_ten_times_the_data_takes_no_more_memory_in_any_model(monkeypatch: pytes
         for length in (40_000, 400_000):
             run = Recording("long", robot.joint_names, 100.0, (Segment(0, length, 0.0),), source)
             tracemalloc.start()
-            reduce_form(form, treatment, [run], Preprocessing(8.0, 6.0, 4), ReferenceParameters.massless(robot))
+            reduce_form(
+                form, treatment, RegressorInputs([run], Preprocessing(8.0, 6.0, 4), ReferenceParameters.massless(robot))
+            )
             peaks.append(tracemalloc.get_traced_memory()[1])
             tracemalloc.stop()
         assert peaks[1] < 1.15 * peaks[0]
@@ -295,11 +302,9 @@ def test_offsets_that_no_parameter_stands_for_spoil_energy_more_than_power(seed)
     model = build_model(robot, EFFECTS[:-1])
     values = truth_of(build_model(robot, EFFECTS))[: model.n_parameters]
     run = noise_free(robot, seconds=120.0, rate=250.0, seed=seed, frequency=0.1)
-    form, rest = (
-        build_power_form(robot, model.kept, model.signals),
-        ([run], Preprocessing(None, 5.0, 10), ReferenceParameters.massless(robot)),
-    )
-    power = error(reduce_form(form, stream_equations, *rest), values)
-    short, long = (error(reduce_form(form, integrate_over_intervals(length), *rest), values) for length in (0.3, 4.0))
+    form = build_power_form(robot, model.kept, model.signals)
+    inputs = RegressorInputs([run], Preprocessing(None, 5.0, 10), ReferenceParameters.massless(robot))
+    power = error(reduce_form(form, stream_equations, inputs), values)
+    short, long = (error(reduce_form(form, integrate_over_intervals(length), inputs), values) for length in (0.3, 4.0))
     assert short > 1.1 * power
     assert long > 2.0 * power

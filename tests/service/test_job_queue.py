@@ -18,7 +18,7 @@ JOB = NewJob("report", "nowhere:nothing", {"a": 1})
 
 @pytest.fixture
 def leases_run_out_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ledger_module, "PICK_UP", timedelta(seconds=-1))
+    monkeypatch.setattr(ledger_module, "FIRST_LEASE", timedelta(seconds=-1))
     monkeypatch.setattr(ledger_module, "SECOND_LOOK", -1.0)
 
 
@@ -109,7 +109,7 @@ def test_a_job_that_takes_its_worker_down_again_and_again_is_given_up_in_the_end
 
 
 def test_a_holder_that_was_away_for_a_moment_keeps_its_job(ledger: JobQueue, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ledger_module, "PICK_UP", timedelta(seconds=-1))
+    monkeypatch.setattr(ledger_module, "FIRST_LEASE", timedelta(seconds=-1))
     ledger.enqueue(JOB)
     (claim,) = ledger.claim(1)
     assert ledger.claim(1) == []  # the lease has run out, but was seen so for the first time

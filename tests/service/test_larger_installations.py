@@ -103,7 +103,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 @pytest.fixture
 def soon_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the service hands out that never arrives is missed sooner."""
-    monkeypatch.setattr(ledger_module, "PICK_UP", timedelta(seconds=10))
+    monkeypatch.setattr(ledger_module, "FIRST_LEASE", timedelta(seconds=10))
 
 
 def test_jobs_run_on_a_cluster_elsewhere(cluster: Cluster, tmp_path: Path) -> None:

@@ -227,7 +227,7 @@ def test_the_share_that_an_effect_explains_is_that_of_its_curve(page: Any) -> No
     page.goto("/")
     shares = page.evaluate(
         """async () => {
-          const { explainedShare } = await import('/workbench/js/compare/explained.js');
+          const { explainedShare } = await import('/workbench/js/compare/explained_share.js');
           const line = { times: [0, 1, 2], values: { residual: [0, 2, 4], q: [0, 1, 2] } };
           const over = (variable, fitted) => explainedShare({ variable, x: [0, 1, 2], fitted }, line, [0, 1, 2]);
           const position = [over('position', [0, 2, 4]), over('position', [0, 1, 2])];

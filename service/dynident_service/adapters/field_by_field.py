@@ -310,11 +310,11 @@ def show_figures(errors: Errors) -> ErrorFigures:
     return ErrorFigures(
         rms=to_json_numbers(np.where(has_rows, errors.rms, np.nan)),
         relative=to_json_numbers(np.where(has_rows, errors.relative, np.nan)),
-        relative_total=finite_or_none(errors.relative_total) if has_rows.any() else None,
+        relative_total=replace_non_finite(errors.relative_total) if has_rows.any() else None,
     )
 
 
-def finite_or_none(value: float) -> float | None:
+def replace_non_finite(value: float) -> float | None:
     """Return a number, or None for infinity and NaN, which JSON does not have."""
     return float(value) if math.isfinite(value) else None
 
@@ -323,7 +323,7 @@ def to_json_numbers(values: FloatArray) -> list[float | None]:
     """Return an array (n,) as JSON numbers, None where one is not finite."""
     # Signals are long and almost always finite: one vectorised check spares a Python call a sample.
     listed: list[float | None] = values.tolist()
-    return listed if np.isfinite(values).all() else [finite_or_none(value) for value in values.tolist()]
+    return listed if np.isfinite(values).all() else [replace_non_finite(value) for value in values.tolist()]
 
 
 def _source_of_field(field: FieldInfo) -> shared_types.SourcePath:

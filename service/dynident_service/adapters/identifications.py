@@ -83,10 +83,10 @@ def _select_judged_total(errors: ErrorsView | None) -> float | None:
 
 def _build_intermediate_steps(view: IdentificationView, below: LadderStep | None) -> list[LadderStep]:
     """Build the steps between a model and its parent; an extension by several effects has one for each."""
-    rungs: list[LadderStep] = []
+    steps: list[LadderStep] = []
     for number, step in enumerate(view.result.rungs if view.result is not None else [], start=1):
-        under = rungs[-1] if rungs else below
-        rung = LadderStep(
+        under = steps[-1] if steps else below
+        ladder_step = LadderStep(
             id=f"{view.id}/{number}",
             part_of=view.id,
             name=view.name,
@@ -100,8 +100,8 @@ def _build_intermediate_steps(view: IdentificationView, below: LadderStep | None
             validation=step.validation,
             confirmed_by=step.confirmed_by,
         )
-        rungs.append(rung)
-    return rungs
+        steps.append(ladder_step)
+    return steps
 
 
 def _build_own_step(view: IdentificationView, below: LadderStep | None) -> LadderStep:
@@ -135,7 +135,7 @@ def compare_ladders(own: Sequence[LadderStep], other: Sequence[LadderStep], same
 
     Parameters
     ----------
-    own, other : sequence of Rung
+    own, other : sequence of LadderStep
         The ladders, their first models first.
     same_data : bool
         Whether all their models rest on the same recordings.
@@ -211,7 +211,7 @@ def build_steps(
 
     Returns
     -------
-    list of Rung
+    list of LadderStep
         The steps, the first model first.
     """
     models = list(identification.ladder())
@@ -223,7 +223,7 @@ def build_steps(
             if model.choices != other.choices or not np.array_equal(model.values, other.values):
                 break
             ids[k] = _step_ids(other_ladder[1], len(others))[k]
-    rungs = [
+    steps = [
         to_view(
             LadderStep,
             model,
@@ -236,7 +236,7 @@ def build_steps(
         )
         for k, (identifier, model) in enumerate(zip(ids, models, strict=True))
     ]
-    return mark_best_step(rungs)
+    return mark_best_step(steps)
 
 
 def _step_ids(name: str, count: int) -> list[str]:

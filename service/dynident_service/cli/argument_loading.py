@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,10 +16,16 @@ from dynident.effects import EffectChoice
 from dynident.effects.effect_text_format import parse_effects
 from dynident.errors import DynidentError, word_remedies
 from dynident.identification import Identification, from_bytes
-from dynident.identification.robot_recording_import import MOST_CURES, import_cured
+from dynident.identification.robot_recording_import import (
+    CONTRADICTION,
+    MOST_CURES,
+    import_cured,
+    list_shared_cures,
+    word_contradiction,
+)
 from dynident.identification.shape_search import check_choices
 from dynident.progress import Progress, scale_progress
-from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
+from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
 from dynident.recordings.file_names_and_digests import compute_digest, make_unique_names
 from dynident.robot import Robot
 from dynident.robot.limits_and_drives import check_hardware
@@ -41,12 +47,13 @@ _NOTHING_BESIDE = RobotAdditions()
 
 @dataclass(frozen=True, eq=False)
 class LoadedRecording:
-    """A checked recording with its checks, its file, and its metadata."""
+    """A checked recording with its checks, its file, its metadata, and the cures that made it usable."""
 
     recording: Recording
     checks: tuple[Check, ...]
     path: Path
     metadata: RecordingMetadata
+    revisions: tuple[Revision, ...] = ()
 
 
 def load_robot_argument(text: str, additions: RobotAdditions = _NOTHING_BESIDE) -> Robot:
@@ -134,7 +141,8 @@ def load_recordings(
     # Options and metadata files are read before the first recording, which may take minutes.
     metadata_by_name = read_metadata(reading.metadata, names)
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
-        measurements = []
+        measurements: list[LoadedRecording] = []
+        outcomes: dict[str, Sequence[Revision] | RecordingError] = {}
         for index, (path, name) in enumerate(zip(everything, names, strict=True)):
             base_metadata = metadata_by_name.get(name, RecordingMetadata())
             # A metadata file without columns holds answers to what is proposed; one with columns is the whole proposal.
@@ -155,20 +163,38 @@ def load_recordings(
             )
             # Each file takes an equal share of the bar, whatever its size: sizes of different formats do not compare.
             share = scale_progress(progress, index / len(everything), (index + 1) / len(everything))
+            target, known = Path(folder) / f"{index}.parquet", list_shared_cures(outcomes) if reading.cure else ()
             try:
                 measurements.append(
-                    _load_recording(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=reading.cure)
+                    _load_recording(path, target, robot, metadata, share, cure=reading.cure, known=known)
                 )
+                outcomes[name] = measurements[-1].revisions
             except RecordingError as error:
+                outcomes[name] = error
+                # The others are read for the sake of what they say of the robot: one error tells of all files.
+                if error.checks:
+                    continue
                 # Only where columns can still be proposed: neither stated in a file nor proposed already.
                 if error.title == "Missing column" and name not in metadata_by_name and not reading.as_proposed:
                     error.detail += " Or let dynident propose the columns from names and content: --as-proposed."
                 raise
+        _check_outcomes(robot, outcomes)
         yield measurements[: len(paths)], measurements[len(paths) :]
 
 
+def _check_outcomes(robot: Robot, outcomes: Mapping[str, Sequence[Revision] | RecordingError]) -> None:
+    """Raise the first error of the files, with what contradicts it; or that, where all files could be cured."""
+    contradiction = word_contradiction(robot, outcomes)
+    for outcome in outcomes.values():
+        if isinstance(outcome, RecordingError):
+            outcome.detail += f" {contradiction}" if contradiction else ""
+            raise outcome
+    if contradiction:
+        raise RecordingError(contradiction, title=CONTRADICTION)
+
+
 def _list_neighbours(paths: Sequence[Path]) -> set[str]:
-    """Return the names of files in the same folders: windows may name them, as commands of a study share options."""
+    """Return the names of files in the same folders: windows may name them, as commands of one model share options."""
     folders = {path.parent for path in paths if path.parent.is_dir()}
     return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
 
@@ -183,11 +209,19 @@ def _propose_metadata(path: Path, robot: Robot, answers: StatedAnswers, rate: fl
 
 
 def _load_recording(
-    path: Path, destination: Path, robot: Robot, metadata: RecordingMetadata, progress: Progress, *, cure: bool
+    path: Path,
+    destination: Path,
+    robot: Robot,
+    metadata: RecordingMetadata,
+    progress: Progress,
+    *,
+    cure: bool,
+    known: Sequence[Revision] = (),
 ) -> LoadedRecording:
     check_readable(path)
     try:
-        imported = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
+        most = MOST_CURES if cure else 0
+        imported = import_cured(robot, path, destination, metadata, progress, most=most, known=known)
     except RecordingError as error:
         refused = [check for check in error.checks if check.status == "error"]
         # An error without a cure stays, whatever is corrected besides it.
@@ -198,7 +232,7 @@ def _load_recording(
         error.checks, error.remedies = _word_checks(error.checks), ()
         raise
     checks = _word_checks(imported.checks)
-    return LoadedRecording(imported.recording, checks, path, imported.metadata)
+    return LoadedRecording(imported.recording, checks, path, imported.metadata, imported.revisions)
 
 
 def _word_checks(checks: Sequence[Check]) -> tuple[Check, ...]:

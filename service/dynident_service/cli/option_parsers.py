@@ -161,7 +161,7 @@ def parse_windows(
     names : sequence of str
         Names of the recordings.
     neighbours : collection of str
-        Names of recordings of other calls. Their windows are skipped, so that the commands of one study can share
+        Names of recordings of other calls. Their windows are skipped, so that the commands of one model can share
         their options.
 
     Returns

@@ -306,7 +306,7 @@ def _build_errors_table(identification: Identification) -> object:
 
 def show_verdict(console: Console, verdict: ModelVerdict) -> None:
     """Print for which uses a model is fit, why or why not, and what to do next."""
-    # After a gross mistake the uses mean nothing.
+    # After a gross fault the uses mean nothing.
     if verdict.stop is not None:
         console.print(f"✕ {verdict.summary}", style="bold red")
     else:

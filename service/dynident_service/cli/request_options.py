@@ -140,7 +140,7 @@ def write_option(remedy: Remedy) -> str:
     if remedy.field == "drives":
         return "--drive-gains"
     if remedy.field == "rate":
-        return "--rate HZ"
+        return "--rate HZ" if value is ... else f"--rate {_write_value(value)}"
     if remedy.field == "role":
         return f"option --{value}"
     if remedy.field == "locked_joints" and isinstance(value, Mapping):

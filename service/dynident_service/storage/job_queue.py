@@ -28,7 +28,7 @@ from dynident_service.storage.retry_while_away import INFRASTRUCTURE_ERRORS, des
 
 LEASE = timedelta(seconds=30)
 """How long a claim holds without renewal, by the clock of the database; longer than anybody waits for a lock."""
-PICK_UP = timedelta(seconds=30)
+FIRST_LEASE = timedelta(seconds=30)
 """How long a claimed job may wait for a worker to begin."""
 SECOND_LOOK = 5.0
 """Seconds after which an expired lease is looked at again before its job is taken away. If the database or the machine
@@ -131,7 +131,7 @@ class JobQueue:
                 for row in self._confirm_expired(job_transitions.find_expired(connection, moment)):
                     job_transitions.requeue_or_fail(session, row, MOST_LOSSES, "its worker was lost", losses=1)
             free = slots - _count_running(connection, own)
-            return job_transitions.claim_jobs(connection, free, moment, moment + PICK_UP) if free > 0 else []
+            return job_transitions.claim_jobs(connection, free, moment, moment + FIRST_LEASE) if free > 0 else []
 
     def get_standing(self, claim: Claim) -> Standing:
         """Return the standing of a claim without renewing it: "held", "cancel" (its job is to be stopped) or "lost"."""

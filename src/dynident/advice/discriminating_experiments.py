@@ -223,10 +223,10 @@ def _request_slow_sweep(question: Question) -> DesignRequest:
 def _request_reversals(question: Question) -> DesignRequest:
     """Request strokes from the slip distance upwards, so slow that the filter shows how sliding sets in."""
     slip = question.get_shape_constant("d0", _SLIP)
-    room = _MOST_STROKES_SLIP * float(question.bounds.half_range[question.joint_indices].min())
+    largest_amplitude = _MOST_STROKES_SLIP * float(question.bounds.half_range[question.joint_indices].min())
     # Presliding friction differs from Coulomb friction within a few slip distances of a reversal only; longer strokes
     # show what it tends to.
-    amplitudes = sorted({round(min(factor * slip, room), 6) for factor in _SLIP_AMPLITUDES})
+    amplitudes = sorted({round(min(factor * slip, largest_amplitude), 6) for factor in _SLIP_AMPLITUDES})
     fastest = float(question.bounds.velocity[question.joint_indices].min())
     speed = float(np.clip(_SLIPS_PER_SECOND * slip / fastest, _SLOWEST, 0.2))
     return question.build_request(

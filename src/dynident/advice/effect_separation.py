@@ -27,8 +27,8 @@ _MOST_ROWS = 1500
 _MOST_DATA_ROWS = 5000
 """Samples of the data at hand: how residuals hang together is seen in neighbours alone, so these are thinned later."""
 
-# Stretches over which correlated residuals are summed: a twentieth of the data, within these seconds.
-_STRETCHES, _SHORTEST, _LONGEST = 20, 0.25, 2.0
+# Intervals over which correlated residuals are summed: a twentieth of the data, within these seconds.
+_WINDOWS, _SHORTEST, _LONGEST = 20, 0.25, 2.0
 _ROUNDS = 3
 
 
@@ -162,7 +162,7 @@ def evaluate_data_rows(
         counts += moves.sum(axis=0)
         borders.append(borders[-1] + len(samples))
     # A block has to be longer than residuals are correlated, and there have to be enough blocks to estimate a variance.
-    window_rows = max(1, round(float(np.clip(seconds / _STRETCHES, _SHORTEST, _LONGEST)) / (step * every)))
+    window_rows = max(1, round(float(np.clip(seconds / _WINDOWS, _SHORTEST, _LONGEST)) / (step * every)))
     return DataRows(np.concatenate(w), np.concatenate(residual), counts, total, window_rows, tuple(borders))
 
 

@@ -132,7 +132,7 @@ class Model(ModelResults):
         """Judge what the model is fit for (simulation, feed-forward, collision detection, payload).
 
         Without the recordings (see `with_data`) simulation, collision detection and payload are not judged, and neither
-        shared data of fit and validation nor the cause of a gross mistake is searched for.
+        shared data of fit and validation nor the cause of a gross fault is searched for.
 
         Parameters
         ----------

@@ -14,7 +14,13 @@ from dynident.api.recordings_in_memory import RecordingData, SourceFile, Tempora
 from dynident.api.robot_files import DriveGains, set_drive_gains
 from dynident.errors import DynidentError, Remedy, word_remedies
 from dynident.identification.column_inference import Guess, Inspection, Question, inspect_file
-from dynident.identification.robot_recording_import import MOST_CURES, import_cured
+from dynident.identification.robot_recording_import import (
+    CONTRADICTION,
+    MOST_CURES,
+    import_cured,
+    list_shared_cures,
+    word_contradiction,
+)
 from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Check, RecordingError, RecordingMetadata, Revision
@@ -252,16 +258,24 @@ def read_recordings(
     names = make_unique_names([Path(file.name or stated.name) for file in files])
     recordings: list[CheckedRecording] = []
     failures: list[tuple[str, RecordingError]] = []
+    outcomes: dict[str, Sequence[Revision] | RecordingError] = {}
     for index, (file, name) in enumerate(zip(files, names, strict=True)):
         share = scale_progress(progress, index / len(files), (index + 1) / len(files))
         own = replace(stated, name=name, rate=file.rate or stated.rate)
         try:
-            recordings.append(_read_recording(file, machine, own, cure=cure, progress=share))
+            known = list_shared_cures(outcomes) if cure else ()
+            recordings.append(_read_recording(file, machine, own, cure=cure, known=known, progress=share))
+            source = recordings[-1].source
+            outcomes[name] = () if source is None else source.edits
         # All files are read before the error is raised, so that one attempt reports what is wrong with every file.
         except RecordingError as error:
             failures.append((name if file.owner else file.path.name, error))
+            outcomes[name] = error
+    contradiction = word_contradiction(machine, outcomes)
     if failures:
-        raise _join_errors(failures, len(files)) from failures[0][1]
+        raise _join_errors(failures, len(files), contradiction) from failures[0][1]
+    if contradiction:
+        raise RecordingError(contradiction, title=CONTRADICTION)
     return Recordings(tuple(recordings))
 
 
@@ -271,12 +285,14 @@ def _read_recording(
     metadata: RecordingMetadata,
     *,
     cure: bool = False,
+    known: tuple[Revision, ...] = (),
     edits: tuple[Revision, ...] = (),
     progress: Progress = ignore_progress,
 ) -> CheckedRecording:
     destination = TemporaryFile()
     try:
-        read = import_cured(robot, file.path, destination.path, metadata, progress, most=MOST_CURES if cure else 0)
+        most = MOST_CURES if cure else 0
+        read = import_cured(robot, file.path, destination.path, metadata, progress, most=most, known=known)
     # An interrupt counts, too. The error refers to this call, so the file would stay as long as the error is known.
     except BaseException:
         destination.path.unlink(missing_ok=True)
@@ -358,7 +374,7 @@ def _let_go(_: TemporaryFile) -> None:
     """Drop the last reference to a temporary file."""
 
 
-def _join_errors(failures: Sequence[tuple[str, RecordingError]], n_files: int) -> RecordingError:
+def _join_errors(failures: Sequence[tuple[str, RecordingError]], n_files: int, contradiction: str) -> RecordingError:
     """Join the errors of all files that cannot be used to one, with every blocking finding in it."""
     texts, checks = [], list[Check]()
     for name, error in failures:
@@ -372,7 +388,8 @@ def _join_errors(failures: Sequence[tuple[str, RecordingError]], n_files: int) -
         return RecordingError(
             texts[0], pointer=first.pointer, title=first.title, row=first.row, time=first.time, checks=tuple(checks)
         )
-    text = "\n  ".join([f"{len(failures)} of {n_files} files cannot be used:", *texts])
+    further_lines = [contradiction] if contradiction else []
+    text = "\n  ".join([f"{len(failures)} of {n_files} files cannot be used:", *texts, *further_lines])
     return RecordingError(text, pointer=first.pointer, title=first.title, checks=tuple(checks))
 
 

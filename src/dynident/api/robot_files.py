@@ -31,6 +31,7 @@ from dynident.robot.limits_and_drives import split_hardware
 from dynident.robot.link_meshes import find_package
 from dynident.robot.xml_text import read_root
 from dynident.schema.fields import point_within
+from dynident.text_encoding import decode_document
 
 _XACRO_TITLE = "Unusable xacro"
 _XACRO_SYNTAX = re.compile(r"<\s*xacro:|\$\{|\$\(")
@@ -86,6 +87,8 @@ def expand_xacro(path: Path, content: str) -> str:
         while getattr(cause, "exc", None) is not None and not isinstance(cause, _PackageNotFound):
             cause = cause.exc
         reason = str(cause if isinstance(cause, _PackageNotFound) else error).strip() or type(error).__name__
+        if "is not defined" in reason:
+            reason += "; define it by <xacro:property> or <xacro:arg>, or write its value there"
         raise DynidentError(f"xacro cannot expand it: {reason}", pointer=str(path), title=_XACRO_TITLE) from error
 
 
@@ -290,7 +293,7 @@ def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
         return _robot_from_document(document, name or str(document.get("name") or path.stem), stated)
     except DynidentError as error:
         # Where the file is the description itself, the pointer's first part would name a place that is not in it.
-        place = error.pointer.removeprefix(place_of_content)
+        place = error.pointer.removeprefix(place_of_content).removeprefix(str(path))
         error.detail = f"{path.name}: {f'{place}: ' if place else ''}{error.detail}"
         error.pointer, error.args = place, (error.detail,)
         raise
@@ -303,6 +306,8 @@ def _robot_from_table(name: str, content: str, stated: dict[str, Any]) -> Robot:
         if not error.pointer.startswith(_CONTENT):
             raise
         detail = f"this is neither XML (URDF, MJCF) nor JSON; read as a Denavit-Hartenberg table: {error.detail}"
+        if re.match(r"[^\n]*\b(?:t|time)[,;\t][^\n]*q_?1", content):
+            detail = "this looks like a recording: the robot's description comes first, and the recordings after it"
         raise DynidentError(detail, pointer=error.pointer, title=error.title) from error
 
 
@@ -315,7 +320,7 @@ def _parse_document(content: str) -> Any:
 
 def _read_text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return decode_document(path.read_bytes())
     except (OSError, UnicodeDecodeError) as error:
         raise DynidentError(f"{path} cannot be read as text: {error}", pointer=str(path), title=_ROBOT_TITLE) from error
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
         LackOfFit,
         NoiseFloor,
         RepeatedMotion,
-        floor_of,
+        estimate_noise_floor,
         judge,
     )
     from dynident.diagnosis.comparison.residual_autocorrelation_and_spectra import (
@@ -73,9 +73,9 @@ __all__ = [
     "autocorrelation",
     "compare",
     "diagnose",
+    "estimate_noise_floor",
     "evidence",
     "examine",
-    "floor_of",
     "judge",
     "time_spectrum",
 ]

@@ -21,7 +21,6 @@ from dynident.diagnosis.ambiguities import (
 )
 from dynident.diagnosis.candidates.candidate_pool import Pool, build_pool
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
-from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.changes_between_recordings import (
     add_friction_differences,
     compute_friction_differences,
@@ -61,7 +60,7 @@ from dynident.diagnosis.search.external_contacts import find_contacts
 from dynident.diagnosis.search.finding_refinement import RecordedSource, refine_findings
 from dynident.diagnosis.search.forward_selection import SearchRecord, search_findings
 from dynident.diagnosis.search.identifiability_and_invisible_effects import compute_part_to_part_ratio, find_invisible
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import Finding, ScoredFamily, State, estimate_residual_noise, score_family
 from dynident.diagnosis.search.static_friction import find_static_friction
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.effects.effect_columns import is_lasting_change
@@ -72,6 +71,7 @@ from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.recordings.pose_recordings import has_poses
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot.limits_and_drives import split_hardware
 
 _AT_FIRST = (
@@ -229,24 +229,19 @@ def examine(
     # The floor must not depend on the model, in which something may be missing.
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
     reference = identification.estimate.next_reference()
-    rows = RecordedSource(model, tuple(recordings), identification.preprocessing, reference)
+    inputs = RegressorInputs(recordings, identification.preprocessing, reference)
+    rows = RecordedSource(model, inputs)
     # One pass over the recordings for the model and all candidates: every score of the search comes from these
     # products.
     data = rows.gather_products(pool, scale_progress(progress, 0.1, 0.5))
     rules = DecisionRules(significance=significance, most_effects=most_effects)
     start = _build_start_state(data, pool, identification, floor, rules)
-    first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
+    family = score_family(data, pool, start.base, pool.initial_candidates, start.noise, level=start.level)
+    first = list(family.scored)
     # First the best candidates of a coarse grid, then their shape constants, on all rows.
-    record = search_findings(data, pool, start, first, most_effects, rows, scale_progress(progress, 0.5, 0.8))
+    record = search_findings(data, pool, start, first, rows, scale_progress(progress, 0.5, 0.8))
     findings, recommended, dropped = refine_findings(
-        identification,
-        record.findings,
-        recordings,
-        reference,
-        resolved,
-        floor,
-        since,
-        scale_progress(progress, 0.8, 0.9),
+        identification, record.findings, inputs, resolved, floor, since, scale_progress(progress, 0.8, 0.9)
     )
     record.dropped.update(dropped)
     # The findings are put to the test by identifying the model with them. Some cannot be added, or explain nothing any
@@ -280,7 +275,7 @@ def examine(
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     everything, named = (*contacts, *findings), (*pushes, *recommended)
-    ranking = _rank_candidates(record, pool, start, everything, named, first, most_effects, has)
+    ranking = _rank_candidates(record, pool, start, everything, named, family, has)
     ranked, limits = ranking.ranked, ranking.limits
     unknown = (*undisturbed.unexplained_patterns, *unknown)
     # The contacts stand first in the ranking, and are no changes of the robot; `identify_on_both` puts the later
@@ -371,13 +366,13 @@ def _rank_candidates(
     start: State,
     findings: Sequence[Finding],
     choices: Sequence[EffectChoice],
-    first: Sequence[ScoredCandidate],
-    most_effects: int,
+    family: ScoredFamily,
     has: Sequence[str],
 ) -> _Ranking:
     """Score every candidate once more beside all findings, and say what became of it."""
-    final = score_beside_findings(record.data, pool, start, findings, choices, first)
-    outcomes, beside = list_outcomes(final, pool, record, choices, first, most_effects)
+    first = family.scored
+    final = score_beside_findings(record.data, pool, start, findings, choices, family)
+    outcomes, beside = list_outcomes(final, pool, record, choices, first)
     limits = compute_detection_limits(final, pool, choices)
     outcomes = add_limits(outcomes, limits)
     ranked_findings = rank_findings(findings, choices, has)

@@ -28,6 +28,7 @@ from dynident.identification.identified_models.fit_model import identify_model
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
 from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.observation_matrix import RegressorInputs
 
 PUSH = next(effect.id for effect in CATALOGUE.values() if effect.is_transient)
 """The effect that acts for a while."""
@@ -154,7 +155,10 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
     """
     model, preprocessing = identification.model, identification.preprocessing
     reference = identification.estimate.next_reference()
-    parts = [reduce_recordings(model.observation, [recording], preprocessing, reference) for recording in recordings]
+    parts = [
+        reduce_recordings(model.observation, RegressorInputs([recording], preprocessing, reference))
+        for recording in recordings
+    ]
     outlying = find_outlying_spans(concatenate_reductions(parts))
     if not outlying.spans:
         return UndisturbedData(identification, tuple(recordings), ())
@@ -328,7 +332,10 @@ def _add_contact(disturbance: Disturbance, identification: Identification, recor
     pool = build_pool_of_choices(model, choices)
     reference = identification.estimate.next_reference()
     data = gather_products(
-        pool.observation, model.signals, [recording], identification.preprocessing, reference, pool.n_base
+        pool.observation,
+        model.signals,
+        RegressorInputs([recording], identification.preprocessing, reference),
+        pool.n_base,
     )
     base = tuple(range(pool.n_base))
     contacts = [

@@ -24,7 +24,7 @@ from dynident.regressors.filtered_rows import (
     reduce_recordings,
     stream_filtered_samples,
 )
-from dynident.regressors.observation_matrix import Observation
+from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.row_phases import RowPhases
 from dynident.robot import Robot
 
@@ -237,7 +237,10 @@ def _compute_rows(
     whole = model.observation.extend(new, model.signals)
     samples = _SampleCache(whole, recordings, identification, reference)
     reduction = reduce_recordings(
-        whole, recordings, preprocessing, reference, scale_progress(progress, 0.0, 0.6), samples_of=samples.get_samples
+        whole,
+        RegressorInputs(recordings, preprocessing, reference),
+        scale_progress(progress, 0.0, 0.6),
+        samples_of=samples.get_samples,
     )
     base = tuple(range(model.n_parameters))
     start = _fit_values(reduction, base, identification.noise)

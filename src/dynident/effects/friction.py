@@ -46,7 +46,7 @@ class _DriftingFriction(Effect):
 
 
 class TemperatureFriction(_DriftingFriction):
-    """Grease that thins as the joint warms up; needs the temperature of the joint."""
+    """Friction that changes with the temperature of the joint, as grease thins. It needs recorded temperatures."""
 
     id = "temperature_friction"
     title = "Temperature-dependent friction"
@@ -75,7 +75,7 @@ class TemperatureFriction(_DriftingFriction):
 
 
 class WarmUpFriction(_DriftingFriction):
-    """Friction that falls after a cold start, where nobody measured the temperature."""
+    """Friction that falls after a cold start, for recordings without temperatures."""
 
     id = "warm_up_friction"
     title = "Friction that falls as the robot warms up"
@@ -283,7 +283,7 @@ class Stribeck(_OneColumnFriction):
 
 
 class ViscousNonlinear(_OneColumnFriction):
-    """Viscous friction that bends: a power of the velocity."""
+    """Viscous friction that is not proportional to the velocity, but to a power of it."""
 
     id = "viscous_nonlinear"
     title = "Nonlinear viscous friction"
@@ -360,7 +360,7 @@ class LoadDependentFriction(_OneColumnFriction):
 
 
 class PositionDependentFriction(Effect):
-    """Coulomb friction that varies once or twice a turn."""
+    """Coulomb friction that varies with the position, once or a few times per turn of the joint."""
 
     id = "position_dependent_friction"
     title = "Position-dependent Coulomb friction"

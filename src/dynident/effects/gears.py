@@ -17,7 +17,7 @@ _STIFFNESS = 70.0
 
 
 class Backlash(Effect):
-    """Play: the link hangs behind the motor by half of it, on the side that the load torque pushes to."""
+    """Play: the link is off by half of it, to the side to which the load torque pushes it."""
 
     id = "backlash"
     title = "Backlash"

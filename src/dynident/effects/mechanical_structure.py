@@ -53,7 +53,7 @@ class EncoderZeroError(Effect):
 
 
 class KinematicError(Effect):
-    """A joint that sits some millimetres beside where the description puts it."""
+    """A joint that is some millimetres away from its place in the description."""
 
     id = "kinematic_error"
     title = "Error of a link's length"

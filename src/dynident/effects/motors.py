@@ -19,7 +19,7 @@ _GEAR_RATIO = 20.0
 
 
 class DriveGainError(Effect):
-    """A drive gain [12.17] that is a few per cent off: the torque of one joint is too large throughout."""
+    """A drive gain [12.17] that is off: the torque of one joint is wrong by the same share at all times."""
 
     id = "drive_gain_error"
     title = "Error of the drive gain"
@@ -115,7 +115,7 @@ class TorqueDelay(Effect):
 
 
 class RotorCoupling(Effect):
-    """A fast rotor that is carried along by the links before its joint, like a gyroscope.
+    """The torque of a fast rotor that the links before its joint turn, as in a gyroscope.
 
     Its kinetic energy has, beside ½ N² Jm q̇j² (the rotor inertia Ia), the part N Jm q̇j (zj · ω) with ω the angular
     velocity of the link that carries it.

@@ -76,7 +76,7 @@ class Payload(Effect):
 
 
 class ExternalContact(Effect):
-    """Somebody or something pushes a link, mostly the tool, for a moment."""
+    """An external force and moment on a link, mostly the tool, for a limited time."""
 
     id = "external_contact"
     title = "Contact with the surroundings"
@@ -125,7 +125,7 @@ class ExternalContact(Effect):
 
 
 class BaseVibration(Effect):
-    """A base that shakes at one frequency: to the links, gravity shakes."""
+    """A base that vibrates at one frequency; on the links this acts like a vibrating gravity."""
 
     id = "base_vibration"
     title = "Vibration of the base"

@@ -5,9 +5,10 @@ Effects that depend on torque use the predicted one, never the measured one, who
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -39,6 +40,13 @@ def count_reference_parameters(robot: Robot) -> int:
     return 10 * robot.tree.n + len(DRIVE_PARAMETERS) * robot.n
 
 
+class CarriedInertia(NamedTuple):
+    """Inertial parameters (N, 10) that links carry in some runs: those with these labels, `runs`."""
+
+    runs: tuple[str, ...]
+    inertias: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class ReferenceParameters:
     """Parameters of the model so far, by which torque is predicted.
@@ -51,6 +59,8 @@ class ReferenceParameters:
         Standard inertial parameters of the links, in the order of `INERTIAL_NAMES`: kg m², kg m, kg.
     rotors, dry, damping, constant : (n,)
         Ia, Fc, Fv and b of the driven joints' motors: kg m², N m, N m s/rad and N m, or kg, N, N s/m and N.
+    carried : tuple of CarriedInertia
+        What links carry in some runs alone: it is no part of the vector.
     """
 
     inertias: FloatArray
@@ -58,6 +68,7 @@ class ReferenceParameters:
     dry: FloatArray
     damping: FloatArray
     constant: FloatArray
+    carried: tuple[CarriedInertia, ...] = ()
 
     @classmethod
     def from_links(cls, inertias: FloatArray, n: int) -> ReferenceParameters:
@@ -137,9 +148,25 @@ class ReferenceParameters:
             )
         return self.vector
 
+    def add_carried(self, is_run: Callable[[tuple[str, ...]], bool]) -> ReferenceParameters:
+        """Return the parameters in one run, with what the links carry there.
+
+        Parameters
+        ----------
+        is_run : callable
+            Returns whether labels of runs name this run.
+        """
+        own = [carried.inertias for carried in self.carried if is_run(carried.runs)]
+        return replace(self, inertias=sum(own, self.inertias), carried=()) if self.carried else self
+
     def equals(self, other: ReferenceParameters) -> bool:
         """Return whether all values are the same."""
-        return np.array_equal(self.vector, other.vector)
+        mine, theirs = ({carried.runs: carried.inertias for carried in own.carried} for own in (self, other))
+        return (
+            np.array_equal(self.vector, other.vector)
+            and mine.keys() == theirs.keys()
+            and all(np.array_equal(inertias, theirs[runs]) for runs, inertias in mine.items())
+        )
 
 
 @dataclass(frozen=True, eq=False)

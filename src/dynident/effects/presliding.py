@@ -14,7 +14,7 @@ from dynident.robot.robot_model import Robot
 
 
 class Presliding(Effect):
-    """Teeth and bearings that bend before they slide, with a part proportional to the load."""
+    """Friction that builds up over a small displacement; a part is proportional to the load."""
 
     id = "presliding"
     title = "Presliding hysteresis"

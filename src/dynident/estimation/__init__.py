@@ -12,9 +12,9 @@ from dynident.estimation.least_squares import (
     compute_noise_levels,
     compute_relative_change,
     compute_row_noise,
-    ordinary,
     solve,
-    weighted,
+    solve_ordinary,
+    solve_weighted,
 )
 from dynident.estimation.outlying_spans import OutlyingSpan, OutlyingSpans, find_outlying_spans
 from dynident.estimation.parameter_covariance import CovarianceName, Statistics, compute_row_freedom, statistics
@@ -90,9 +90,9 @@ __all__ = [
     "find_outlying_spans",
     "linearise_constants",
     "merge_row_groups",
-    "ordinary",
     "solve",
     "solve_instrumental",
+    "solve_ordinary",
+    "solve_weighted",
     "statistics",
-    "weighted",
 ]

@@ -232,7 +232,7 @@ def check_rank(factor: FloatArray, least: float, of: str = "") -> None:
         )
 
 
-def ordinary(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
+def solve_ordinary(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
     """Solve by ordinary least squares: all equations count alike.
 
     Prior knowledge is weighed against the common noise of the equations, with independent samples counted.
@@ -267,7 +267,7 @@ def ordinary(reduction: Reduction, known: PriorInformation | None = None) -> Sol
     return _iterate_weights(reduction, solve(reduction, alike, known), compute_common_noise, known)
 
 
-def weighted(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
+def solve_weighted(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
     """Solve by weighted least squares: each equation is divided by the standard deviation of its own residual.
 
     With prior knowledge, each row counts for as much as it is worth as an independent sample.
@@ -291,7 +291,7 @@ def weighted(reduction: Reduction, known: PriorInformation | None = None) -> Sol
     """
     # Equations are weighted by their residuals; against prior knowledge, correlated rows count for less.
     levels = compute_noise_levels if known is None else compute_correlated_noise
-    first = replace(ordinary(reduction, known), converged=True)
+    first = replace(solve_ordinary(reduction, known), converged=True)
     return _iterate_weights(reduction, first, lambda values: levels(reduction, values), known)
 
 
@@ -310,17 +310,41 @@ def _iterate_weights(
 
 
 def are_weights_settled(reduction: Reduction, before: FloatArray, after: FloatArray) -> bool:
-    """Return whether noise (n,) has stopped changing, or is no more than rounding of exact data."""
+    """Return whether the noise has stopped changing, or is no more than rounding of exact data.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations, one a joint or of another equation type.
+    before, after : (n,)
+        Noise of every equation before and after a round of weighting.
+
+    Returns
+    -------
+    bool
+    """
     measured = [float(np.linalg.norm(equation.whole_factor[:, -1])) for equation in reduction.equations]
     rounding = _ROUNDING * np.array(measured) / np.sqrt(np.maximum(reduction.row_counts, 1.0))
     return bool(np.all(np.abs(after - before) <= np.maximum(WEIGHTS_SETTLED * before, rounding)))
 
 
 def compute_correlated_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return the noise of every equation (n,), raised by the correlation of its rows.
+    """Return the noise of every equation, raised by the correlation of its rows.
 
     Prior knowledge is weighed against it. It is at least what rounding leaves of the measured values, lest exact data
     outweigh prior knowledge without limit.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations, one a joint or of another equation type.
+    values : (c,)
+        Parameters χ.
+
+    Returns
+    -------
+    (n,)
+        Standard deviation, in the unit of each equation.
     """
     factors = compute_correlation_factors(reduction, values)
     fitted = compute_fitted_errors(reduction, values)

@@ -163,8 +163,10 @@ class _SpanSearch:
         # A disturbance of nearly a whole segment is no disturbance: that segment differs from the others.
         if self._run[-1] > 0 and self._counts[:, first:last].sum() > _MOST_OF_RUN * own:
             return None
-        blocks = int(self._firsts[first]), int(self._firsts[last])
-        return OutlyingSpan(*blocks, float(self._spans[blocks[0], 0]), float(self._spans[blocks[1] - 1, 1]), ratio)
+        intervals = int(self._firsts[first]), int(self._firsts[last])
+        return OutlyingSpan(
+            *intervals, float(self._spans[intervals[0], 0]), float(self._spans[intervals[1] - 1, 1]), ratio
+        )
 
     def _list_windows(self) -> list[tuple[int, int]]:
         """Return consecutive blocks inside one segment, of at most half of the rows, that are not left out yet."""
@@ -227,7 +229,7 @@ class _SpanSearch:
 
 
 def _find_block_edges(run: IndexArray) -> IndexArray:
-    """Return the first stretch of every block, and their number; every segment begins a block."""
+    """Return the first interval of every block, and their number; every segment begins a block."""
     s = len(run)
     borders = np.flatnonzero(np.diff(run)) + 1
     edges: IndexArray = np.unique(np.concatenate([np.arange(0, s, -(-s // _BLOCKS)), borders, [s]]))
@@ -235,9 +237,9 @@ def _find_block_edges(run: IndexArray) -> IndexArray:
 
 
 def _number_segments(spans: FloatArray) -> IndexArray:
-    """Return the segment number (s,) of every stretch.
+    """Return the segment number (s,) of every interval.
 
-    Time jumps by more than a stretch, or back, between two segments.
+    Time jumps by more than an interval, or back, between two segments.
     """
     if not len(spans):
         return np.zeros(0, dtype=np.intp)

@@ -96,5 +96,4 @@ def pad_to_square(r: FloatArray) -> FloatArray:
     missing = r.shape[-1] - r.shape[-2]
     if missing <= 0:
         return r
-    padding = [(0, 0)] * (r.ndim - 2) + [(0, missing), (0, 0)]
-    return np.pad(r, padding)
+    return np.concatenate([r, np.zeros((*r.shape[:-2], missing, r.shape[-1]))], axis=-2)

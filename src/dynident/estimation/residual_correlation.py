@@ -9,7 +9,7 @@ from dynident.estimation.qr_decomposition import WhitenedColumns, compute_r_fact
 from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
 # With fewer blocks of time chance decides how large the scores are.
-_FEWEST_STRETCHES = 5
+_FEWEST_BLOCKS = 5
 
 
 def compute_correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
@@ -102,7 +102,7 @@ def compute_overstatement(w: FloatArray, rests: FloatArray, rows: float) -> floa
 
 def _is_determined(w: FloatArray, rows: float) -> bool:
     n_blocks, _, k = w.shape
-    return bool(n_blocks >= _FEWEST_STRETCHES and k > 0 and rows > k)
+    return bool(n_blocks >= _FEWEST_BLOCKS and k > 0 and rows > k)
 
 
 def _compute_overstatement_of_whitened(columns: WhitenedColumns | None, rests: FloatArray, rows: float) -> float:

@@ -146,7 +146,20 @@ def compute_errors(reduction: Reduction, values: FloatArray) -> Errors:
 
 
 def compute_fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """Return the residual of parameters χ (c,) on all rows that take part in the fit, each counting alike."""
+    """Return the residual on all rows that take part in the fit, each counting alike.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations, one a joint or of another equation type.
+    values : (c,)
+        Parameters χ.
+
+    Returns
+    -------
+    Errors
+        Squared residuals, squared measured values and numbers of rows by equation.
+    """
     squares, measured = compute_weighted_squares(reduction, values), []
     for k, equation in enumerate(reduction.equations):
         own = float(equation.whole_factor[:, -1] @ equation.whole_factor[:, -1])

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.estimation.least_squares import EstimationError, weighted
+from dynident.estimation.least_squares import EstimationError, solve_weighted
 from dynident.estimation.prior_information import PriorInformation
 from dynident.estimation.qr_decomposition import join_factors
 from dynident.estimation.residual_errors import compute_weighted_squares
@@ -109,7 +109,7 @@ def estimate_group_weights(reduction: Reduction, known: PriorInformation | None 
     # Fixed point: weights give estimates, estimates give residuals of either kind of rows, and these give weights.
     for _ in range(_MOST_ROUNDS):
         try:
-            values = weighted(coarse.weight_groups(weights), known).values
+            values = solve_weighted(coarse.weight_groups(weights), known).values
         except EstimationError:
             return np.ones(len(weights))
         before, weights = weights, _compute_weights(coarse, values)

@@ -161,8 +161,8 @@ class TwoPoints:
 
     def _build_around(self, middle: FloatArray, way: FloatArray) -> PointSequence:
         # The middle stays so far from the ends of the range that both points lie within it.
-        room = self.bounds.half_range - np.abs(way) / 2
-        centre = np.clip(middle, self.bounds.middle - room, self.bounds.middle + room)
+        spare = self.bounds.half_range - np.abs(way) / 2
+        centre = np.clip(middle, self.bounds.middle - spare, self.bounds.middle + spare)
         return PointSequence(np.stack([centre - way / 2, centre + way / 2]), np.ones((2, 2)))
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import platformdirs
 
 SETTING = "DYNIDENT_CACHE_DIR"
-_ROOM = 256 * 2**20
+_MOST_BYTES = 256 * 2**20
 """Bytes that are kept; a regressor of six joints takes some 50 kB."""
 _DIGEST = sha256().digest_size
 
@@ -109,10 +109,10 @@ def _remove_old_files(folder: Path) -> None:
             status = path.stat()
             files.append((status.st_mtime, status.st_size, path))
     total = sum(size for _, size, _ in files)
-    if total <= _ROOM:
+    if total <= _MOST_BYTES:
         return
     for _, size, path in sorted(files, key=lambda file: file[:2]):
-        if total <= _ROOM // 2:
+        if total <= _MOST_BYTES // 2:
             return
         path.unlink(missing_ok=True)
         total -= size

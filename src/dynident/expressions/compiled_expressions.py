@@ -11,7 +11,7 @@ import ctypes
 import platform
 import threading
 from collections.abc import Sequence
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from importlib.metadata import version
 from typing import Any
 
@@ -49,7 +49,7 @@ class Compiled:
         self._engine = build_engine(translate_to_llvm(function, widths, lanes, _find_vector_functions(lanes)))
         place, number = ctypes.c_void_p, ctypes.c_int64
         kinds = [number, place, number, place, *(kind for _ in widths for kind in (place, number))]
-        self._room = int(function.numel_out(0)) * lanes
+        self._results_size = int(function.numel_out(0)) * lanes
         self._call: Any = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
 
     def run(self, m: int, out: FloatArray, inputs: Sequence[FloatArray]) -> None:
@@ -67,11 +67,17 @@ class Compiled:
         """
         # Of each call its own, so that threads may share the code.
         # Machine code has no bounds checks: the callers, `Program` and `Recurrence`, have checked all shapes.
-        results = np.empty(self._room)
+        results = np.empty(self._results_size)
         arguments = [results.ctypes.data]
         for item in inputs:
             arguments += (item.ctypes.data, item.strides[0] // NUMBER if item.ndim == 2 else 0)
         self._call(m, out.ctypes.data, out.strides[0] // NUMBER, *arguments)
+
+
+@lru_cache(maxsize=32)
+def _compile(serialised: str, widths: tuple[int, ...], lanes: int) -> Compiled:
+    """Compile a CasADi function once in a process: every identification of a robot asks for the same ones."""
+    return Compiled(ca.Function.deserialize(serialised), widths, lanes)
 
 
 def build_engine(text: str, optimisation: int = 0) -> llvm.ExecutionEngine:
@@ -174,7 +180,7 @@ class Recurrence:
         self._width = int(outputs.numel())
         function = ca.Function("step", [ca.vertcat(state, inputs, constants)], [ca.cse(outputs)])
         # One lane: a step needs the result of the step before, so that none can be taken side by side.
-        self._compiled = Compiled(function, self._sizes, 1)
+        self._compiled = _compile(function.serialize(), self._sizes, 1)
 
     def run(self, state: FloatArray, inputs: FloatArray, constants: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Step the state through m samples.
@@ -258,11 +264,11 @@ class Program:
 
     @cached_property
     def _vector_code(self) -> Compiled:
-        return Compiled(self._function, self.widths, _LANES)
+        return _compile(self._function.serialize(), self.widths, _LANES)
 
     @cached_property
     def _scalar_code(self) -> Compiled:
-        return Compiled(self._function, self.widths, 1)
+        return _compile(self._function.serialize(), self.widths, 1)
 
     def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """Evaluate at samples.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -110,10 +112,12 @@ def import_cured(
     progress: Progress = ignore_progress,
     *,
     most: int = MOST_CURES,
+    known: Sequence[Revision] = (),
 ) -> CuredRecording:
     """Import a file; where it is refused with a cure, read it again with that cure.
 
-    A warning stays one: nothing is changed that could be used as it is.
+    A warning stays one: nothing is changed that could be used as it is. What other recordings of the robot were cured
+    of is tried first: several cures may fit one file, and the same one fits all.
 
     Parameters
     ----------
@@ -127,6 +131,8 @@ def import_cured(
         Called with the fraction done and a message.
     most : int
         Largest number of cures, one after the other; none with 0.
+    known : sequence of Revision
+        Cures of other recordings of the robot.
 
     Returns
     -------
@@ -148,10 +154,98 @@ def import_cured(
                 (check.apply for check in error.checks if check.status == "error" and check.apply is not None), None
             )
             # Without a cure, or after too many, the user has to see the error itself.
-            if cure is None or len(done) == most:
+            if (cure is None and not known) or len(done) == most:
+                raise
+            if known and not done:
+                try:
+                    shared = import_cured(robot, source, destination, _apply_all(known, metadata), progress, most=0)
+                except RecordingError:
+                    pass
+                else:
+                    notes = tuple(_note_cure(revision) for revision in known)
+                    return CuredRecording(shared.recording, (*shared.checks, *notes), tuple(known), shared.metadata)
+            if cure is None:
                 raise
             done.append(cure)
             metadata = cure.apply_to(metadata)
             continue
-        notes = [Check("cure", "warning", f"Read with this correction: {revision}.") for revision in done]
+        notes = tuple(_note_cure(revision) for revision in done)
         return CuredRecording(recording, (*checks, *notes), tuple(done), metadata)
+
+
+def _apply_all(revisions: Sequence[Revision], metadata: RecordingMetadata) -> RecordingMetadata:
+    for revision in revisions:
+        metadata = revision.apply_to(metadata)
+    return metadata
+
+
+def _note_cure(revision: Revision) -> Check:
+    return Check("cure", "warning", f"Read with this correction: {revision}.")
+
+
+def list_shared_cures(outcomes: Mapping[str, Sequence[Revision] | RecordingError]) -> tuple[Revision, ...]:
+    """List the cures of recordings that are facts of their robot, each once: the next recording needs them, too.
+
+    Parameters
+    ----------
+    outcomes : mapping of str to sequence of Revision, or RecordingError
+        By name of the recording, its cures, or why it was refused.
+    """
+    cures = [revision for own in outcomes.values() if not isinstance(own, RecordingError) for revision in own]
+    facts = [revision for revision in cures if any(getattr(revision, field) for field in _FACTS)]
+    return tuple(revision for k, revision in enumerate(facts) if revision not in facts[:k])
+
+
+def word_contradiction(robot: Robot, outcomes: Mapping[str, Sequence[Revision] | RecordingError]) -> str:
+    """Word what recordings say of the robot that cannot be true of one robot: signs and orders of columns.
+
+    Recordings that need no correction, and those that need the same one, contradict none.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    outcomes : mapping of str to sequence of Revision, or RecordingError
+        By name of the recording, its cures, or why it was refused.
+
+    Returns
+    -------
+    str
+        A sentence; empty where nothing contradicts.
+    """
+    names_by_cure: dict[tuple[str, ...], list[str]] = {}
+    for name, outcome in outcomes.items():
+        if cures := tuple(sorted(set(_list_cures(robot, outcome)))):
+            names_by_cure.setdefault(cures, []).append(name)
+    if len(names_by_cure) < 2:
+        return ""
+    parts = (f"{' and '.join(cures)} in {' and '.join(names)}" for cures, names in names_by_cure.items())
+    return (
+        "No one correction fits all of these recordings of one robot: they ask for "
+        f"{'; '.join(parts)}. Look at what these joints have in common, such as a coupled wrist, or whether the "
+        "recordings were made in different ways."
+    )
+
+
+def _list_cures(robot: Robot, outcome: Sequence[Revision] | RecordingError) -> Iterator[str]:
+    """Yield the facts of the robot that a recording was cured of, or is refused for, in words."""
+    if isinstance(outcome, RecordingError):
+        # The first remedy is the one that is proposed, others fit as well.
+        said = [(remedy.field, remedy.value) for remedy in outcome.remedies if remedy.field in _FACTS][:1]
+    else:
+        said = [(field, getattr(revision, field)) for revision in outcome for field in _FACTS]
+    for field, value in said:
+        for key, own in value.items() if isinstance(value, Mapping) else ():
+            if field == "signs":
+                # The column of a joint, or "q" or "tau" for all joints.
+                number = re.search(r"\d+$", key)
+                yield f"another sign of {robot.joint_names[int(number[0]) - 1] if number else key}"
+            else:
+                yield f"another order of {key} ({' '.join(map(str, own))})"
+
+
+CONTRADICTION = "Recordings contradict each other"
+"""Title of the error where no one cure fits all recordings of a robot."""
+
+_FACTS = ("signs", "permutation")
+"""Fields of a revision that are facts of the robot: units and columns are those of a file."""

@@ -15,7 +15,6 @@ from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import (
     Column,
     EffectChoice,
-    ReferenceParameters,
     Refinement,
     ShapeSpec,
     Signals,
@@ -30,9 +29,9 @@ from dynident.estimation import (
     linearise_constants,
     solve,
 )
-from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model_structure import Model
+from dynident.regressors.observation_matrix import RegressorInputs
 
 ColumnKey = tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]]
 
@@ -187,9 +186,7 @@ _SETTLED = 0.02
 def settle_shapes(
     model: Model,
     choices: Sequence[EffectChoice],
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     *,
     kept: Sequence[Collection[str]],
 ) -> tuple[EffectChoice, ...]:
@@ -204,12 +201,8 @@ def settle_shapes(
         The model, with its base parameters' columns.
     choices : sequence of EffectChoice
         With values for all shape constants.
-    recordings : sequence of Recording
-        Recordings of the robot.
-    preprocessing : Preprocessing
-        Filters of the recordings.
-    reference : ReferenceParameters
-        Parameters that loads and motor torques are predicted with.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
     kept : sequence of collections of str
         Constants of every choice that stay as they are.
     """
@@ -224,7 +217,7 @@ def settle_shapes(
         places = [p for p in places if (p.choice, p.spec.name) not in staying]
         if not places:
             return here
-        data = _ShapeDerivatives.from_recordings(model, here, places, recordings, preprocessing, reference, noise)
+        data = _ShapeDerivatives.from_recordings(model, here, places, inputs, noise)
         noise = data.noise
         # Natural values, such as an exponent of 2, are preferred: they only move where the data contradict them.
         if number == 0:
@@ -283,9 +276,7 @@ class _ShapeDerivatives:
         model: Model,
         choices: Sequence[EffectChoice],
         places: Sequence[ShapeVariable],
-        recordings: Sequence[Recording],
-        preprocessing: Preprocessing,
-        reference: ReferenceParameters,
+        inputs: RegressorInputs,
         noise: FloatArray | None,
     ) -> _ShapeDerivatives:
         columns: list[Column] = list(model.kept)
@@ -307,7 +298,7 @@ class _ShapeDerivatives:
             pairs.append([(k, first + i, first + len(own) + i) for i, k in enumerate(own)])
         # One pass over the data for all derivatives: the shifted columns are sampled and filtered beside the others.
         observation = model.observation.extend(columns[model.n_parameters :], model.signals)
-        reduction = reduce_recordings(observation, recordings, preprocessing, reference)
+        reduction = reduce_recordings(observation, inputs)
         if noise is None:
             # Of the model with the choices: without them, a joint that lacks much would hardly count.
             here = reduction.select_columns(list(range(n_columns)))

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.effects import Column, EffectChoice, ReferenceParameters, ShapeSpec, Signals, build_columns, get_effect
+from dynident.effects import Column, EffectChoice, ShapeSpec, Signals, build_columns, get_effect
 from dynident.effects.effect_columns import check_shape_constants, find_joints
 from dynident.errors import DynidentError
-from dynident.estimation import build_weighted_factor, compute_noise_levels, ordinary
+from dynident.estimation import build_weighted_factor, compute_noise_levels, solve_ordinary
 from dynident.identification.shape_refinement import settle_shapes
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model_structure import Model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.row_cache import CachedRows, reduce_with_columns
 from dynident.robot.robot_model import Robot
 
@@ -88,9 +88,7 @@ def check_shapes_given(choices: Sequence[EffectChoice]) -> None:
 def complete_shapes(
     model: Model,
     added: Sequence[EffectChoice],
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     progress: Progress = ignore_progress,
     known: CachedRows | None = None,
 ) -> tuple[EffectChoice, ...]:
@@ -102,12 +100,8 @@ def complete_shapes(
         That the effects are added to.
     added : sequence of EffectChoice
         Effects that are added to the model.
-    recordings : sequence of Recording
-        Recordings of the robot.
-    preprocessing : Preprocessing
-        Filters of the recordings.
-    reference : ReferenceParameters
-        What torque is predicted with.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
     progress : Progress
         Called with the fraction done and a message.
     known : CachedRows, optional
@@ -124,15 +118,11 @@ def complete_shapes(
     # Joints differ in their shape constants, so that one value for all would fit none of them.
     still_open = split_by_joint([choice for choice in added if lacks_shape(choice)], model.robot)
     everything = (*with_shape, *still_open)
-    coarse = find_shapes(
-        model, everything, recordings, preprocessing, reference, scale_progress(progress, 0.0, 0.5), known
-    )
+    coarse = find_shapes(model, everything, inputs, scale_progress(progress, 0.0, 0.5), known)
     return refine_shapes(
         model,
         coarse,
-        recordings,
-        preprocessing,
-        reference,
+        inputs,
         scale_progress(progress, 0.5, 1.0),
         kept=[choice.shape_values for choice in everything],
         known=known,
@@ -154,9 +144,7 @@ def split_by_joint(choices: Sequence[EffectChoice], robot: Robot) -> tuple[Effec
 def find_shapes(
     model: Model,
     added: Sequence[EffectChoice],
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     progress: Progress = ignore_progress,
     known: CachedRows | None = None,
 ) -> tuple[EffectChoice, ...]:
@@ -170,12 +158,8 @@ def find_shapes(
         The model, with its base parameters' columns.
     added : sequence of EffectChoice
         Effects that are added to the model.
-    recordings : sequence of Recording
-        Recordings of the robot.
-    preprocessing : Preprocessing
-        Filters of the recordings.
-    reference : ReferenceParameters
-        Parameters that loads and motor torques are predicted with.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
     progress : Progress
         Called with the fraction done and a message.
     known : CachedRows, optional
@@ -183,16 +167,14 @@ def find_shapes(
     """
     # All options of all choices are evaluated in one pass over the data; the search itself is algebra.
     options = [_list_options(choice, model.robot) for choice in added]
-    table = _tabulate(model, options, recordings, preprocessing, reference, progress, known)
+    table = _tabulate(model, options, inputs, progress, known)
     return tuple(choices[k] for choices, k in zip(options, table.search()[0], strict=True))
 
 
 def refine_shapes(
     model: Model,
     added: Sequence[EffectChoice],
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     progress: Progress = ignore_progress,
     *,
     kept: Sequence[Collection[str]] = (),
@@ -212,12 +194,8 @@ def refine_shapes(
         The model, with its base parameters' columns.
     added : sequence of EffectChoice
         With values for all constants.
-    recordings : sequence of Recording
-        Recordings of the robot.
-    preprocessing : Preprocessing
-        Filters of the recordings.
-    reference : ReferenceParameters
-        Parameters that loads and motor torques are predicted with.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
     progress : Progress
         Called with the fraction done and a message.
     kept : sequence of collections of str
@@ -241,9 +219,9 @@ def refine_shapes(
         ]
         options = [[choice for line in of_choice for choice in line] for of_choice in lines]
         here = scale_progress(progress, number / rounds, (number + 1) / rounds)
-        selected, errors = _tabulate(model, options, recordings, preprocessing, reference, here, known).search()
+        selected, errors = _tabulate(model, options, inputs, here, known).search()
         refined = tuple(_choose_vertex(*arguments) for arguments in zip(lines, selected, errors, specs, strict=True))
-    return settle_shapes(model, refined, recordings, preprocessing, reference, kept=fixed)
+    return settle_shapes(model, refined, inputs, kept=fixed)
 
 
 def list_between(choice: EffectChoice) -> list[EffectChoice]:
@@ -399,9 +377,7 @@ class _OptionTable:
 def _tabulate(
     model: Model,
     options: Sequence[Sequence[EffectChoice]],
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     progress: Progress,
     known: CachedRows | None,
 ) -> _OptionTable:
@@ -416,10 +392,10 @@ def _tabulate(
             numbers[-1].append(list(range(len(columns), len(columns) + len(added))))
             columns += added
     more = columns[model.n_parameters :]
-    reduction = reduce_with_columns(model, more, recordings, preprocessing, reference, progress, known)
+    reduction = reduce_with_columns(model, more, inputs, progress, known)
     alone = reduction.select_columns(list(range(model.n_parameters)))
     # The noise is that of the model without the options, so that all options are compared with the same weights.
-    factor = build_weighted_factor(reduction, compute_noise_levels(alone, ordinary(alone).values))
+    factor = build_weighted_factor(reduction, compute_noise_levels(alone, solve_ordinary(alone).values))
     return _OptionTable(factor, model.n_parameters, numbers)
 
 

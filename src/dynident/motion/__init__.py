@@ -21,5 +21,5 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    # What a request says of surroundings is declared in this room, too: who reads that does not wait for the rest.
+    # What a request says of surroundings is declared in this package, too: who reads that does not wait for the rest.
     __getattr__ = make_lazy_getattr(__name__)

@@ -316,8 +316,8 @@ def _find_shortest_path(postures: FloatArray, bounds: Bounds) -> list[FloatArray
     first, last = postures[legs[:, 0]], postures[legs[:, 1]]
     # All legs in one call: the distances are computed for many postures at once.
     looks = first + _LOOKS[:, None, None] * (last - first)
-    room = bounds.space.compute_least_slack(looks.reshape(-1, postures.shape[1])).reshape(len(_LOOKS), -1).min(axis=0)
-    clear = legs[room >= 0]
+    slack = bounds.space.compute_least_slack(looks.reshape(-1, postures.shape[1])).reshape(len(_LOOKS), -1).min(axis=0)
+    clear = legs[slack >= 0]
     graph = csr_array((lengths[clear[:, 0], clear[:, 1]], (clear[:, 0], clear[:, 1])), shape=lengths.shape)
     # Undirected: a leg that is clear one way is clear the other way.
     distances, before = dijkstra(graph, directed=False, indices=[0], return_predecessors=True)

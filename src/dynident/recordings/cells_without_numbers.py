@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from dynident.array_types import IntArray
-from dynident.recordings.arrow_tables import from_numbers, open_parquet_stream
+from dynident.recordings.arrow_tables import from_numbers, parse_numbers
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.time_columns import are_times, is_time_name, parse_seconds
 
@@ -24,27 +24,36 @@ _DEEPEST = 3
 """Folders above a file of a data set that its description is looked for in: data/chunk-000/file-000.parquet."""
 
 
-def list_columns(path: Path, schema: pa.Schema) -> dict[str, int]:
-    """Return the columns that hold lists of numbers, with the length of the first list of each."""
-    names = [
-        field.name
-        for field in schema
-        if (
-            pa.types.is_list(field.type)
-            or pa.types.is_fixed_size_list(field.type)
-            or pa.types.is_large_list(field.type)
-        )
-        and (pa.types.is_floating(field.type.value_type) or pa.types.is_integer(field.type.value_type))
-    ]
-    if not names:
-        return {}
-    with open_parquet_stream(path) as file:
-        first = next(file.iter_batches(1, columns=names, use_threads=False), None)
-    if first is None:
-        return {}
-    # The first list stands for all: a joint has its place in every row.
-    lengths = {name: pc.list_value_length(first.column(name))[0].as_py() or 0 for name in names}
-    return {name: length for name, length in lengths.items() if 0 < length <= _LONGEST}
+def list_columns(first: pa.RecordBatch) -> dict[str, int]:
+    """Return the columns that hold lists of numbers or of words, with the length of the first list of each."""
+    lengths = {}
+    for field, column in zip(first.schema, first.columns, strict=True):
+        if not _is_list(field.type) or not _is_plain(field.type.value_type) or not len(column):
+            continue
+        # The first list stands for all: a joint has its place in every row.
+        length = pc.list_value_length(column)[0].as_py() or 0
+        if 0 < length <= _LONGEST:
+            lengths[field.name] = length
+    return lengths
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind) or pa.types.is_large_list(kind))
+
+
+def _is_plain(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_string(kind))
+
+
+def list_texts(first: pa.RecordBatch) -> dict[str, tuple[str, ...]]:
+    """Return the first cells of columns that hold words, by their names."""
+    texts = {}
+    for field, column in zip(first.schema, first.columns, strict=True):
+        if not (pa.types.is_string(field.type) or pa.types.is_large_string(field.type)):
+            continue
+        if 2 * parse_numbers(column.cast(pa.string())).null_count > len(column):
+            texts[field.name] = tuple(cell or "" for cell in column.to_pylist())
+    return texts
 
 
 def name_list_places(path: Path, lists: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
@@ -71,7 +80,11 @@ def name_list_places(path: Path, lists: Mapping[str, int]) -> dict[str, tuple[st
 
 def expand_names(schema: pa.Schema, lists: Mapping[str, tuple[str, ...]]) -> list[str]:
     """Return the names of the columns, with those of every list in its place."""
-    return [name for field in schema for name in lists.get(field.name, (field.name,))]
+    return [
+        name
+        for field in schema
+        for name in lists.get(field.name, () if pa.types.is_nested(field.type) else (field.name,))
+    ]
 
 
 def find_stored_name(name: str, lists: Mapping[str, tuple[str, ...]]) -> str:
@@ -90,8 +103,8 @@ def expand_lists(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, 
             short = pc.less_equal(pc.list_value_length(column), place)
             # Arrow's list_element fails at lists that are too short: those give NaN, by the slow way.
             if pc.any(short).as_py():
-                rows = [row[place] if row is not None and len(row) > place else np.nan for row in column.to_pylist()]
-                column = from_numbers(np.array(rows, dtype=np.float64))
+                rows = [row[place] if row is not None and len(row) > place else None for row in column.to_pylist()]
+                column = pa.array(rows, column.type.value_type)
             else:
                 column = pc.list_element(column, place)
         values.append(column)
@@ -157,11 +170,62 @@ class _NamedTable:
         return {f"{signal}_{joint}": (signal, joint) for signal in self.signals for joint in self.joints}
 
 
-class WordCellsSource(FileSource):
-    """A file with written times in seconds, and signals called by the names of joints in its cells."""
+_QUANTITY = (
+    r"^\s{0,9}(?P<value>[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)\s{0,9}"
+    r"(?P<unit>[A-Za-z°µμ%‰][A-Za-z°µμ%‰/*·^.²0-9]{0,9}(?: [A-Za-z]{1,4})?)\s{0,9}$"
+)
+"""12.5 Nm, as some loggers write a number with its unit."""
+_HEXADECIMAL = re.compile(r"^0[xX][0-9A-Fa-f]{1,8}$")
 
-    def __init__(self, source: FileSource, times: Sequence[str], named: Sequence[_NamedTable]) -> None:
-        self._source, self._times = source, frozenset(times)
+
+def find_quantities(texts: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Return the unit of columns whose cells are all numbers with that unit behind them."""
+    units = {}
+    for name, cells in texts.items():
+        parts = [re.match(_QUANTITY, cell) for cell in cells if cell]
+        found = {part["unit"] for part in parts if part is not None}
+        if parts and None not in parts and len(found) == 1:
+            units[name] = found.pop()
+    return units
+
+
+def find_hexadecimals(texts: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the columns whose cells are all whole numbers with the base 16, such as 0x1F."""
+    return [name for name, cells in texts.items() if any(cells) and all(map(_HEXADECIMAL.match, filter(None, cells)))]
+
+
+def _parse_quantities(column: pa.Array) -> pa.Array:
+    value = pc.struct_field(pc.extract_regex(column, _QUANTITY), "value")
+    return parse_numbers(pc.replace_substring(value, ",", "."))
+
+
+def _parse_hexadecimals(column: pa.Array) -> pa.Array:
+    # Few bits give few different texts; each is read once.
+    coded = pc.dictionary_encode(column)
+    numbers = [
+        float(int(text, 16)) if text is not None and _HEXADECIMAL.match(text) else None
+        for text in coded.dictionary.to_pylist()
+    ]
+    return pa.array(numbers, pa.float64()).take(coded.indices)
+
+
+class WordCellsSource(FileSource):
+    """A file with written times in seconds, numbers with their units, and signals named by the joints in its cells."""
+
+    def __init__(
+        self,
+        source: FileSource,
+        times: Sequence[str],
+        named: Sequence[_NamedTable],
+        quantities: Mapping[str, str],
+        hexadecimals: Sequence[str],
+    ) -> None:
+        self._source = source
+        self._parsers = {
+            **dict.fromkeys(times, parse_seconds),
+            **dict.fromkeys(quantities, _parse_quantities),
+            **dict.fromkeys(hexadecimals, _parse_hexadecimals),
+        }
         self._places = {column: (table, *place) for table in named for column, place in table.list_columns().items()}
         used_columns = {
             column for table in named for columns in (table.names, *table.signals.values()) for column in columns
@@ -173,9 +237,10 @@ class WordCellsSource(FileSource):
             for name, (table, signal, _) in self._places.items()
             if (columns := table.signals[signal])[0] in source.units
         }
-        super().__init__([*names, *self._places], {**units, **dict.fromkeys(times, "s")})
-        self.sample_rows, self.remarks = source.sample_rows, source.remarks
-        self.texts = {name: cells for name, cells in source.texts.items() if name in names and name not in self._times}
+        super().__init__([*names, *self._places], {**units, **quantities, **dict.fromkeys(times, "s")})
+        self.sample_rows, self.inner, self.clocks = source.sample_rows, source, source.clocks
+        still_words = frozenset(names) - self._parsers.keys()
+        self.texts = {name: cells for name, cells in source.texts.items() if name in still_words}
         # Where rows are of one joint each, those of the others are empty in them.
         self.has_gaps = source.has_gaps or any(len(table.joints) > len(table.names) for table in named)
 
@@ -203,7 +268,7 @@ class WordCellsSource(FileSource):
     ) -> pa.Array:
         if name not in self._places:
             column = batch.column(name)
-            return parse_seconds(column) if name in self._times else column
+            return self._parsers[name](column) if name in self._parsers else column
         table, signal, joint = self._places[name]
         # All signals of a table share the order of its names, which is found once for each batch.
         if table.names not in orders:
@@ -257,7 +322,11 @@ def read_word_cells(source: FileSource) -> FileSource:
     named = _find_named_tables(
         source, {name: cells for name, cells in source.texts.items() if name not in times} | _find_joint_ids(source)
     )
-    return WordCellsSource(source, times, named) if times or named else source
+    words = {name: cells for name, cells in source.texts.items() if name not in times}
+    quantities, hexadecimals = find_quantities(words), find_hexadecimals(words)
+    if not (times or named or quantities or hexadecimals):
+        return source
+    return WordCellsSource(source, times, named, quantities, hexadecimals)
 
 
 def _find_named_tables(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_NamedTable]:
@@ -305,7 +374,7 @@ def _find_joint_ids(source: FileSource) -> dict[str, tuple[str, ...]]:
     if called is None or batch is None:
         return {}
     values = to_float_column(batch, called, 0)[:_ROWS]
-    # Rows of one motor stand between those of others, not in one stretch.
+    # Rows of one motor stand between those of others, not in one interval.
     if not np.isfinite(values).all() or (values != np.rint(values)).any() or np.mean(np.diff(values) != 0) < 0.5:
         return {}
     return {called: tuple(str(int(value)) for value in values)}

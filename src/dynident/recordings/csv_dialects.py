@@ -11,16 +11,23 @@ from dataclasses import dataclass, field
 
 from dynident.recordings.cells_without_numbers import make_counted_names
 from dynident.recordings.formats.text_streams import (
+    CHANGES_OF_CELLS,
     count_list_items,
     flatten_lists,
+    has_labelled_numbers,
     has_lists,
     join_open_lists,
+    keep_numbers,
+    name_labelled_numbers,
     squeeze_spaces,
 )
 from dynident.recordings.recording_metadata import RecordingError
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
+_ENGLISH = re.compile(r"^[+-]?\d{1,3}(?:,\d{3})+\.\d*$")
+"""A number with commas between thousands, and a decimal point."""
 _UNIT = re.compile(r"^[\[(]?[A-Za-zµμ°%‰·*./^²0-9 -]{0,12}[\])]?$")
+_NESTED = re.compile(r"[\[(]\s*[\[(][^\]\[()]*[\])]?\s*,\s*[\[(]|[\[(]\s*[\[(][-+.\d][^\]\[()]*,\s*[\[(]")
 _TUPLE = re.compile(r"^\(.*\)$")
 _LOOKED_AT = 1 << 16
 _ROWS = 200
@@ -34,7 +41,8 @@ class Dialect:
     """How a CSV file is written.
 
     `units` are those of a line of units below the names, `texts` the first cells of columns that hold words. `rewrite`
-    and `encoding` say how its lines become plain ones. `has_gaps`: cells of the first rows are empty.
+    and `encoding` say how its lines become plain ones. `has_gaps`: cells of the first rows are empty. `clocks` has the
+    column of time of every column that has its own. `remarks` say what is not plain.
     """
 
     delimiter: str
@@ -46,15 +54,18 @@ class Dialect:
     rewrite: tuple[Callable[[str], str], ...] = ()
     encoding: str = "utf-8"
     has_gaps: bool = False
+    clocks: dict[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass
 class _Header:
-    """Names, the number of lines above the first row, and units."""
+    """Names, the number of lines above the first row, units, and columns with their own time."""
 
     names: tuple[str, ...]
     lines: int
     units: dict[str, str] = field(default_factory=dict)
+    clocks: dict[str, str] = field(default_factory=dict)
 
 
 def detect_dialect(start: bytes) -> Dialect:
@@ -75,18 +86,32 @@ def detect_dialect(start: bytes) -> Dialect:
     Raises
     ------
     RecordingError
-        For a file that is no text, or holds nothing, or a name twice.
+        For a file that is no text, or holds nothing.
     """
     text, encoding = _decode_text(start)
+    rewrite: list[Callable[[str], str]] = []
+    for applies, change in CHANGES_OF_CELLS:
+        if applies(text):
+            text = change(text)
+            rewrite.append(change)
     original = text.splitlines()
     if len(start) == _LOOKED_AT and len(original) > 1:
         original.pop()  # it is cut off
     whole = join_open_lists(original)
-    rewrite: list[Callable[[str], str]] = []
+    if any(_NESTED.search(line) for line in whole[1:4]):
+        raise RecordingError(
+            "Cells hold lists within lists: write one column for each number, or arrays of one kind of signal, "
+            '"[0.1, 0.2]".',
+            title="Unreadable file",
+        )
     if has_lists(whole):
         original = whole
         rewrite.append(flatten_lists)
-    lines = flatten_lists("\n".join(original)).splitlines() if rewrite else original
+    lines = flatten_lists("\n".join(original)).splitlines() if flatten_lists in rewrite else original
+    if has_labelled_numbers(lines):
+        names = name_labelled_numbers(lines[-1])
+        remark = "The lines are numbers with words before them: the words are taken for the names of columns."
+        return Dialect(",", ".", names, 0, rewrite=(*rewrite, keep_numbers), encoding=encoding, remarks=(remark,))
     if _is_aligned(lines):
         rewrite.append(squeeze_spaces)
         lines = squeeze_spaces("\n".join(lines)).splitlines()
@@ -96,12 +121,11 @@ def detect_dialect(start: bytes) -> Dialect:
     delimiter, comma, header = _read_header(lines, first)
     if flatten_lists in rewrite:
         header.names = _name_list_columns(header, original, delimiter)
+    rows = [_split_fields(line, delimiter) for line in lines[header.lines : header.lines + _ROWS] if line.strip()]
+    header.names = _fit_last_name(header.names, rows)
     if "" in header.names and header.names.count("") > 1:
         header.names = tuple(name or f"column{index + 1}" for index, name in enumerate(header.names))
-    repeated = {name for name, count in Counter(header.names).items() if name and count > 1}
-    if repeated:
-        raise RecordingError(f"Column {min(repeated)} occurs more than once in the file.", pointer=min(repeated))
-    rows = [_split_fields(line, delimiter) for line in lines[header.lines : header.lines + _ROWS] if line.strip()]
+    header.names, remarks = _number_repeated_names(header.names)
     # Lines with another number of cells, such as remarks between the rows, say nothing of the columns.
     rows = [row for row in rows if len(row) == len(header.names)]
     return Dialect(
@@ -114,6 +138,8 @@ def detect_dialect(start: bytes) -> Dialect:
         tuple(rewrite),
         encoding,
         has_gaps=any(not cell or cell.casefold() in _NO_NUMBERS for row in rows for cell in row),
+        clocks=header.clocks,
+        remarks=remarks,
     )
 
 
@@ -121,8 +147,80 @@ dialect_bytes = _LOOKED_AT
 """So many bytes are looked at."""
 
 
+def _fit_last_name(names: tuple[str, ...], rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return names for as many cells as the rows have, where a separator ends either the rows or the names."""
+    widths = Counter(map(len, rows)).most_common(1)
+    width = widths[0][0] if widths else len(names)
+    if width == len(names) + 1 and not any(row[-1] for row in rows if len(row) == width):
+        return (*names, f"column{width}")
+    return names[:-1] if width == len(names) - 1 and not names[-1] else names
+
+
+def _number_repeated_names(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return names that differ, those that stand several times numbered in their order, and a remark on them."""
+    repeated = [name for name, count in Counter(names).items() if name and count > 1]
+    if not repeated:
+        return names, ()
+    numbers = dict.fromkeys(repeated, 0)
+    numbered = []
+    for name in names:
+        if name in numbers:
+            numbers[name] += 1
+            numbered.append(f"{name}_{numbers[name]}")
+        else:
+            numbered.append(name)
+    # A name with a number is that of one joint: one of the two is a mistake, and nothing says which.
+    if len(set(numbered)) < len(numbered) or any(name[-1].isdigit() for name in repeated):
+        raise RecordingError(
+            f"Column {repeated[0]} occurs more than once in the file; give every column a name of its own.",
+            pointer=repeated[0],
+        )
+    remark = f"Several columns have the same name ({', '.join(repeated[:6])}): they are numbered as they stand there."
+    return tuple(numbered), (remark,)
+
+
+_NAMES_OF_CHANNELS = ("symbolname", "name", "signal", "channel", "kanal")
+"""Lines of a head of channels that name them, the best first."""
+
+
+def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header] | None:
+    """Return the names of channels that each have two columns, of time and of values; None for other files.
+
+    Above such columns stands a key in every column of time, and what it says of the channel in the one beside it, as a
+    scope writes it: `Name;Axis1.Position;Name;Axis2.Position`.
+    """
+    body = next((number for number in range(first, len(lines)) if _is_data(lines[number])), None)
+    if body is None or body == first:
+        return None
+    delimiter = next((sign for sign in "\t;|," if sign in lines[body]), ",")
+    fields = _split_fields(lines[body], delimiter)
+    width = len(fields)
+    head: dict[str, list[str]] = {}
+    for line in lines[first:body]:
+        cells = _split_fields(line, delimiter)
+        # The last values of a line may be empty, and their separator missing.
+        cells += [""] * (width - len(cells)) if len(cells) == width - 1 else []
+        if len(cells) == width and cells[0] and set(cells[::2]) == {cells[0]} and not _is_number(cells[0]):
+            head[cells[0].casefold()] = cells[1::2]
+    if width < 4 or width % 2 or not head:
+        return None
+    whole = (values for key in (*_NAMES_OF_CHANNELS, *head) if (values := head.get(key)) and all(values))
+    names = next((values for values in whole if len(set(values)) == len(values)), None)
+    if names is None:
+        return None
+    times = [f"{name}.time" for name in names]
+    step = next((key for key in head if key.startswith("sampletime")), "")
+    unit = step.partition("[")[2].strip("] ")
+    columns = tuple(column for pair in zip(times, names, strict=True) for column in pair)
+    comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for cell in fields)
+    units = dict.fromkeys(times, unit) if unit else {}
+    return delimiter, comma, _Header(columns, body, units, dict(zip(names, times, strict=True)))
+
+
 def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     """Return the separator, whether numbers have commas, and the names; `first` is the first line with text."""
+    if (channels := _read_channel_head(lines, first)) is not None:
+        return channels
     header = first
     # Further comment lines may stand before the names; the names are the last of them.
     while header + 1 < len(lines) and lines[header + 1].lstrip().startswith(("#", "%")):
@@ -138,10 +236,15 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
         counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_split_fields(below[1], delimiter))
         return delimiter, comma, _Header(_number_columns(len(fields)), header + counts)
     delimiter = _find_delimiter(text)
-    if (names := _name_message_columns(below, delimiter)) is not None:
+    width = Counter(len(_split_fields(line, delimiter)) for line in below).most_common(1)[0][0]
+    # Messages of other senders, with fewer joints, may stand between those of the arm. A line of names has no numbers.
+    has_numbers = any(map(_is_number, _split_fields(text, delimiter)))
+    messages = [line for line in below if len(_split_fields(line, delimiter)) == width] if has_numbers else []
+    if (names := _name_message_columns(messages, delimiter)) is not None:
         return delimiter, False, _Header(names, header)
     names = tuple(_format_name(field) for field in _split_fields(text, delimiter))
     rows = header + 1
+    delimiter = _find_delimiter_of_rows(lines[rows : rows + 20], len(names)) or delimiter
     if sum(map(bool, names)) - len({name for name in names if name}) > 1 and rows < len(lines):
         # Names in two lines: of the signal, which is repeated, and of the joint.
         second = _split_fields(lines[rows], delimiter)
@@ -155,7 +258,8 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     rows += bool(units)
     fields = [cell for line in lines[rows : rows + 20] if line.strip() for cell in _split_fields(line, delimiter)]
     # A comma inside a cell can only be a decimal one if something else separates the cells.
-    comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for cell in fields)
+    grouped = any(map(_ENGLISH.match, fields))
+    comma = delimiter != "," and not grouped and any("," in cell and _NUMBER.match(cell) for cell in fields)
     return delimiter, comma, _Header(names, rows, units)
 
 
@@ -163,6 +267,10 @@ def _decode_text(start: bytes) -> tuple[str, str]:
     """Return the first bytes as text, and their encoding."""
     if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return start.decode("utf-16", errors="ignore"), "utf-16"
+    # Without a mark every second byte of western text is 0.
+    for odd, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+        if len(start) > 2 and start[odd::2].count(0) > 0.9 * len(start[odd::2]) and 0 not in start[1 - odd :: 2]:
+            return start.decode(encoding, errors="ignore"), encoding
     if b"\0" in start:
         raise RecordingError(
             "The file is neither Parquet nor text, nor in another known format.", title="Unreadable file"
@@ -184,6 +292,16 @@ def _find_delimiter(text: str) -> str:
     return delimiter
 
 
+def _find_delimiter_of_rows(lines: Sequence[str], width: int) -> str | None:
+    """Return what separates the numbers of rows, where another sign than that between the names gives as many."""
+    rows = [line for line in lines if line.strip()]
+    for delimiter in ";\t|, ":
+        cells = [_split_fields(line.strip(), delimiter) for line in rows]
+        if rows and width > 1 and all(len(row) == width and all(map(_NUMBER.match, row)) for row in cells):
+            return delimiter
+    return None
+
+
 def _split_fields(line: str, delimiter: str) -> list[str]:
     if '"' in line:
         return [cell.strip().strip('"').strip() for cell in next(csv.reader([line.strip()], delimiter=delimiter), [""])]
@@ -198,7 +316,10 @@ def empty_repeated_names(text: str, dialect: Dialect) -> str:
         if line[:1] in "0123456789-+.":
             continue
         fields = [_format_name(field) for field in _split_fields(line.strip(), dialect.delimiter)]
-        if len(fields) == len(dialect.names) and 2 * sum(map(str.__eq__, fields, dialect.names)) >= len(fields):
+        if len(fields) != len(dialect.names):
+            continue
+        # Units stand below the names there, too: such a line has no number either.
+        if 2 * sum(map(str.__eq__, fields, dialect.names)) >= len(fields) or not any(map(_is_number, fields)):
             lines[number] = "\n"
     return "".join(lines)
 

@@ -15,7 +15,15 @@ MOST_FILES = 64
 
 
 def pack_files(files: Sequence[tuple[str, Path]], target: Path) -> None:
-    """Write an archive (.zip) of files by their names; the same files give the same bytes."""
+    """Write an archive (.zip) of files by their names; the same files give the same bytes.
+
+    Parameters
+    ----------
+    files : sequence of (str, path)
+        Name in the archive and place of every file.
+    target : path
+        The archive that is written.
+    """
     with ZipFile(target, "w", ZIP_STORED) as archive:
         for name, path in files:
             # ZipInfo without a date: the archive depends on the content alone.
@@ -124,8 +132,11 @@ def check_readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
     joined = Path(JOINT.join(map(str, several)))
     for part in split_path(joined):
         if part.is_dir():
+            bags = [file for kind in ("*.db3", "*.mcap") for file in sorted(part.glob(kind))]
             raise DynidentError(
-                f"{part} is a folder; give the files in it one by one, read_recordings(*Path(…).glob('*.csv'), …)",
+                f"{part} is the folder of a bag; give the file in it: {bags[0]}"
+                if bags
+                else f"{part} is a folder; give the files in it one by one, read_recordings(*Path(…).glob('*.csv'), …)",
                 pointer=str(part),
                 title="No such file",
             )

@@ -18,12 +18,12 @@ from dynident.recordings.recording import are_readings
 from dynident.recordings.recording_metadata import RecordingError
 
 MAX_ROWS = 1 << 18
-STRETCHES = 16
+INTERVALS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class RawSample:
-    """Raw rows in SI units from evenly spread stretches of a file.
+    """Raw rows in SI units from evenly spread intervals of a file.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ class SampleCollector:
         self._n = n
         self._dq = kinds.index("dq") * n if "dq" in kinds else None
         complete = n_rows <= MAX_ROWS
-        length = n_rows if complete else MAX_ROWS // STRETCHES
-        count = 1 if complete else STRETCHES
+        length = n_rows if complete else MAX_ROWS // INTERVALS
+        count = 1 if complete else INTERVALS
         starts = np.linspace(0, n_rows - length, count).astype(np.int64)
         self._intervals = [(int(start), int(start) + length) for start in starts]
         self._parts: list[tuple[IntArray, RawRows, BoolArray]] = []
@@ -141,8 +141,12 @@ class FileSource:
     """The first cells of columns that hold words, by their names."""
     has_gaps = False
     """Whether cells of the first rows are empty."""
-    remarks: tuple[str, ...] = ()
-    """What was done to read the file, where that is not plain."""
+    own_remarks: tuple[str, ...] = ()
+    """What this object does to read the file, where that is not plain."""
+    inner: FileSource | None = None
+    """The source that this one reads from."""
+    clocks: Mapping[str, str] = MappingProxyType({})
+    """Columns with a time of their own: of their names to the column of that time."""
     stated_rate: float | None = None
     """Hz of the rows by what the file says beside its columns, such as a sampling time."""
 
@@ -152,6 +156,11 @@ class FileSource:
             _check_name(name)
         self.names = list(names)
         self.units = dict(units or {})
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was done to read the file, where that is not plain; complete after its rows were read."""
+        return (*(() if self.inner is None else self.inner.remarks), *self.own_remarks)
 
     def blocks(self) -> Iterator[FloatArray]:
         """Yield all columns as they are, (m, columns) at a time; what is no number is NaN."""

@@ -23,9 +23,9 @@ from dynident.recordings.preprocessing import Preprocessing, choose_preprocessin
 from dynident.recordings.recording import Recording, SampleBlock, Segment
 
 MAX_ROWS = 10_000
-"""Decimated rows to look at, from stretches evenly spread over the recording."""
+"""Decimated rows to look at, from intervals evenly spread over the recording."""
 
-STRETCHES = 8
+INTERVALS = 8
 BLOCKS = 12
 """Blocks of time for the jackknife: neighbouring rows are not independent."""
 
@@ -322,8 +322,8 @@ def shorten_recording(recording: Recording, decimation: int) -> Recording:
     allowed = MAX_ROWS * decimation
     if recording.n_samples <= allowed:
         return recording
-    length = allowed // STRETCHES
-    share = recording.n_samples / STRETCHES
+    length = allowed // INTERVALS
+    share = recording.n_samples / INTERVALS
     segments: list[Segment] = []
     for segment in recording.segments:
         pieces = max(1, round(segment.length / share))

@@ -225,7 +225,23 @@ def _unit_of_same_kind(kind: str, unit: str, limit: JointLimits, limits: tuple[J
 
 
 def has_other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
-    """Return whether a position makes sense in degrees (millimetres), and none in radians (metres)."""
+    """Return whether a position makes sense in degrees (millimetres), and none in radians (metres).
+
+    Parameters
+    ----------
+    limit : JointLimits
+        Limits of the joint, rad or m, and their rates.
+    low, high : float
+        Range of the position as it is stated.
+    rate : float
+        Speed that the position reaches, in its unit per second.
+    small : float
+        Radians in a degree, or metres in a millimetre.
+
+    Returns
+    -------
+    bool
+    """
     if limit.position is not None:
         lower, upper = limit.position
         slack = 0.1 * (upper - lower)

@@ -82,7 +82,19 @@ class SampleHashes:
 
 
 def find_copied_recordings(fitted: Sequence[SampleHashes], held_out: Sequence[Recording]) -> tuple[str, ...]:
-    """Return the names of held-out recordings that hold samples of those that were fitted to."""
+    """Return the names of held-out recordings that hold samples of those that were fitted to.
+
+    Parameters
+    ----------
+    fitted : sequence of SampleHashes
+        Hashes of the recordings that parameters were fitted to.
+    held_out : sequence of Recording
+        Recordings that no parameter should have seen.
+
+    Returns
+    -------
+    tuple of str
+    """
     own = ((recording.name, SampleHashes.from_recording(recording)) for recording in held_out)
     return tuple(name for name, samples in own if any(samples.measure_share_in(other) > SHARED for other in fitted))
 

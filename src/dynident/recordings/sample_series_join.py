@@ -51,8 +51,8 @@ class SparseSource(FileSource):
         super().__init__(source.names, source.units)
         self.sample_rows = source.sample_rows
         others = ", ".join(_name_columns(columns) for name, columns in pattern.series.items() if name != pattern.main)
-        self.remarks = (
-            *source.remarks,
+        self.inner = source
+        self.own_remarks = (
             f"Signals are on different rows: the rows of {_name_columns(pattern.series[pattern.main])} are used, and "
             f"{others} are interpolated linearly at those times.",
         )
@@ -143,6 +143,92 @@ def join_sparse_rows(source: FileSource) -> FileSource:
         return source
     pattern = _find_pattern(source)
     return source if pattern is None else SparseSource(source, pattern)
+
+
+class OwnClocksSource(FileSource):
+    """A table whose columns have times of their own: read at those of the most frequent one.
+
+    Parameters
+    ----------
+    source : FileSource
+        The table as it is.
+    series : mapping of str to sequence of str
+        Columns that share a time, by the first of their columns of time.
+    steps : mapping of str to float
+        Usual step of each time.
+    """
+
+    def __init__(self, source: FileSource, series: Mapping[str, Sequence[str]], steps: Mapping[str, float]) -> None:
+        self._source, self._series, self._steps = source, series, steps
+        self._main = min(series, key=lambda time: steps[time])
+        clocks = set(source.clocks.values())
+        names = [name for name in source.names if name not in clocks]
+        super().__init__([_TIME, *names], {name: unit for name, unit in source.units.items() if name not in clocks})
+        if self._main in source.units:
+            self.units[_TIME] = source.units[self._main]
+        self.sample_rows, self.texts, self.inner = source.sample_rows, source.texts, source
+        # Empty cells below the shorter columns are filled as the series are joined.
+        self.has_gaps = source.has_gaps and len(series) == 1
+        if len(series) > 1:
+            self.own_remarks = ("Columns have times of their own: they are interpolated at the times of the fastest.",)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        stored = [self._main if name == _TIME else name for name in columns]
+        if len(self._series) == 1:
+            for batch in self._source.batches(list(dict.fromkeys(stored))):
+                yield pa.RecordBatch.from_arrays([batch.column(name) for name in stored], names=columns)
+            return
+        own = {time: [name for name in columns if name in members] for time, members in self._series.items()}
+        own = {time: names for time, names in own.items() if names or time == self._main}
+        size = min(_BLOCK_SAMPLES, choose_block_rows(len(columns)))
+        join = TimeJoin({time: SampleSeries(names, self._steps[time]) for time, names in own.items()}, self._main, size)
+        first_row = 0
+        for batch in self._source.batches([*own, *(name for names in own.values() for name in names)]):
+            for time, names in own.items():
+                t = to_float_column(batch, time, first_row)
+                table = [to_float_column(batch, name, first_row) for name in names]
+                has_time = np.isfinite(t)
+                values = np.column_stack(table) if table else np.empty((len(t), 0))
+                join.add(time, t[has_time], names, values[has_time])
+            first_row += batch.num_rows
+            if join.is_full:
+                yield from self._make_batch(join.rows(), own, columns)
+        yield from self._make_batch(join.rows(last=True), own, columns)
+
+    def _make_batch(
+        self, joined: JoinedSamples, own: Mapping[str, Sequence[str]], columns: list[str]
+    ) -> Iterator[pa.RecordBatch]:
+        if len(joined.times):
+            values = {_TIME: joined.times}
+            for time, names in own.items():
+                values |= {name: joined.values[time][:, place] for place, name in enumerate(names)}
+            yield batch_from_arrays(values, columns)
+
+
+_TIME = "time"
+"""What the time is called that all columns get."""
+
+
+def join_own_clocks(source: FileSource) -> FileSource:
+    """Return the file with one time for all columns, if they have times of their own; else the same object."""
+    if not source.clocks:
+        return source
+    first = next(iter(source.batches(list(dict.fromkeys(source.clocks.values())))), None)
+    if first is None:
+        return source
+    series: dict[bytes, list[str]] = {}
+    times: dict[bytes, str] = {}
+    for name, clock in source.clocks.items():
+        stamps = to_float_column(first, clock, 0).tobytes()
+        # Channels of one sampling time have the same stamps.
+        series.setdefault(stamps, []).append(name)
+        times.setdefault(stamps, clock)
+    steps = {}
+    for clock in times.values():
+        step = np.diff(to_float_column(first, clock, 0))
+        step = step[np.isfinite(step) & (step > 0)]
+        steps[clock] = float(np.median(step)) if len(step) else np.inf
+    return OwnClocksSource(source, {times[stamps]: names for stamps, names in series.items()}, steps)
 
 
 def _name_columns(columns: Sequence[str]) -> str:

@@ -12,6 +12,7 @@ from dynident.errors import Remedy
 from dynident.number_format import format_percent
 from dynident.recordings.file_source import RawRows
 from dynident.recordings.recording_metadata import Check, RecordingError, Revision
+from dynident.recordings.units import format_time
 
 _FINEST = 1e-9
 """s: steps that differ by less are the same."""
@@ -82,10 +83,10 @@ class EvenClockScan:
             later = number > 0
             # The k-th row after the start lies within a tick of k periods: each stamp bounds the period from both
             # sides, the later the closer.
-            elapsed, room = part[later] - self._start, _ROUNDING * self._tick
+            elapsed, tolerance = part[later] - self._start, _ROUNDING * self._tick
             if len(elapsed):
-                self._lowest = max(self._lowest, float(((elapsed - room) / number[later]).max()))
-                self._highest = min(self._highest, float(((elapsed + room) / number[later]).min()))
+                self._lowest = max(self._lowest, float(((elapsed - tolerance) / number[later]).max()))
+                self._highest = min(self._highest, float(((elapsed + tolerance) / number[later]).min()))
             # No period agrees with all stamps: they are not those of an even clock.
             if self._lowest > self._highest:
                 self._possible = False
@@ -346,7 +347,8 @@ class TimeScan:
         if (steps[same] < 0).mean() > BACKWARD_SHARE:
             cure = "It does so in nearly every row: the rows are in reverse order. Write the earliest row first."
         raise RecordingError(
-            f"Column {self.name} goes back from {t[at]:.6g} s to {t[at + 1]:.6g} s in row {row}. {cure}",
+            f"Column {self.name} goes back from {format_time(t[at])} s to {format_time(t[at + 1])} s in row {row}. "
+            f"{cure}",
             pointer=self.name,
             title="Unsorted time",
             row=row,
@@ -455,19 +457,19 @@ def _check_gaps(base: TimeBase, column: str) -> Check:
             "gaps",
             "error",
             f"Gaps take {format_percent(base.missing, 2)} of the time (gaps: {base.n_gaps}); the first is "
-            f"{first.length:.4g} s long, after t = {first.start:.6g} s (row {first.row}). Too few samples are left. "
-            "Record without dropping samples, or choose windows without gaps.",
+            f"{first.length:.4g} s long, after t = {format_time(first.start)} s (row {first.row}). Too few samples are "
+            "left. Record without dropping samples, or choose windows without gaps.",
             column,
             first.row,
             first.start,
         )
-    others = "" if base.n_gaps == 1 else f" and {base.n_gaps - 1} more (the next at {base.gaps[1].start:.6g} s)"
+    more = f" and {base.n_gaps - 1} more (the next at {format_time(base.gaps[1].start)} s)" if base.n_gaps > 1 else ""
     return Check(
         "gaps",
         "warning",
-        f"There are no samples for {first.length:.4g} s after t = {first.start:.6g} s (row {first.row}){others}. The "
-        "recording is split there, and no filter runs across the gap; the filter loses about a second on either side. "
-        "If possible, record without dropping samples.",
+        f"There are no samples for {first.length:.4g} s after t = {format_time(first.start)} s (row {first.row}){more}."
+        " The recording is split there, and no filter runs across the gap; the filter loses about a second on either "
+        "side. If possible, record without dropping samples.",
         column,
         first.row,
         first.start,

@@ -16,6 +16,7 @@ from dynident.recordings.arrow_tables import from_numbers, to_floats
 from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_source import FileSource, RawRows, RawSource, to_float_column
 from dynident.recordings.recording_metadata import Check
+from dynident.recordings.units import format_time
 
 NEAR_BEGINNING = 0.1
 """Share of the time since a run began, from its beginning on, to which a clock goes back that starts again."""
@@ -26,13 +27,19 @@ FEWEST_STEPS = 20.0
 
 @dataclass
 class RunLabels:
-    """Numbers the runs of a file, block by block."""
+    """Numbers the runs of a file, block by block.
+
+    A run begins where the time starts again, and where the clock is put back: it then goes on evenly on both sides,
+    while rows that are in a wrong order are reached by a jump forward.
+    """
 
     restarts: list[tuple[int, float, float]] = field(default_factory=list)
     """Data row, from 1, and the times before it and in it."""
     _begin: float = np.nan
     _last: float = np.nan
     _step: float = 0.0
+    _jump: int = -1
+    """Row of the file, from 0, that was last reached by a jump forward."""
 
     def label_rows(self, first_row: int, t: FloatArray) -> IntArray:
         """Return the number of the run of each row (m,), from 0."""
@@ -49,12 +56,20 @@ class RunLabels:
             self._begin = float(t[0])
         # Where no step goes forward the whole file runs backward: it has no runs.
         restarts = np.flatnonzero(steps < -FEWEST_STEPS * self._step) if self._step else ()
+        jumps = np.flatnonzero(steps > FEWEST_STEPS * self._step) if self._step else np.empty(0, dtype=np.int64)
         for row in restarts:
+            earlier = jumps[jumps < row]
+            jump = first_row + int(earlier[-1]) if len(earlier) else self._jump
+            overlap = (before[row] - t[row]) / self._step + FEWEST_STEPS
             # Back to near the beginning of the run: rows that were only exchanged, or written late, go back less far.
-            if t[row] <= self._begin + NEAR_BEGINNING * (before[row] - self._begin):
+            if t[row] <= self._begin + NEAR_BEGINNING * (before[row] - self._begin) or (
+                first_row + int(row) - jump > overlap and jump < first_row + int(row)
+            ):
                 self.restarts.append((first_row + int(row) + 1, float(before[row]), float(t[row])))
                 self._begin = float(t[row])
                 labels[row:] = len(self.restarts)
+        if len(jumps):
+            self._jump = first_row + int(jumps[-1])
         self._last = float(t[-1])
         return labels
 
@@ -65,6 +80,7 @@ class RestartingSource:
     def __init__(self, source: RawSource) -> None:
         self._source = source
         self._labels = RunLabels()
+        self._without_time: list[int] = []
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
         """Yield t and the runs alone; values are empty."""
@@ -77,30 +93,59 @@ class RestartingSource:
     def checks(self, column: str) -> list[Check]:
         """Report where the time started again, after its rows were read."""
         restarts = self._labels.restarts
+        without = self._report_rows_without_time(column)
         if not restarts:
-            return []
+            return without
         row, before, time = restarts[0]
         more = f", and later again ({len(restarts)} times in all)" if len(restarts) > 1 else ""
         return [
+            *without,
             Check(
                 "time_restarts",
                 "warning",
-                f"Column {column} goes back from {before:.6g} to {time:.6g} s in row {row}{more}: the file is read as "
-                f"{len(restarts) + 1} segments, and no filter runs across their borders. A column `segment` of whole "
-                "numbers also separates segments.",
+                f"Column {column} goes back from {format_time(before)} to {format_time(time)} s in row {row}{more}: "
+                f"the file is read as {len(restarts) + 1} segments, and no filter runs across their borders. A column "
+                "`segment` of whole numbers also separates segments.",
                 column,
                 row,
                 time,
                 rows={column: tuple(restart[0] for restart in restarts)},
-            )
+            ),
         ]
 
     def _label_blocks(self, blocks: Iterator[RawRows], layout: Layout) -> Iterator[RawRows]:
         # The file is read more than once: each pass counts anew.
         self._labels = RunLabels()
-        for rows in blocks:
+        self._without_time = []
+        for block in blocks:
+            rows = self._cut_ends(block)
             labels = rows.segment if layout.segment is not None else self._labels.label_rows(rows.first_row, rows.t)
             yield rows._replace(segment=labels)
+
+    def _cut_ends(self, rows: RawRows) -> RawRows:
+        """Return the rows without those at either end that have no time, such as means below a table."""
+        good = np.flatnonzero(np.isfinite(rows.t))
+        if len(good) == len(rows.t) or not len(good):
+            return rows
+        first, last = int(good[0]), int(good[-1]) + 1
+        numbers = [*range(first), *range(last, len(rows.t))]
+        if len(numbers) > MOST_WITHOUT_TIME * len(rows.t):
+            return rows
+        self._without_time += [rows.first_row + number + 1 for number in numbers]
+        part = slice(first, last)
+        return RawRows(rows.first_row + first, rows.t[part], rows.segment[part], rows.values[part])
+
+    def _report_rows_without_time(self, column: str) -> list[Check]:
+        if not self._without_time:
+            return []
+        first = self._without_time[0]
+        count = f"{len(self._without_time)} rows have" if len(self._without_time) > 1 else "1 row has"
+        detail = f"{count} no number in {column}, the first is row {first}: left out."
+        return [Check("rows_left_out", "warning", detail, column, first, rows={column: tuple(self._without_time)})]
+
+
+MOST_WITHOUT_TIME = 0.01
+"""Share of the rows that may stand without a time at the ends of a file."""
 
 
 _NAME = re.compile(
@@ -213,7 +258,7 @@ class StatedRateSource(FileSource):
         names = [name for name in source.names if name != _TIME]
         super().__init__([_TIME, *names], {**source.units, _TIME: "s"})
         self.sample_rows, self.texts = source.sample_rows, source.texts
-        self.has_gaps, self.remarks = source.has_gaps, source.remarks
+        self.has_gaps, self.inner = source.has_gaps, source
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         needed = [name for name in columns if name != _TIME]
@@ -256,7 +301,7 @@ class SplitStampSource(FileSource):
     def __init__(self, source: FileSource, pairs: dict[str, tuple[str, str]]) -> None:
         self._source, self._pairs = source, pairs
         self.sample_rows, self.texts = source.sample_rows, source.texts
-        self.has_gaps, self.remarks = source.has_gaps, source.remarks
+        self.has_gaps, self.inner, self.clocks = source.has_gaps, source, source.clocks
         super().__init__([*pairs, *source.names], {**source.units, **dict.fromkeys(pairs, "s")})
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:

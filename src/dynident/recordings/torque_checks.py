@@ -24,8 +24,8 @@ RUN = 5
 AGAINST_DOUBT, AGAINST_CERTAIN = -2.0, -2.8
 """Joint evidence (standard errors) of a torque against its motion."""
 
-AROUND, MOST_STRETCHES = 0.2, 20
-"""s left out on either side of a plateau, about what filters smear; and so many stretches at most."""
+AROUND, MOST_INTERVALS = 0.2, 20
+"""s left out on either side of a plateau, about what filters smear; and so many intervals at most."""
 
 OWNED, LEAST_OWNED = 2e-3, 1e-3
 """Share of a torque's variance that another joint's friction has to explain to be seen, and what counts as nothing."""
@@ -143,7 +143,7 @@ def _exclude_plateaus(flat: BoolArray, t: FloatArray) -> Revision | None:
     # Plateaus whose margins touch become one excluded interval.
     starts = np.concatenate([[True], np.diff(at) > 2.0 * AROUND])
     first = np.flatnonzero(starts)
-    if len(first) > MOST_STRETCHES:
+    if len(first) > MOST_INTERVALS:
         return None
     last = np.append(first[1:] - 1, len(at) - 1)
     whole = zip(at[first], at[last], strict=True)

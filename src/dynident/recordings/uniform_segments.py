@@ -25,7 +25,7 @@ TOO_CLOSE = 0.25
 
 
 class Resampler:
-    """Interpolates one gap-free stretch of samples at t0, t0 + T, t0 + 2 T, …; block borders leave no trace.
+    """Interpolates one gap-free segment of samples at t0, t0 + T, t0 + 2 T, …; block borders leave no trace.
 
     t0 is the time of the first sample, plus `lead` in s.
 
@@ -62,7 +62,7 @@ class Resampler:
         return rows
 
     def finish(self) -> FloatArray:
-        """End the stretch; return the grid rows up to its last sample."""
+        """End the segment; return the grid rows up to its last sample."""
         # A hundredth of a period: rounding must not cost the last row.
         count = floor((self._t[-1] - self._start) / self._period + 0.01) + 1 - self._n_given
         return self._interpolate_rows(count)
@@ -79,7 +79,7 @@ class Resampler:
 
 
 class ShiftedResampler:
-    """Resamples a stretch whose torque (columns n to 2 n) is read `delay` s later than the rest of a row."""
+    """Resamples a segment whose torque (columns n to 2 n) is read `delay` s later than the rest of a row."""
 
     def __init__(self, period: float, n: int, delay: float) -> None:
         self._n = n
@@ -102,7 +102,7 @@ class ShiftedResampler:
         return self._join_parts(self._rest.push(t, others), self._torque.push(t, torque))
 
     def finish(self) -> FloatArray:
-        """End the stretch; return the rows that have all their parts."""
+        """End the segment; return the rows that have all their parts."""
         return self._join_parts(self._rest.finish(), self._torque.finish())
 
     def _join_parts(self, others: FloatArray, torque: FloatArray) -> FloatArray:
@@ -149,7 +149,7 @@ def interpolate_samples(t: FloatArray, values: FloatArray, times: FloatArray, pe
         return values[nearest]
     result = _interpolate_linear(t, values, times, right)
     if m >= 4:
-        # At the ends of a stretch the cubic is not centred: there are no samples farther out.
+        # At the ends of a segment the cubic is not centred: there are no samples farther out.
         first = np.clip(right - 2, 0, m - 4)
         spread = np.diff(t)
         tight = spread < TOO_CLOSE * period
@@ -180,7 +180,7 @@ def _interpolate_cubic(t: FloatArray, values: FloatArray, times: FloatArray, fir
 
 
 SHORTEST = 8
-"""A stretch of fewer samples is left out: it is shorter than any filter."""
+"""A segment of fewer samples is left out: it is shorter than any filter."""
 
 
 class GridRows(NamedTuple):
@@ -282,7 +282,7 @@ class Segmenter:
         if self._resampler is None or self._open is None:
             return
         yield from self._store_rows(self._resampler.finish())
-        # Rows that are still held were too few: their stretch is dropped with them.
+        # Rows that are still held were too few: their segment is dropped with them.
         if not self._n_held and self._open.length:
             self._closed.append(self._open)
         self._resampler, self._open, self._held, self._n_held = None, None, [], 0
@@ -295,7 +295,7 @@ class Segmenter:
         done = segment.length + self._n_held
         grid = segment.start_time + (done + np.arange(len(values), dtype=np.float64)) * self._base.period
         rows = GridRows(grid, segment.label, values)
-        # Whether a stretch is long enough is known only later: until then its first rows wait.
+        # Whether a segment is long enough is known only later: until then its first rows wait.
         if done + len(values) < SHORTEST:
             self._held.append(rows)
             self._n_held += len(values)

@@ -12,11 +12,16 @@ from dynident.recordings.recording_metadata import RecordingError
 _DEGREE = pi / 180.0
 _LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "degree": _DEGREE, "degrees": _DEGREE, "rev": 2.0 * pi}
-_MOMENT = {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N mm": 1e-3, "N cm": 1e-2}
-_FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
+_KGF, _LBF, _INCH = 9.80665, 4.4482216152605, 0.0254
+MOMENTS = {
+    **{"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N mm": 1e-3, "N cm": 1e-2},
+    **{"kgf m": _KGF, "kgf cm": 1e-2 * _KGF, "kg cm": 1e-2 * _KGF, "gf cm": 1e-5 * _KGF},
+    **{"lbf ft": 12 * _INCH * _LBF, "lbf in": _INCH * _LBF, "ozf in": _INCH * _LBF / 16},
+}
+_FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": _KGF, "lbf": _LBF}
 
 FACTORS: dict[tuple[str, JointKind | None], dict[str, float]] = {
-    ("t", None): {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
+    ("t", None): {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "100ns": 1e-7, "min": 60.0, "h": 3600.0},
     ("q", "revolute"): _ANGLE,
     ("q", "prismatic"): _LENGTH,
     ("q_command", "revolute"): _ANGLE,
@@ -26,12 +31,12 @@ FACTORS: dict[tuple[str, JointKind | None], dict[str, float]] = {
     ("dq", "prismatic"): {f"{unit}/s": factor for unit, factor in _LENGTH.items()},
     ("ddq", "revolute"): {f"{unit}/s^2": factor for unit, factor in _ANGLE.items()},
     ("ddq", "prismatic"): {f"{unit}/s^2": factor for unit, factor in _LENGTH.items()},
-    ("tau", "revolute"): _MOMENT,
+    ("tau", "revolute"): MOMENTS,
     ("tau", "prismatic"): _FORCE,
     ("current", "revolute"): {"A": 1.0, "mA": 1e-3},
     ("current", "prismatic"): {"A": 1.0, "mA": 1e-3},
     ("base_force", None): _FORCE,
-    ("base_moment", None): _MOMENT,
+    ("base_moment", None): MOMENTS,
     ("temperature", "revolute"): {"degC": 1.0, "K": 1.0, "degF": 5.0 / 9.0},
     ("temperature", "prismatic"): {"degC": 1.0, "K": 1.0, "degF": 5.0 / 9.0},
 }
@@ -50,7 +55,19 @@ _COUNTS = re.compile(r"counts:(\d+(?:\.\d*)?(?:e\d+)?)(?:@(-?\d+(?:\.\d*)?))?", 
 COUNTS = "counts:N (N counts per turn or per metre; counts:N@Z if zero is at Z counts)"
 """Positions as an encoder counts them, and how that is written."""
 
+_SHARES = ("permille", "‰", "percent", "%")
+"""Shares of a rated torque, which differs from joint to joint."""
+
 KINDS = ("t", *JOINT_KINDS, "base_force", "base_moment")
+
+
+def format_time(t: float) -> str:
+    """Return a time in s as text: to the millisecond where it counts from 1970, of which six digits would be days."""
+    return f"{t:.6g}" if abs(t) < _LONGEST_RUN else f"{t:.3f}"
+
+
+_LONGEST_RUN = 1e5
+"""s: a day and more."""
 
 
 def find_our_unit(kind: str, joint: JointKind | None) -> str:
@@ -93,6 +110,13 @@ def find_conversion(kind: str, joint: JointKind | None, unit: str | None, where:
     for name, factor in factors.items():
         if _normalise_unit(name) == plain_unit:
             return factor, OFFSETS.get(name, 0.0)
+    if kind == "tau" and plain_unit.casefold() in _SHARES:
+        raise RecordingError(
+            f"{unit} of a rated torque is no unit of torque: name the columns as currents (current1, …), and give "
+            f"drive gains in N m per {unit}.",
+            pointer=f"/units/{where}",
+            title="Unknown unit",
+        )
     of = "" if joint is None else f" of a {joint} joint"
     counts = [COUNTS] if kind in ("q", "q_command") else []
     raise RecordingError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from math import ceil
 
 import numpy as np
@@ -14,6 +14,7 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.regressors.equation_forms import EquationForm
 from dynident.regressors.filtered_rows import SampleFunction, Samples, low_pass_samples, stream_samples
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.qr_accumulation import EquationRows, accumulate_equations
 from dynident.regressors.row_phases import RowPhases
 
@@ -300,9 +301,7 @@ def integrate_over_intervals(interval: float) -> Treatment:
 def reduce_form(
     form: EquationForm,
     treatment: Treatment,
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     progress: Progress = ignore_progress,
     memory: float = 0.0,
 ) -> Reduction:
@@ -316,12 +315,8 @@ def reduce_form(
         Its columns become the reduction's.
     treatment : Treatment
         What the model does with them: `stream_equations`, `filter_with_pole` or `integrate_over_intervals`.
-    recordings : sequence of Recording
-        The data.
-    preprocessing : Preprocessing
-        Filters, differentiation and decimation.
-    reference : ReferenceParameters
-        What torque is predicted with.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
     progress : Progress
         Hears of the share that is done.
     memory : float
@@ -332,6 +327,7 @@ def reduce_form(
     Reduction
         One equation for each equation of the form.
     """
+    preprocessing, reference = inputs.preprocessing, inputs.reference
     layout = form.layout
     n_entries = form.n_entries
     # Only the filtered dynamic model has one equation for each joint; power, energy and wrench mix all joints.
@@ -348,7 +344,7 @@ def reduce_form(
             yield EquationRows(t, rows, segment, None if phases is None else phases.find_used_rows(segment, t, memory))
 
     return accumulate_equations(
-        make_rows, [columns for _, columns in layout], form.observation.n_columns, recordings, progress
+        make_rows, [columns for _, columns in layout], form.observation.n_columns, inputs.recordings, progress
     )
 
 

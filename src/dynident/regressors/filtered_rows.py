@@ -15,7 +15,7 @@ from dynident.parallel import prefetch
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
 from dynident.recordings.joint_phases import Phase, PhaseArray
-from dynident.regressors.observation_matrix import FurtherSignals, Observation
+from dynident.regressors.observation_matrix import FurtherSignals, Observation, RegressorInputs
 from dynident.regressors.qr_accumulation import EquationRows, RestRows, accumulate_equations
 from dynident.regressors.row_phases import RowPhases, changes_at_rest, is_fitted
 
@@ -112,11 +112,14 @@ class SampleFunction:
             if self._observation.robot.linkage is not None:
                 self._observation.robot.linkage.check_closed(block.t[part], block.q[part])
             runs = [is_in_run(signal, self._recording, block.segment) for signal in self._observation.runs]
+            reference = self._reference.add_carried(
+                lambda labels: bool(is_in_run(RunSignal(labels), self._recording, block.segment))
+            )
             self._observation.evaluate(
                 block.q[part],
                 block.dq[part],
                 block.ddq[part],
-                reference=self._reference,
+                reference=reference,
                 memory=states[part],
                 further=FurtherSignals(
                     dddq=block.dddq[part],
@@ -375,9 +378,7 @@ def low_pass_samples(
 
 def reduce_recordings(
     observation: Observation,
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     progress: Progress = ignore_progress,
     samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None,
     at_rest: Observation | None = None,
@@ -392,12 +393,8 @@ def reduce_recordings(
     ----------
     observation : Observation
         W, whose columns become the reduction's.
-    recordings : sequence of Recording
-        The data.
-    preprocessing : Preprocessing
-        Filters, differentiation and decimation.
-    reference : ReferenceParameters
-        What torque is predicted with.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
     progress : Progress
         Hears of the share that is done.
     samples_of : function, optional
@@ -414,11 +411,13 @@ def reduce_recordings(
     """
     keeps_rest_rows = at_rest is not None
     splits_phases = by_phase or keeps_rest_rows
-    rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest, splits_phases)
+    rows_of = ObservationRows(observation, inputs.preprocessing, inputs.reference, samples_of, at_rest, splits_phases)
     columns = [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)] * (
         3 if splits_phases else 1
     )
-    reduction = accumulate_equations(rows_of, columns, observation.n_columns, recordings, progress, keeps_rest_rows)
+    reduction = accumulate_equations(
+        rows_of, columns, observation.n_columns, inputs.recordings, progress, keeps_rest_rows
+    )
     return merge_row_groups(reduction) if splits_phases else reduction
 
 

@@ -21,6 +21,7 @@ from dynident.effects import (
     get_effect,
     get_role,
 )
+from dynident.effects.predicted_torque_expressions import CarriedInertia
 from dynident.errors import DynidentError
 from dynident.regressors.base_parameters import (
     DEFAULT_TOLERANCE,
@@ -244,7 +245,8 @@ class Model:
         Returns
         -------
         ReferenceParameters
-            Standard inertial parameters of links; Ia, Fc, Fv and b of driven joints.
+            Standard inertial parameters of links, and of what they carry in some runs; Ia, Fc, Fv and b of driven
+            joints.
         """
         names = self.robot.joint_names
         links, inertias_of_rotors = self._solve_inertial_parameters(values)
@@ -253,12 +255,22 @@ class Model:
         for value, k in zip(inertias_of_rotors, rotors, strict=False):
             if self.columns[k].link in names:
                 drives[0, names.index(self.columns[k].link)] = value
+        carried: dict[tuple[str, ...], FloatArray] = {}
         # Values of one role on a joint add up, such as those of friction in all runs and in some of them.
         for column, value in zip(self.kept, values, strict=True):
+            if get_role(column) == "load":
+                inertias = carried.setdefault(column.runs, np.zeros((self.robot.tree.n, len(INERTIAL_NAMES))))
+                place = (
+                    self.robot.tree.joint_names.index(column.link),
+                    INERTIAL_NAMES.index(column.parameter.removesuffix("p")),
+                )
+                inertias[place] += value
             row = _DRIVE_ROWS.get(get_role(column))
             if row is not None and column.link in names:
                 drives[row, names.index(column.link)] += value
-        return ReferenceParameters(links.reshape(-1, 10), *drives)
+        loads = tuple(CarriedInertia(runs, inertias) for runs, inertias in carried.items())
+        rotors_of_joints, dry, damping, constant = drives
+        return ReferenceParameters(links.reshape(-1, 10), rotors_of_joints, dry, damping, constant, loads)
 
     def _joint_index(self, column: int) -> int:
         return self.robot.tree.joint_names.index(self.columns[column].link)

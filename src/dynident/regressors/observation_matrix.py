@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals
 from dynident.expressions import Program
+from dynident.recordings import Preprocessing, Recording
 from dynident.robot.robot_model import Robot
 
 
@@ -43,6 +44,25 @@ class FurtherSignals:
 
 NOTHING_FURTHER = FurtherSignals()
 """For columns that depend on the motion alone, to its second derivative."""
+
+
+@dataclass(frozen=True, eq=False)
+class RegressorInputs:
+    """Recordings, and what makes rows of W and Y of them.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Recordings of the robot.
+    preprocessing : Preprocessing
+        Their filters, differentiation and decimation.
+    reference : ReferenceParameters
+        Parameters that loads and motor torques are predicted with.
+    """
+
+    recordings: Sequence[Recording]
+    preprocessing: Preprocessing
+    reference: ReferenceParameters
 
 
 class ConcatenatedPrograms:

@@ -13,7 +13,7 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.filtered_rows import FilteredSamples, reduce_recordings, stream_filtered_samples
 from dynident.regressors.model_structure import Model
-from dynident.regressors.observation_matrix import Observation
+from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.qr_accumulation import compute_used_duration
 from dynident.regressors.row_phases import RowPhases, have_same_instants
 
@@ -73,9 +73,7 @@ class CachedRows:
 
 def reduce_and_cache(
     model: Model,
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     progress: Progress = ignore_progress,
     known: CachedRows | None = None,
 ) -> tuple[Reduction, CachedRows | None]:
@@ -85,12 +83,8 @@ def reduce_and_cache(
     ----------
     model : Model
         Its columns become the reduction's.
-    recordings : sequence of Recording
-        The data.
-    preprocessing : Preprocessing
-        Filters, differentiation and decimation.
-    reference : ReferenceParameters
-        What torque is predicted with.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
     progress : Progress
         Hears of the share that is done.
     known : CachedRows, optional
@@ -104,37 +98,33 @@ def reduce_and_cache(
         None if the rows have more than `MOST_VALUES` entries.
     """
     observation = model.observation
-    usable = known if known is not None and _is_extension(observation, reference, known) else None
-    if _bound_values(observation, recordings, preprocessing) > MOST_VALUES:
-        samples_of = _make_sample_reader(usable, observation, model.at_rest, preprocessing, reference)
-        return reduce_recordings(
-            observation, recordings, preprocessing, reference, progress, samples_of, model.at_rest
-        ), None
+    usable = known if known is not None and _is_extension(observation, inputs.reference, known) else None
+    if _bound_values(observation, inputs.recordings, inputs.preprocessing) > MOST_VALUES:
+        samples_of = _make_sample_reader(usable, observation, model.at_rest, inputs.preprocessing, inputs.reference)
+        return reduce_recordings(observation, inputs, progress, samples_of, model.at_rest), None
     samples_by_recording: dict[Recording, tuple[FilteredSamples, ...]] = {}
 
     def cache_samples(recording: Recording) -> Iterator[FilteredSamples]:
         collected = []
-        for samples in _read_samples(observation, model.at_rest, recording, preprocessing, reference, usable):
+        for samples in _read_samples(
+            observation, model.at_rest, recording, inputs.preprocessing, inputs.reference, usable
+        ):
             # Samples are cached while they pass on to the reduction, so that nothing is read twice.
             collected.append(samples)
             yield samples
         samples_by_recording[recording] = tuple(collected)
 
-    reduction = reduce_recordings(
-        observation, recordings, preprocessing, reference, progress, cache_samples, model.at_rest
-    )
-    load_reference = reference if model.needs_load else None
+    reduction = reduce_recordings(observation, inputs, progress, cache_samples, model.at_rest)
+    load_reference = inputs.reference if model.needs_load else None
     # The reduction may have worked through the recordings in another order.
-    samples = tuple(samples_by_recording[recording] for recording in recordings)
-    return reduction, CachedRows(observation, load_reference, preprocessing, tuple(recordings), samples)
+    samples = tuple(samples_by_recording[recording] for recording in inputs.recordings)
+    return reduction, CachedRows(observation, load_reference, inputs.preprocessing, tuple(inputs.recordings), samples)
 
 
 def reduce_with_columns(
     model: Model,
     more: Sequence[Column],
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     progress: Progress = ignore_progress,
     known: CachedRows | None = None,
 ) -> Reduction:
@@ -146,12 +136,8 @@ def reduce_with_columns(
         The model whose columns come first.
     more : sequence of Column
         Further columns, made from the model's signals.
-    recordings : sequence of Recording
-        The data.
-    preprocessing : Preprocessing
-        Filters, differentiation and decimation.
-    reference : ReferenceParameters
-        What torque is predicted with.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
     progress : Progress
         Hears of the share that is done.
     known : CachedRows, optional
@@ -163,10 +149,10 @@ def reduce_with_columns(
         The equations of the model's columns and, behind them, of the further ones.
     """
     observation = model.observation.extend(more, model.signals)
-    usable = known if known is not None and _is_extension(observation, reference, known) else None
+    usable = known if known is not None and _is_extension(observation, inputs.reference, known) else None
 
-    samples_of = _make_sample_reader(usable, observation, None, preprocessing, reference)
-    return reduce_recordings(observation, recordings, preprocessing, reference, progress, samples_of, by_phase=True)
+    samples_of = _make_sample_reader(usable, observation, None, inputs.preprocessing, inputs.reference)
+    return reduce_recordings(observation, inputs, progress, samples_of, by_phase=True)
 
 
 def _bound_values(observation: Observation, recordings: Sequence[Recording], preprocessing: Preprocessing) -> float:

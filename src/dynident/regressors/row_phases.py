@@ -371,7 +371,20 @@ def shows_at_starts(observation: Observation) -> BoolArray:
 
 
 def remembers_path(observation: Observation, signals: Signals) -> BoolArray:
-    """Return (columns, n): columns of friction that remembers the path, which shows at reversals, by joint."""
+    """Find columns of friction that remembers the path, which shows at reversals, by joint.
+
+    Parameters
+    ----------
+    observation : Observation
+        The observation matrix W.
+    signals : Signals
+        Signals that its columns are expressions of.
+
+    Returns
+    -------
+    (columns, n)
+        True where reversals of the joint show the column.
+    """
     has_memory = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
     if observation.memory:
         for k, column in enumerate(observation.columns):

@@ -40,8 +40,10 @@ class Capsule:
     def contains(self, other: Capsule) -> bool:
         """Return whether `other` lies inside this capsule."""
         # Both are convex, so it is enough that the end balls of the other one lie inside.
-        room = self.radius - other.radius
-        return all(compute_segment_distance(point, self.start, self.end) <= room for point in (other.start, other.end))
+        margin = self.radius - other.radius
+        return all(
+            compute_segment_distance(point, self.start, self.end) <= margin for point in (other.start, other.end)
+        )
 
     def transform(self, placement: FloatArray) -> Capsule:
         """Return the capsule in the frame that `placement` (4, 4) takes its coordinates to."""

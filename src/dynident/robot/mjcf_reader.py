@@ -23,7 +23,7 @@ from dynident.robot.loop_equations import CLOSED
 from dynident.robot.mjcf_xml import TITLE, make_mjcf_error, parse_mjcf
 from dynident.robot.pinocchio_conversion import LARGEST, DescribedJoints, from_pinocchio, lock_joints
 from dynident.robot.robot_model import Description, Robot, Tie
-from dynident.robot.stated_settings import settings_from
+from dynident.robot.stated_settings import build_settings
 from dynident.robot.xml_text import Element, write_with_line_numbers
 
 if TYPE_CHECKING:
@@ -271,7 +271,7 @@ def robot_from_mjcf(
     """
     root, clamped = parse_mjcf(text, pointer, locked_joints or {})
     compiled = _compile_model(root, pointer)
-    user_settings = settings_from(limits, drives, locked_joints, compiled.opt.gravity if gravity is None else gravity)
+    user_settings = build_settings(limits, drives, locked_joints, compiled.opt.gravity if gravity is None else gravity)
     lines = {child.attributes["name"]: child.line for part in root.iter_children("equality") for child in part.children}
     model, links = _build_tree(compiled, name, pointer)
     held = read_equalities(compiled, lines, pointer)

@@ -89,7 +89,7 @@ from dynident.robot.pinocchio_conversion import (
     to_dynamic_parameters,
 )
 from dynident.robot.robot_model import INERTIAL_NAMES, Description, Robot, Tie
-from dynident.robot.stated_settings import gravity_from, settings_from
+from dynident.robot.stated_settings import build_settings, check_gravity
 from dynident.schema.fields import point_within
 
 _BASE_NAME = "base"
@@ -262,14 +262,14 @@ def robot_from_modified_dh(
     DynidentError
         With the pointer to the field that cannot be used, `pointer` first.
     """
-    settings = settings_from(limits, drives, locked_joints, gravity)
+    settings = build_settings(limits, drives, locked_joints, gravity)
     # The description is kept as text: a stored robot is read from that again.
     content = table if isinstance(table, str) else json.dumps(table)
     value = parse_json(content, pointer, TITLE)
     _, rows = read_capsules_and_rows(value, pointer)
     if gravity is None and isinstance(value, Mapping) and "gravity" in value:
         table_gravity = expect_numbers(value["gravity"], 3, f"{pointer}/gravity", TITLE)
-        settings = settings_from(limits, drives, locked_joints, gravity_from(table_gravity).tolist())
+        settings = build_settings(limits, drives, locked_joints, check_gravity(table_gravity).tolist())
     # The tree must not have joints that cannot move because all that they follow are locked. The robot remembers only
     # the joints that the user locked.
     ties = {row.name: row.tie for row in rows if row.tie is not None}

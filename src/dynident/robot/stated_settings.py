@@ -39,7 +39,7 @@ class Settings:
     gravity: FloatArray = field(default_factory=lambda: np.array(GRAVITY))
 
 
-def settings_from(
+def build_settings(
     limits: Mapping[str, Limits] | None,
     drives: Mapping[str, Drive] | None,
     locked_joints: Mapping[str, float] | None,
@@ -76,11 +76,11 @@ def settings_from(
                 f"Joint '{name}' is locked at {value}; expected a number (rad or m).", "locked_joints", name
             )
     return Settings(
-        limits or {}, drives or {}, locked_joints or {}, gravity_from(GRAVITY if gravity is None else gravity)
+        limits or {}, drives or {}, locked_joints or {}, check_gravity(GRAVITY if gravity is None else gravity)
     )
 
 
-def gravity_from(gravity: Sequence[float], at: str = "/gravity") -> FloatArray:
+def check_gravity(gravity: Sequence[float], at: str = "/gravity") -> FloatArray:
     """Return the acceleration of gravity; zero is allowed (weightlessness).
 
     Parameters

@@ -14,7 +14,7 @@ from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.linkage import link_joints, lock_followers
 from dynident.robot.pinocchio_conversion import ROUNDING_TOLERANCE, DescribedJoints, from_pinocchio
 from dynident.robot.robot_model import Description, Robot, Tie
-from dynident.robot.stated_settings import settings_from
+from dynident.robot.stated_settings import build_settings
 from dynident.robot.xml_text import Element, parse_xml, write_xml
 
 TITLE = "Unusable URDF"
@@ -24,6 +24,13 @@ MOST_LINKS = 2000
 _SHORTEST_AXIS = 1e-6
 """Shortest axis, and the inverse of the longest: beyond, the direction is lost in rounding."""
 _OF_MORE_FREEDOMS = ("floating", "planar", "ball", "spherical")
+
+
+_ADVICE = {
+    "sdf": " This is an SDF: give the URDF or xacro that it was made from, or convert it.",
+    "COLLADA": " This is a mesh: give the URDF that names it.",
+}
+"""What to do with other descriptions, by their root."""
 
 
 def make_urdf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
@@ -72,7 +79,9 @@ def parse_urdf(text: str, pointer: str = "") -> Element:
     root = parse_xml(text, "A URDF", pointer, TITLE)
     if root.tag != "robot":
         raise make_urdf_error(
-            f"The root element is <{root.tag}>; a URDF needs the root element <robot>.", root.line, pointer
+            f"The root element is <{root.tag}>; a URDF needs the root element <robot>.{_ADVICE.get(root.tag, '')}",
+            root.line,
+            pointer,
         )
     xacro = next((child for child in root.children if child.tag.startswith("xacro:")), None)
     if xacro is not None:
@@ -278,7 +287,11 @@ def _reduce_link(name: str, link: Element, fail: _Fail) -> Element:
         for attribute in names:
             _parse_number(element, attribute, owner, fail)
     if _parse_number(mass, "value", owner, fail) < 0:
-        raise fail(f"The mass of {owner} is negative.", mass.line)
+        raise fail(
+            f"The mass of {owner} is negative: correct it, or leave out this <inertial>, which identification does not "
+            "need.",
+            mass.line,
+        )
     reduced_inertial = Element("inertial", {}, inertial.line)
     reduced_inertial.children.extend([*_check_origin(inertial, owner, fail), mass, inertia])
     reduced.children.append(reduced_inertial)
@@ -397,7 +410,7 @@ def robot_from_urdf(
         If the XML is malformed (line and column), the machine is not a tree of such joints on a fixed base (line,
         joint), or a setting does not fit.
     """
-    settings = settings_from(limits, drives, locked_joints, gravity)
+    settings = build_settings(limits, drives, locked_joints, gravity)
     root = parse_urdf(text, pointer)
     locked_by_user = settings.locked_joints
     clamped = find_clamped_joints(root, locked_by_user, pointer)

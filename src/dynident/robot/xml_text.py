@@ -73,7 +73,7 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
     check_unicode(text, pointer, title)
     # A declaration must be the very first thing in XML. Blank lines before it are cut off, but counted.
     first_line = 1 + text[: len(text) - len(text.lstrip())].count("\n")
-    text = text.strip()
+    text = text.strip().removeprefix("\ufeff")
 
     def fail(detail: str, line: int | None) -> DynidentError:
         return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=title)

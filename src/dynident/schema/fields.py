@@ -28,7 +28,20 @@ import sys
 
 
 def resolve_hint(science: type, field: Field[object]) -> object:
-    """Return the type of one field. Hints of other fields may need modules that are not loaded, and are left alone."""
+    """Return the type of one field. Hints of other fields may need modules that are not loaded, and are left alone.
+
+    Parameters
+    ----------
+    science : type
+        The dataclass, or one derived from it, that declares the field.
+    field : Field
+        The field.
+
+    Returns
+    -------
+    object
+        The type, such as `float | None`.
+    """
     # The names in the hint of an inherited field are those of the module that defines the base class.
     stated_by = next(base for base in science.__mro__ if field.name in vars(base).get("__annotations__", {}))
     hint: object = field.type

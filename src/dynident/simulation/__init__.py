@@ -66,5 +66,5 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    # What can be asked is declared in this package, too: who reads that does not wait for what answers it.
     __getattr__ = make_lazy_getattr(__name__)

@@ -65,7 +65,7 @@ class DrawnParameter:
 
     @property
     def outside(self) -> bool:
-        """Whether the two differ by more than so few stretches explain."""
+        """Whether the two differ by more than so few blocks explain."""
         return not self.low <= self.ratio <= self.high
 
 

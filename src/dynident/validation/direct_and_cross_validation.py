@@ -17,6 +17,7 @@ from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_errors_by_phase, select_judged_errors
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.schema.fields import check_value
 from dynident.validation.validation_outcome import ValidationOutcome
 from dynident.validation.validation_request import LimitedTrial
@@ -173,7 +174,9 @@ def _compute_errors_by_recording(
     for index, recording in enumerate(recordings):
         share = scale_progress(progress, index / len(recordings), (index + 1) / len(recordings))
         data = reduce_torque(
-            identification.model, [recording], identification.preprocessing, identification.estimate.reference, share
+            identification.model,
+            RegressorInputs([recording], identification.preprocessing, identification.estimate.reference),
+            share,
         )
         values = identification.values
         errors = compute_errors_by_phase(data.torque, values)

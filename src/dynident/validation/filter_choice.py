@@ -16,7 +16,7 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
-from dynident.estimation import compute_relative_change, weighted
+from dynident.estimation import compute_relative_change, solve_weighted
 from dynident.estimation.row_weights import estimate_robust_scale
 from dynident.identification import Identification
 from dynident.identification.estimators.identified_robot_simulator import (
@@ -36,6 +36,7 @@ from dynident.recordings import (
     recording_from_arrays,
 )
 from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.simulation import SimulatedRecording
 from dynident.validation.validation_outcome import ValidationOutcome
 
@@ -298,11 +299,13 @@ def _try_filters(
     model = identification.model
     try:
         reductions = [
-            reduce_recordings(model.observation, [draw], preprocessing, identification.estimate.reference)
+            reduce_recordings(
+                model.observation, RegressorInputs([draw], preprocessing, identification.estimate.reference)
+            )
             for draw in draws
         ]
         # Weighted least squares, whatever the estimator of the model: the filters are judged, not the estimator.
-        estimates = np.array([weighted(reduction).values for reduction in reductions])
+        estimates = np.array([solve_weighted(reduction).values for reduction in reductions])
     except DynidentError as error:
         return FilterTrial(preprocessing, None, None, "", None, error.detail)
     gaps = estimates - true

@@ -22,6 +22,7 @@ from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors, select_judged_errors
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.validation.validation_outcome import ValidationOutcome
 from dynident.validation.validation_request import Method, available_methods
 
@@ -168,7 +169,7 @@ def validate_methods(
     model, reference = identification.model, identification.estimate.reference
     preprocessing = identification.preprocessing
     held_out_data = (
-        reduce_torque(model, validation, preprocessing, reference, scale_progress(progress, 0.0, 0.1))
+        reduce_torque(model, RegressorInputs(validation, preprocessing, reference), scale_progress(progress, 0.0, 0.1))
         if validation
         else None
     )
@@ -198,9 +199,7 @@ def _reduce_recordings(
         return reduce_to_rows(
             identification.model,
             choices.row_options,
-            recordings,
-            identification.preprocessing,
-            identification.estimate.reference,
+            RegressorInputs(recordings, identification.preprocessing, identification.estimate.reference),
             progress,
         )
     except DynidentError as error:

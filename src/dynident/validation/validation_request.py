@@ -341,7 +341,7 @@ class Filters(Trial):
 
 @dataclass(frozen=True)
 class Bootstrap(Trial):
-    """Standard deviations held against draws of the reduced data's stretches of time."""
+    """Standard deviations held against draws of the reduced data's blocks of time."""
 
     name = "bootstrap"
     label = "deviations"

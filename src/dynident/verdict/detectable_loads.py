@@ -2,7 +2,7 @@
 
 A force F at the tool adds Jᵀ F to the torques. It is seen where it lifts a joint's residual above a threshold that the
 residual itself crosses seldom. Residuals are correlated in time, so thresholds come from the largest values in
-stretches of a second, not from single samples (block maxima; Gumbel 1958, Coles 2001, ch. 3). Of normal residuals, with
+intervals of a second, not from single samples (block maxima; Gumbel 1958, Coles 2001, ch. 3). Of normal residuals, with
 a memory of 0.05 to 3 s and 30 s of data, 95 of 100 thresholds keep to the rate; of white ones with Student's
 distribution of five degrees of freedom, whose tail is heavier, there are five alarms for one.
 """

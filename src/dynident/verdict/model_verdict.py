@@ -123,7 +123,7 @@ def verdict(
         The identified model.
     recordings : sequence of Recording
         What the model was identified from. Without them and the held-out data neither overlaps between the two nor the
-        cause of a gross mistake are looked for, and uses that need the residual in time are not judged.
+        cause of a gross fault are looked for, and uses that need the residual in time are not judged.
     validation : sequence of Recording
         The held-out data.
     checks : mapping of a recording's name to its checks, optional

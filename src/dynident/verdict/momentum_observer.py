@@ -365,9 +365,9 @@ def _compute_force(
         for start, unit in zip(starts, torque, strict=True):
             rows = slice(start + 1, start + 1 + window)
             # The residual is there already, and helps or hinders the force on its way to the threshold.
-            room = thresholds[rows, None, :] - np.sign(unit) * run.residual[rows, None, :]
+            margin = thresholds[rows, None, :] - np.sign(unit) * run.residual[rows, None, :]
             with np.errstate(divide="ignore", invalid="ignore"):
-                needed = np.maximum(room, 0.0) / (np.abs(unit) * response[:, None, None])
+                needed = np.maximum(margin, 0.0) / (np.abs(unit) * response[:, None, None])
             least.append(np.nan_to_num(needed, nan=np.inf, posinf=np.inf).min(axis=(0, 2)))
     if not least:
         return None

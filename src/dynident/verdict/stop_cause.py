@@ -1,4 +1,4 @@
-"""The most probable cause of a gross mistake: why a model is not to be used at all."""
+"""The most probable cause of a gross fault: why a model is not to be used at all."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dynident.robot import Robot
 
 @dataclass(frozen=True)
 class Stop:
-    """The most probable cause of a gross mistake.
+    """The most probable cause of a gross fault.
 
     Parameters
     ----------

@@ -16,9 +16,6 @@ from dynident.diagnosis.candidates.candidate_pool import Candidate
 # Candidates at once: what their projections take of memory stays in the cache.
 _CHUNK = 128
 
-# So few are asked more quickly as a full matrix than as a sparse one.
-_FEW = 8
-
 
 @dataclass(frozen=True, eq=False)
 class Batch:
@@ -109,37 +106,80 @@ class Amplitudes:
         """How much smaller the model's own parameters are beside each candidate (g, b), portion by portion."""
         return np.asarray(self._mixing @ self.projection.T)
 
-    def select_own_columns(self, columns: IndexArray) -> tuple[IndexArray, FloatArray | sparse.csr_array]:
-        """Return the candidates that have any of some columns.
-
-        Parameters
-        ----------
-        columns : (x,)
-            Columns among the extra ones.
-
-        Returns
-        -------
-        tuple of (r,), (r, x)
-            Numbers of the candidates, and the matrix that combines these columns into one for each.
-        """
-        if self._mixing.shape[0] <= _FEW:
-            return np.arange(self._mixing.shape[0]), self._dense[:, columns]
-        selected = self._mixing[:, columns]
-        rows = np.flatnonzero(np.diff(selected.indptr))
-        return rows, selected[rows]
-
     @cached_property
-    def _dense(self) -> FloatArray:
-        return np.asarray(self._mixing.toarray())
+    def values(self) -> FloatArray:
+        """All parameters (amplitudes,), candidate by candidate and portion by portion."""
+        return np.concatenate([own.ravel() for own in self.each])
 
     @cached_property
     def _mixing(self) -> sparse.csr_array:
         """Matrix (g, c) that combines all columns into one for each candidate, portion by portion."""
-        widths = np.concatenate([np.full(len(own), own.shape[1]) for own in self.each])
-        values = np.concatenate([own.ravel() for own in self.each])
-        columns = np.concatenate([portion.columns.ravel() for portion in self.portions])
-        ends = np.concatenate([[0], np.cumsum(widths)])
-        return sparse.csr_array((values, columns, ends), shape=(len(widths), self.projection.shape[1]))
+        columns, ends = _list_entries(self.portions)
+        return sparse.csr_array((self.values, columns, ends), shape=(len(ends) - 1, self.projection.shape[1]))
+
+
+def _list_entries(portions: Sequence[Batch]) -> tuple[IndexArray, IndexArray]:
+    """Return the columns (amplitudes,) of all portions in a row, and where those of each candidate end (g + 1,)."""
+    nothing = np.zeros(0, dtype=np.intp)
+    columns = np.concatenate([nothing, *(portion.columns.ravel() for portion in portions)])
+    widths = np.concatenate([nothing, *(np.full(len(portion.members), portion.width) for portion in portions)])
+    return columns, np.concatenate([[0], np.cumsum(widths)]).astype(np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class OwnColumns:
+    """Which candidates have any of the x columns of a joint, and which of their amplitudes are those of these columns.
+
+    It is the same in every fold, in which only the amplitudes are other ones.
+
+    Parameters
+    ----------
+    candidates : (r,)
+        Numbers of the candidates.
+    amplitudes : (e,)
+        Numbers of the amplitudes, candidate by candidate.
+    columns : (e,)
+        Their columns among the x.
+    ends : (r + 1,)
+        Where the amplitudes of each candidate end.
+    count : int
+        Number of columns x.
+    """
+
+    candidates: IndexArray
+    amplitudes: IndexArray
+    columns: IndexArray
+    ends: IndexArray
+    count: int
+
+    @classmethod
+    def from_places(cls, place: IndexArray, count: int, portions: Sequence[Batch]) -> OwnColumns:
+        """Find them for one joint.
+
+        Parameters
+        ----------
+        place : (c,)
+            Where each column of the candidates stands among those of the joint, at the end where the joint lacks it.
+        count : int
+            Number of columns that the joint has.
+        portions : sequence of Batch
+            The candidates, by number of columns.
+        """
+        columns, ends = _list_entries(portions)
+        amplitudes = np.flatnonzero(place[columns] < count)
+        owner = np.searchsorted(ends, amplitudes, side="right") - 1
+        candidates, counts = np.unique(owner, return_counts=True)
+        own_ends = np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
+        return cls(candidates, amplitudes, place[columns[amplitudes]], own_ends, count)
+
+    def combine(self, amplitudes: Amplitudes, x: FloatArray) -> FloatArray:
+        """Return the columns (r, m) of the candidates, each combined into one, from those of the joint (x, m)."""
+        values = amplitudes.values[self.amplitudes]
+        # A single candidate is asked more quickly without a matrix.
+        if len(self.candidates) == 1:
+            return np.asarray(values @ x[self.columns])[None]
+        shape = len(self.candidates), self.count
+        return np.asarray(sparse.csr_array((values, self.columns, self.ends), shape=shape) @ x)
 
 
 # Ridge on the model's equations with unit columns, on those of a candidate, and share of the largest eigenvalue below

@@ -1,7 +1,7 @@
 """How much better a model with one more effect predicts data that it was not fitted to: small algebra on factors.
 
 All candidates are projected on the complement of the model (Frisch, Waugh and Lovell) within every fold, so that the
-model's own parameters adapt to each of them; the squared error of every stretch of time that was left out follows from
+model's own parameters adapt to each of them; the squared error of every block of time that was left out follows from
 inner products that are computed once. Candidates with equally many columns are scored together.
 """
 
@@ -158,7 +158,7 @@ def compute_contributions(
     """Return (s, k) for every candidate: what each block adds to the scores of its k parameters (Rao's test).
 
     That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what the model leaves, Z what is
-    left of the columns beside it. Their sum over the stretches is zero but for noise where the candidate explains
+    left of the columns beside it. Their sum over the blocks is zero but for noise where the candidate explains
     nothing, and its square is what the candidate removes where it does.
 
     Parameters
@@ -208,7 +208,7 @@ def compute_block_contributions(
 def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> list[FloatArray]:
     """Return (k,) for every candidate: the standard deviations of its k parameters, fitted beside the model.
 
-    From what every stretch adds to the scores: samples of one stretch need not be independent (White 1980, by
+    From what every block adds to the scores: samples of one block need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
 
     Parameters

@@ -2,33 +2,34 @@
 
 A motion that is repeated shows the same again: whatever differs from the truth does so at the same place of every
 period, and a function that is wrong but flexible predicts it in one period as well as in the next. So all that is at
-one place of the period is one stretch, however often it was driven, and what is left out is other motion.
+one place of the period is one block, however often it was driven, and what is left out is other motion.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.inner_products_and_folds import Products, ProductStack, RowStack, Stack
 from dynident.diagnosis.comparison.repeated_motion import Repeat, find_periods
-from dynident.effects import ReferenceParameters, Signals
+from dynident.effects import Signals
 from dynident.progress import Progress, ignore_progress
-from dynident.recordings import Preprocessing, Recording
+from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase, compute_smear_width
 from dynident.regressors.filtered_rows import FilteredSamples, stream_filtered_samples
-from dynident.regressors.observation_matrix import Observation
+from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.qr_accumulation import choose_block_length, compute_used_duration
 from dynident.regressors.row_phases import RowPhases, find_joints_with_friction, remembers_path, shows_at_starts
 
 MANY = 80
-"""Stretches of a period, as of a short recording as a whole, where they are then long enough."""
+"""Blocks of a period, as of a short recording as a whole, where they are then long enough."""
 
 _MOST_ROWS = 48
-"""A stretch, on average, and joint. From about as many on as a usual model has columns, scores are read as quickly from
+"""A block, on average, and joint. From about as many on as a usual model has columns, scores are read as quickly from
 their products (`benchmarks/rows_or_products.py`), which then take less memory."""
 
 
@@ -119,7 +120,7 @@ class RowAccumulator:
 
     def __init__(self, widths: Sequence[int], kinds: int, expected: int) -> None:
         self._heaps = [[_JointAccumulator(width + 1, max(expected, 1)) for width in widths] for _ in range(kinds)]
-        self._room, self._pending, self._folded = _MOST_ROWS * max(expected, 1), 0, False
+        self._capacity, self._pending, self._folded = _MOST_ROWS * max(expected, 1), 0, False
 
     def push(self, row_block: IndexArray, rows: Sequence[FloatArray], used: Sequence[BoolArray]) -> None:
         """Add rows of every joint.
@@ -138,7 +139,7 @@ class RowAccumulator:
                 heap.push(row_block[own], block if own.all() else block[own])
         self._pending += len(row_block)
         # Folding bounds the memory by the size of the products, however long the recordings are.
-        if self._pending > self._room:
+        if self._pending > self._capacity:
             self._fold()
 
     def finish(self, n_blocks: int) -> list[tuple[tuple[Stack, ...], FloatArray]]:
@@ -229,17 +230,17 @@ def _resize(stack: FloatArray, length: int) -> FloatArray:
 
 
 _FINER = 0.25
-"""Stretches are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
+"""Blocks are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
 most of them, as long as they are long against the filters' memory."""
 
 _MOST = 160
-"""Stretches in all: more make the test no sharper, and each holds products of all columns with each other."""
+"""Blocks in all: more make the test no sharper, and each holds products of all columns with each other."""
 
 _KINDS = 3
 """Of rows: moving, turning, partial."""
 
 _LONG = 2.0
-"""Times the width that the filters smear to either side: what is in one stretch is then so little in the next that the
+"""Times the width that the filters smear to either side: what is in one block is then so little in the next that the
 test keeps its level (`benchmarks/decision_level.py`)."""
 
 
@@ -312,8 +313,19 @@ class PhasedProducts:
         turns, starts = self.select_joints(columns)
         return bool(turns.any()), bool(starts.any())
 
+    @cached_property
+    def _combinations(self) -> dict[bytes, Products]:
+        """Rows that were combined before: a search asks for the same few over and over."""
+        return {}
+
     def _combine_rows(self, used: BoolArray) -> Products:
         """Combine the rows in which each joint moves with those of `used` (2, n): at reversals, and beside halts."""
+        key = used.tobytes()
+        if key not in self._combinations:
+            self._combinations[key] = self._build_combination(used)
+        return self._combinations[key]
+
+    def _build_combination(self, used: BoolArray) -> Products:
         more = [
             [
                 rows
@@ -339,9 +351,7 @@ class PhasedProducts:
 def gather_products(
     observation: Observation,
     signals: Signals,
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     n_base: int,
     progress: Progress = ignore_progress,
     samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None,
@@ -350,8 +360,8 @@ def gather_products(
 
     Parameters
     ----------
-    reference : ReferenceParameters
-        Parameters that loads are predicted with.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
     n_base : int
         Number of columns of the model itself: their friction decides whose rows depend on the phase.
     samples_of : callable, optional
@@ -360,10 +370,6 @@ def gather_products(
         Columns of the model, and behind them those of the candidates.
     signals : Signals
         Signals that the columns are expressions of.
-    recordings : sequence of Recording
-        Recordings of the robot.
-    preprocessing : Preprocessing
-        Filters of the model.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
 
@@ -376,22 +382,24 @@ def gather_products(
     layout = [observation.joint_entries(joint) for joint in range(n)]
     frictional = find_joints_with_friction(observation, n_base)
     # Blocks have to be long against this width: the filters carry what is in one block into its neighbours.
-    width = compute_smear_width(preprocessing, recordings[0].sampling_rate)
-    total = sum(compute_used_duration(recording) for recording in recordings)
-    usual = max(_FINER * choose_block_length(recordings), total / _MOST)
-    repeats = [find_periods(recording) for recording in recordings]
+    width = compute_smear_width(inputs.preprocessing, inputs.recordings[0].sampling_rate)
+    total = sum(compute_used_duration(recording) for recording in inputs.recordings)
+    usual = max(_FINER * choose_block_length(inputs.recordings), total / _MOST)
+    repeats = [find_periods(recording) for recording in inputs.recordings]
     # Upper bound of the blocks of periodic motion, for the memory that is set aside.
     n_periodic = sum(1 + MANY * len(periods) for each in repeats for periods in each)
     blocks = BlockNumbering(usual, _LONG * width)
     collected = RowAccumulator([len(columns) for _, columns in layout], _KINDS, int(total / usual) + n_periodic)
     done, free = 0.0, np.ones(n, dtype=bool)
-    for recording, periods in zip(recordings, repeats, strict=True):
-        phases = RowPhases.from_recording(observation, recording, preprocessing, n_base).with_friction_of(frictional)
+    for recording, periods in zip(inputs.recordings, repeats, strict=True):
+        phases = RowPhases.from_recording(observation, recording, inputs.preprocessing, n_base).with_friction_of(
+            frictional
+        )
         # A joint has to be free of sticking in every recording: rows of all of them are added up.
         free &= phases.free
         if samples_of is None:
             samples_of_recording: Iterable[FilteredSamples] = stream_filtered_samples(
-                observation, recording, preprocessing, reference, phases=phases
+                observation, recording, inputs.preprocessing, inputs.reference, phases=phases
             )
         else:
             samples_of_recording = samples_of(recording)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,9 @@ N_PARTS = 10
 _NEARLY_ALL = 0.9
 # A pause of this share of all the time parts two runs.
 _PAUSE = 0.1
+
+
+T = TypeVar("T")
 
 
 class Stack(Protocol):
@@ -56,7 +59,9 @@ def sum_by_block(values: FloatArray, row_block: IndexArray, n_blocks: int) -> Fl
     sums = np.zeros((*values.shape[:-1], n_blocks))
     if len(row_block):
         # `reduceat` sums from one start to the next, so that only blocks with rows may be among the starts.
-        first = np.flatnonzero(np.diff(row_block, prepend=-1))
+        is_first = np.ones(len(row_block), dtype=bool)
+        np.not_equal(row_block[1:], row_block[:-1], out=is_first[1:])
+        first = np.flatnonzero(is_first)
         sums[..., row_block[first]] = np.add.reduceat(values, first, axis=-1)
     return sums
 
@@ -172,7 +177,7 @@ class Products:
 
     @property
     def n_blocks(self) -> int:
-        """Number of stretches of time."""
+        """Number of blocks of time."""
         return len(self.counts)
 
     @property
@@ -180,19 +185,38 @@ class Products:
         """Number of joints."""
         return len(self.stacks)
 
-    def sum_products(self, joint: int, places: IndexArray) -> FloatArray:
-        """Return the products (k, k) of a joint over all blocks, at some of its places.
+    def sum_products(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """Return the products (k, l) of a joint over all blocks, at some of its places.
 
         Parameters
         ----------
         joint : int
             Index of the joint.
-        places : (k,)
+        rows, columns : (k,), (l,)
             Places among the products of the joint.
         """
-        where = np.ix_(places, places)
+        where = np.ix_(rows, columns)
         first, *others = self.stacks[joint]
         return sum((stack.total[where] for stack in others), first.total[where])
+
+    def find_cached(self, key: Hashable, build: Callable[[], T]) -> T:
+        """Return what was built from these products under this key, or build it.
+
+        Parameters
+        ----------
+        key : hashable
+            Says what it is.
+        build : callable
+            Builds it.
+        """
+        if key not in self._cache:
+            self._cache[key] = build()
+        value: T = self._cache[key]
+        return value
+
+    @cached_property
+    def _cache(self) -> dict[Hashable, Any]:
+        return {}
 
     def take_products(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (s, *shape) of a joint at these places, whose shapes are broadcast.

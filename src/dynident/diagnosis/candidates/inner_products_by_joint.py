@@ -18,6 +18,7 @@ from dynident.diagnosis.candidates.fold_fit import (
     Batch,
     FoldFit,
     JointSums,
+    OwnColumns,
     ProductSums,
     list_extra_columns,
     split_batches,
@@ -202,7 +203,7 @@ class ProductBlock:
 
 
 class ProductErrors:
-    """One joint's squared errors in stretches, for a fit on others.
+    """One joint's squared errors in blocks, for a fit on others.
 
     A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
     """
@@ -261,6 +262,8 @@ class RowBlock:
         Number of blocks.
     pairs : Pairs
         Products within candidates that the joint has a share in.
+    own : OwnColumns
+        Candidates that have columns of their own on the joint.
     """
 
     have: IndexArray
@@ -269,6 +272,7 @@ class RowBlock:
     row_block: IndexArray
     n_blocks: int
     pairs: Pairs
+    own: OwnColumns
 
     @classmethod
     def from_stacks(
@@ -305,7 +309,9 @@ class RowBlock:
         if len(stacks) > 1:
             order = np.argsort(row_block, kind="stable")
             whole, row_block = whole.take(order, axis=1), row_block[order]
-        return cls(have, place, whole, row_block, n_blocks, Pairs.from_places(place, len(xp), portions))
+        pairs = Pairs.from_places(place, len(xp), portions)
+        own = OwnColumns.from_places(place, len(xp), portions)
+        return cls(have, place, whole, row_block, n_blocks, pairs, own)
 
     @property
     def w(self) -> FloatArray:
@@ -349,7 +355,7 @@ class RowBlock:
 
 
 class RowErrors:
-    """One joint's squared errors in stretches, for a fit on others.
+    """One joint's squared errors in blocks, for a fit on others.
 
     A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
     """
@@ -375,8 +381,8 @@ class RowErrors:
             residuals = amplitudes.model_adjustments[:, self._block.have] @ self._block.w
             residuals += self._rest
             # Most candidates have columns of their own on few joints.
-            rows, own = amplitudes.select_own_columns(self._has)
-            residuals[rows] -= own @ self._block.x
+            if len(own := self._block.own.candidates):
+                residuals[own] -= self._block.own.combine(amplitudes, self._block.x)
             np.square(residuals, out=residuals)
             return np.asarray(np.nan_to_num(self._add_up(residuals), nan=np.inf))
 
@@ -385,7 +391,7 @@ class RowErrors:
 
 
 class JointErrors(Protocol):
-    """One joint's squared errors in stretches, for a fit on others."""
+    """One joint's squared errors in blocks, for a fit on others."""
 
     @property
     def alone(self) -> FloatArray:

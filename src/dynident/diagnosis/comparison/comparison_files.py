@@ -28,7 +28,7 @@ from dynident.recordings.joint_phases import Phase
 SIGNALS = ("measured", "predicted", "lower", "upper", "residual", "phase", "deviation", "q", "dq", "ddq", "load")
 METADATA_KEY = b"dynident.comparison"
 ROW_GROUP = 1 << 16
-"""Rows that are read at least: what is asked of a long recording is mostly a short stretch of it."""
+"""Rows that are read at least: what is asked of a long recording is mostly a short interval of it."""
 _NORMAL_95 = 1.96
 
 

@@ -21,7 +21,7 @@ from dynident.recordings.sample_hashes import SHARED, SampleHashes
 from dynident.recordings.signal_spectra import find_used_runs
 
 COPIED = 0.996
-"""Correlation of what is fast in the torques of two stretches with one motion, from which on they are one recording.
+"""Correlation of what is fast in the torques of two intervals with one motion, from which on they are one recording.
 Noise is in it: that of a copy comes again, that of another run is its own. Copies that were cut or shifted have 1.000
 where the motion has no periods; those sampled down by a third 0.99, by two thirds 0.89: these are told as repetitions,
 which they are as well. Other runs of one motion have up to 0.963, periods of a filtered log up to 0.994."""

@@ -26,7 +26,7 @@ from dynident.regressors.filtered_rows import SampleFunction, filter_in_parallel
 from dynident.regressors.row_phases import RowPhases, changes_at_rest
 
 # Length of an interval, s, and number of those that are reported.
-_STRETCH = 0.5
+_INTERVAL = 0.5
 _WORST = 12
 
 
@@ -198,7 +198,7 @@ class Comparison:
     def worst(self) -> tuple[WorstInterval, ...]:
         """Half-second intervals with the largest residual relative to the joint's own rms."""
         # Intervals are cut by the clock, so that gaps in the rows do not shift them.
-        borders = np.flatnonzero(np.diff(np.floor((self.t - self.t[0]) / _STRETCH)) != 0) + 1
+        borders = np.flatnonzero(np.diff(np.floor((self.t - self.t[0]) / _INTERVAL)) != 0) + 1
         parts = [part for part in np.split(np.arange(len(self.t)), borders) if len(part) >= 2]
         rms = self.errors.rms
         local = np.array([np.sqrt((self.residual[part] ** 2).mean(axis=0)) for part in parts]).reshape(-1, len(rms))

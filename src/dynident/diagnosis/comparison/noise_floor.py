@@ -103,7 +103,7 @@ def judge(
     Judgement
         Noise floor, ratios to it, and notes.
     """
-    noise = floor_of(comparison, recording, preprocessing)
+    noise = estimate_noise_floor(comparison, recording, preprocessing)
     rms = comparison.moving_errors.rms
     # A joint without noise, as in a simulation, is infinitely far above its floor.
     over = np.where(noise.values > 0, rms / np.where(noise.values > 0, noise.values, 1.0), np.inf)
@@ -215,7 +215,7 @@ class NoiseFloor:
     lack_of_fit: LackOfFit | None = None
 
 
-def floor_of(comparison: Comparison, recording: Recording, preprocessing: Preprocessing) -> NoiseFloor:
+def estimate_noise_floor(comparison: Comparison, recording: Recording, preprocessing: Preprocessing) -> NoiseFloor:
     """Estimate the noise floor of a recording, from repeated periods where it has them, else from high frequencies.
 
     Parameters

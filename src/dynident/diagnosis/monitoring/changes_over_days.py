@@ -31,7 +31,7 @@ from dynident.diagnosis.search.pruning import prune_findings
 from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import build_weighted_factor, statistics, weighted
+from dynident.estimation import build_weighted_factor, solve_weighted, statistics
 from dynident.progress import Progress, ignore_progress, scale_progress
 
 _AS_MUCH = 0.9
@@ -171,7 +171,7 @@ def monitor_days(measure: Measure, days: Sequence[Day], progress: Progress = ign
     numbers = _select_independent(days, columns, numbers)
     steps = [columns[k] for k in numbers]
     reduction = combine_days(days, steps)
-    solution = weighted(reduction)
+    solution = solve_weighted(reduction)
     estimates = Estimates(
         measure.model.robot,
         tuple(pool.observation.columns[k] for k in numbers),

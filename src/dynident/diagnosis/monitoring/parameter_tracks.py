@@ -26,8 +26,8 @@ from dynident.estimation import (
     Statistics,
     build_prior,
     concatenate_reductions,
+    solve_weighted,
     statistics,
-    weighted,
 )
 from dynident.estimation.prior_information import PriorInformation
 from dynident.progress import Progress
@@ -425,7 +425,7 @@ def estimate_tracks(
 def _estimate_day(reduction: Reduction, known: PriorInformation | None) -> tuple[FloatArray, FloatArray] | None:
     """Return values (c,) and half-widths (c,) of their intervals; None where the data do not determine them."""
     try:
-        solution = weighted(reduction, known)
+        solution = solve_weighted(reduction, known)
     except EstimationError:
         return None
     return solution.values, statistics(reduction, solution).half_widths()
@@ -440,7 +440,7 @@ def _estimate_from_other_days(
     # Columns of zeros would make the equations singular.
     nonzero = _find_nonzero_columns(reduction)
     try:
-        solution = weighted(reduction.select_columns(nonzero))
+        solution = solve_weighted(reduction.select_columns(nonzero))
     except EstimationError:
         return None
     # The estimate of the other days enters as a prior with its covariance, so that its uncertainty counts.

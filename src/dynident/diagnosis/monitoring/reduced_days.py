@@ -31,7 +31,7 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model_structure import Model
-from dynident.regressors.observation_matrix import Observation
+from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.text_encoding import escape_surrogates
 
 _FORMAT = "dynident days 1"
@@ -372,7 +372,9 @@ def reduce_day(
     check_runs(effects, ordinary)
     check_temperature(effects, ordinary, ())
     check_temperature([possible.choice for possible in measure.lasting], ordinary, ())
-    reduction = reduce_recordings(measure.observation, ordinary, measure.preprocessing, measure.reference, progress)
+    reduction = reduce_recordings(
+        measure.observation, RegressorInputs(ordinary, measure.preprocessing, measure.reference), progress
+    )
     return Day(name, reduction, estimate_sensor_noise(ordinary, measure.preprocessing), measure.digest, source)
 
 

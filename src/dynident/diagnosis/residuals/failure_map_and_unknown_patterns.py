@@ -70,7 +70,7 @@ def _compute_edges(values: FloatArray) -> FloatArray | None:
 _BINS, _COARSE_BINS, _FEWEST = 24, 10, 10
 # Share of the variance from which on a dependence is reported, and t of its gain over the blocks.
 _SHARE, _T = 0.08, 4.2
-# What shows in few stretches (a rough spot that is seldom passed) gains unevenly.
+# What shows in few blocks (a rough spot that is seldom passed) gains unevenly.
 _LARGE, _T_OF_LARGE = 0.25, 2.0
 # A variable is named beside the best one if it explains so much of what that explains.
 _NEARLY = 0.7
@@ -82,7 +82,7 @@ _MORE_BY_TWO = 1.25
 
 @dataclass(frozen=True, eq=False)
 class _PatternRows:
-    """All recordings in a row: signals (m, n), time (m,), and the stretch that every row is in (m,)."""
+    """All recordings in a row: signals (m, n), time (m,), and the block that every row is in (m,)."""
 
     residual: FloatArray
     telling: BoolArray

@@ -43,12 +43,12 @@ def find_bursts(comparison: Comparison) -> list[tuple[int, float, float]]:
 
 
 # Number of blocks in all.
-_STRETCHES = 30
+_BLOCKS = 30
 
 
 def number_blocks(comparisons: Sequence[Comparison]) -> NDArray[np.intp]:
     """Return the number (m,) of the block that every row of all comparisons is in."""
-    length = sum(float(c.t[-1] - c.t[0]) for c in comparisons) / _STRETCHES
+    length = sum(float(c.t[-1] - c.t[0]) for c in comparisons) / _BLOCKS
     offset, numbers = 0, []
     for c in comparisons:
         numbers.append(offset + np.floor((c.t - c.t[0]) / max(length, 1e-9)).astype(np.intp))
@@ -59,7 +59,7 @@ def number_blocks(comparisons: Sequence[Comparison]) -> NDArray[np.intp]:
 def compute_median_error(errors: FloatArray) -> float:
     """Return the median of squared errors (s,) over the blocks that have any; 0 where none has.
 
-    Stretches without rows leave none: where many passive joints rub, those in which none of them turns are few.
+    Blocks without rows leave none: where many passive joints rub, those in which none of them turns are few.
     """
     positive = errors[errors > 0.0]
     return float(np.median(positive)) if len(positive) else 0.0

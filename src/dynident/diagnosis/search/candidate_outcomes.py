@@ -15,7 +15,7 @@ from dynident.diagnosis.search.acceptance_rules import find_rejection
 from dynident.diagnosis.search.forward_selection import Loss, SearchRecord
 from dynident.diagnosis.search.identifiability_and_invisible_effects import list_columns_with_findings
 from dynident.diagnosis.search.physical_plausibility import find_impossibility
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_family
+from dynident.diagnosis.search.search_state import Finding, ScoredFamily, State, estimate_residual_noise, score_family
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.regressors.model_structure import Model
 
@@ -48,7 +48,7 @@ def score_beside_findings(
     start: State,
     findings: Sequence[Finding],
     choices: Sequence[EffectChoice],
-    first: Sequence[ScoredCandidate],
+    first: ScoredFamily,
 ) -> FinalScores:
     """Score all candidates of the first round once more, beside the model with everything that was found.
 
@@ -64,13 +64,16 @@ def score_beside_findings(
         What was found in the end.
     choices : sequence of EffectChoice
         What the findings have become.
-    first : sequence of ScoredCandidate
+    first : ScoredFamily
         All candidates, scored beside the model alone.
     """
+    # Where nothing was found, these are the scores.
+    if not findings and data is first.data:
+        return FinalScores(start, data, first.scored, first.levels)
     base = list_columns_with_findings(pool, start.base, choices)
     noise = estimate_residual_noise(data, base) if findings else start.noise
     known = set(base)
-    candidates = [scored.candidate for scored in first if not set(scored.candidate.columns) <= known]
+    candidates = [scored.candidate for scored in first.scored if not set(scored.candidate.columns) <= known]
     family = score_family(data, pool, base, candidates, noise, level=start.level)
     return FinalScores(
         replace(start, base=base, noise=noise, findings=tuple(findings)), data, family.scored, family.levels
@@ -83,7 +86,6 @@ def list_outcomes(
     record: SearchRecord,
     choices: Sequence[EffectChoice],
     first: Sequence[ScoredCandidate],
-    most: int,
 ) -> tuple[tuple[CandidateOutcome, ...], Mapping[Candidate, ScoredCandidate]]:
     """List what became of every effect on every place, with the constants that gain most there by themselves.
 
@@ -99,8 +101,6 @@ def list_outcomes(
         What the findings have become, in the order of their ranks.
     first : sequence of ScoredCandidate
         All candidates, scored beside the model alone.
-    most : int
-        Largest number of findings.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def list_outcomes(
         key = candidate.effect, candidate.joints, candidate.runs
         if key not in best or scored.total_gain > best[key].total_gain:
             best[key] = scored
-    judge = _Judge(final, pool, record, tuple(choices), most)
+    judge = _Judge(final, pool, record, tuple(choices))
     outcomes = [
         CandidateOutcome(choice, finding.judged.error_drop, Reason.build("accepted", step))
         for step, (finding, choice) in enumerate(zip(final.state.findings, choices, strict=True), 1)
@@ -175,7 +175,6 @@ class _Judge:
     pool: Pool
     record: SearchRecord
     choices: tuple[EffectChoice, ...]
-    most: int
 
     def find_reason(self, alone: ScoredCandidate, last: ScoredCandidate | None) -> Reason:
         """Return the reason of a candidate, from its scores beside the model alone and beside all findings."""
@@ -200,10 +199,8 @@ class _Judge:
                 return self._number_step(rejection)
         if candidate in self.record.rejections:
             return self._number_step(self.record.rejections[candidate])
-        count = sum(not finding.is_transient for finding in state.findings)
-        return (
-            Reason.build("most_effects", most=float(self.most)) if count >= self.most else Reason.build("passed_over")
-        )
+        count, most = sum(not finding.is_transient for finding in state.findings), state.rules.most_effects
+        return Reason.build("most_effects", most=float(most)) if count >= most else Reason.build("passed_over")
 
     def _find_explanation(self, alone: ScoredCandidate, last: ScoredCandidate | None) -> Reason | None:
         """Return which finding explains what a candidate would gain by itself; None where none does."""

@@ -45,7 +45,7 @@ def compare_names(
 ) -> Choice:
     """Return the finding by the name that it has on equal terms, and its equals.
 
-    The name stays as long as another does not say more in nearly every draw of the stretches.
+    The name stays as long as another does not say more in nearly every draw of the blocks.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def explains_as_much(slim: ScoredCandidate, other: ScoredCandidate) -> bool:
 def _exceeds_constant(more: float, other: ScoredCandidate) -> bool:
     """Return whether a name gains more than a constant that is fitted to what it leaves would by chance.
 
-    A stretch counts as one sample. That constants are the best of many is why t alone says too much.
+    A block counts as one sample. That constants are the best of many is why t alone says too much.
     """
     blocks = len(other.gains)
     return more * (blocks - 1) >= float(fdtri(1, blocks - 1, 1.0 - ALPHA)) * float(other.after_weighted.sum())

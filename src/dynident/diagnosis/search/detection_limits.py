@@ -220,6 +220,8 @@ class _PlantedEffect:
         The candidate.
     direction : (k,)
         Its parameters at the usual size.
+    least_sizes : (k,)
+        Sizes of its parameters that nobody would notice; 0 where any size would be.
     held_out : tuple of _HeldOut
         The products beside the model fitted without the fold of each block, for each kind of folds.
     fitted_squares : (s, k, k)
@@ -242,6 +244,7 @@ class _PlantedEffect:
 
     candidate: Candidate
     direction: FloatArray
+    least_sizes: FloatArray
     held_out: tuple[_HeldOut, ...]
     fitted_squares: FloatArray
     fitted_scores: FloatArray
@@ -271,6 +274,10 @@ class _PlantedEffect:
             & (over_joints(error_drops, axis=1) >= RULES.least_error_drop)
             & (over_joints(removed / self.floor, axis=1) >= get_least_gain(effect))
         )
+        if self.least_sizes.any():
+            estimates = shares[:, None] * self.direction + self._misses
+            is_noticed = (np.abs(estimates) >= self.least_sizes) & (self.least_sizes > 0.0)
+            accepted &= is_noticed.any(axis=1)
         if self.moving is not None:
             kinds = range(len(self.moving.held_out))
             where_moving = _compute_error_drops([self.moving._compare(number, shares) for number in kinds])
@@ -301,7 +308,7 @@ class _PlantedEffect:
         # As in scoring: no loss counts for more than there was, and no block for more than three usual ones.
         gain = np.maximum(before - self._errors_after[number], -before)
         whole = before[:, :, -1]
-        factor = np.minimum(whole, 3.0 * np.median(whole, axis=1, keepdims=True)) / whole
+        factor = np.minimum(whole, RULES.most_of_block * _compute_medians(whole)) / whole
         own_before, own_gain = before[:, :, :-1], gain[:, :, :-1]
         drops = np.einsum("ds,dsn->dn", factor, own_gain) / np.einsum("ds,dsn->dn", factor, own_before)
         return _Comparison(gain[:, :, -1] * factor, drops, own_before.sum(axis=1), own_gain.sum(axis=1))
@@ -310,6 +317,12 @@ class _PlantedEffect:
     def _signs(self) -> FloatArray:
         """Random signs (d, s) of the blocks, the same for every candidate."""
         return np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(_DRAWS, len(self.fitted_scores)))
+
+    @cached_property
+    def _misses(self) -> FloatArray:
+        """By how much the parameters (d, k), fitted to all blocks, miss the planted ones in each draw."""
+        inverse = np.linalg.pinv(self.fitted_squares.sum(axis=0), rcond=1e-8, hermitian=True)
+        return np.asarray(self._signs @ self.fitted_scores @ inverse)
 
     @cached_property
     def _products_along(self) -> list[tuple[FloatArray, FloatArray]]:
@@ -330,11 +343,12 @@ class _PlantedEffect:
     def _fit_held_out(self, kind: _HeldOut) -> FloatArray:
         whole_squares = self.fitted_squares.sum(axis=0)
         after = np.empty((_DRAWS, *kind.errors.shape))
-        for fold in kind.folds:
+        # All folds at once: each of these matrices is small.
+        others = np.array([whole_squares - self.fitted_squares[fold].sum(axis=0) for fold in kind.folds])
+        for fold, inverse in zip(kind.folds, np.linalg.pinv(others, rcond=1e-8, hermitian=True), strict=True):
             left_out = np.ones(len(kind.errors), dtype=bool)
             left_out[fold] = False
             noise = self._signs[:, left_out] @ self.fitted_scores[left_out]
-            inverse = np.linalg.pinv(whole_squares - self.fitted_squares[fold].sum(axis=0), rcond=1e-8, hermitian=True)
             miss = noise @ inverse
             products = (miss[:, :, None] * miss[:, None, :]).reshape(_DRAWS, -1)
             quadratic = products @ kind.squares[fold].reshape(-1, products.shape[1]).T
@@ -371,6 +385,12 @@ class _PlantedEffect:
         )
 
 
+def _compute_medians(values: FloatArray) -> FloatArray:
+    """Return the medians (d, 1) of values (d, s); several times as fast as numpy's for a few values each."""
+    middle = (values.shape[1] - 1) // 2, values.shape[1] // 2
+    return np.asarray(np.partition(values, middle, axis=1)[:, middle].mean(axis=1, keepdims=True))
+
+
 def _list_planted(
     rows: Products, pool: Pool, final: FinalScores, members: Sequence[Candidate]
 ) -> Iterator[_PlantedEffect]:
@@ -399,6 +419,7 @@ def _list_planted(
             yield _PlantedEffect(
                 candidate,
                 np.array([usual.get(pool.observation.columns[k].parameter, 0.0) for k in candidate.columns]),
+                _list_least_sizes(pool, candidate),
                 tuple(kind.take_candidate(number, place, columns, joints, weights) for kind in kinds),
                 np.asarray(sum(weights[j] * fitted_squares[j][number][place] for j in every)),
                 np.asarray(sum(weights[j] * fitted_scores[j][:, columns] for j in every)),
@@ -462,20 +483,14 @@ def _build_limit(pool: Pool, planted: _PlantedEffect) -> DetectionLimit:
     main = int(np.argmax(np.abs(planted.direction)))
     column = pool.observation.columns[candidate.columns[main]]
     usual = abs(float(planted.direction[main]))
-    least = _find_least_noticeable(pool, planted)
     thresholds = np.sort(planted.find_thresholds())
-    sure, half = (max(float(thresholds[math.ceil(power * _DRAWS) - 1]), least) for power in (SURE, HALF))
+    sure, half = (float(thresholds[math.ceil(power * _DRAWS) - 1]) for power in (SURE, HALF))
     return DetectionLimit(
         candidate.effect, candidate.joints, column.name, column.unit, sure * usual, half * usual, usual, candidate.shape
     )
 
 
-def _find_least_noticeable(pool: Pool, planted: _PlantedEffect) -> float:
-    """Return the share of the usual size below which nobody would notice the effect, by its specification."""
-    specs = {spec.name: spec.least for spec in get_effect(planted.candidate.effect).parameters}
-    shares = [
-        specs[pool.observation.columns[k].parameter] / abs(value)
-        for k, value in zip(planted.candidate.columns, planted.direction, strict=True)
-        if value and specs.get(pool.observation.columns[k].parameter, 0.0) > 0.0
-    ]
-    return min(shares, default=0.0)
+def _list_least_sizes(pool: Pool, candidate: Candidate) -> FloatArray:
+    """Return the size (k,) of each parameter below which nobody would notice it, by its specification; 0: none."""
+    specs = {spec.name: spec.least for spec in get_effect(candidate.effect).parameters}
+    return np.array([specs.get(pool.observation.columns[k].parameter, 0.0) for k in candidate.columns])

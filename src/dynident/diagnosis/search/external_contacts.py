@@ -1,7 +1,7 @@
 """Find contacts: intervals of time far above the rest that a force on a link explains.
 
 It cannot be held out, since it happens once. What speaks for it instead is that the few numbers of one wrench explain
-the residual of all joints at all times of the stretch, as noise or a missing function of the motion would not.
+the residual of all joints at all times of the interval, as noise or a missing function of the motion would not.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def _get_duration(candidate: Candidate) -> float:
 def drop_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preprocessing: Preprocessing) -> State:
     """Drop the contacts of which little is left beside what was found after them.
 
-    They are looked for first, in what the plain model leaves: where friction is missing, a stretch in which it is
+    They are looked for first, in what the plain model leaves: where friction is missing, an interval in which it is
     unusually large may look like one.
 
     Parameters
@@ -129,7 +129,7 @@ def _test_contact(
     )
     gains = ((before - after) / noise**2).sum(axis=1)
     whole = (before / noise**2).sum(axis=1)
-    # Only the stretches that the contact is in gain; the others would dilute what it explains.
+    # Only the intervals that the contact is in gain; the others would dilute what it explains.
     strong = np.flatnonzero(gains > max(0.1 * float(gains.max(initial=0.0)), 0.0))
     usual = compute_median_error(whole)
     excess = float((whole[strong] - usual).sum())

@@ -25,16 +25,17 @@ from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.search.acceptance_rules import compute_explained_error
 from dynident.diagnosis.search.external_contacts import drop_faded_contacts
 from dynident.diagnosis.search.pruning import prune_findings, select_harmless, trim_joints
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all, score_one
-from dynident.effects import EffectChoice, ReferenceParameters, build_columns, get_effect
-from dynident.estimation import EstimationError, weighted
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all, score_candidate
+from dynident.effects import EffectChoice, build_columns, get_effect
+from dynident.estimation import EstimationError, solve_weighted
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification import Identification
 from dynident.identification.shape_search import are_nearly_alike, refine_shapes
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.recordings import Preprocessing, Recording
+from dynident.recordings import Preprocessing
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, extend_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot
 
 
@@ -63,7 +64,7 @@ def split_groups(data: PhasedProducts, pool: Pool, state: State) -> State:
     return replace(state, findings=tuple(findings))
 
 
-def merge_alike(
+def merge_findings_with_close_constants(
     findings: Sequence[Finding], choices: Sequence[EffectChoice], robot: Robot, resolved: Resolution
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
     """Merge findings whose refined constants have come out alike.
@@ -162,7 +163,7 @@ def _judge_beside_others(
 ) -> ScoredCandidate:
     """Score one of several candidates beside the others."""
     base = (*rest, *(column for i, part in enumerate(parts) if i != k for column in part.columns))
-    return score_one(data, pool, base, parts[k], state.noise)
+    return score_candidate(data, pool, base, parts[k], state.noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,18 +174,12 @@ class RecordedSource:
     ----------
     model : Model
         The model in which something is missing.
-    recordings : tuple of Recording
-        Recordings that the search learns from.
-    preprocessing : Preprocessing
-        Filters of the model.
-    reference : ReferenceParameters
-        Parameters that loads are predicted with.
+    inputs : RegressorInputs
+        Recordings that the search learns from, the model's filters, and what torque is predicted with.
     """
 
     model: Model
-    recordings: tuple[Recording, ...]
-    preprocessing: Preprocessing
-    reference: ReferenceParameters
+    inputs: RegressorInputs
 
     def gather_products(self, pool: Pool, progress: Progress = ignore_progress) -> PhasedProducts:
         """Return inner products of all columns of a pool and of the torque.
@@ -199,9 +194,7 @@ class RecordedSource:
         return gather_products(
             pool.observation,
             self.model.signals,
-            self.recordings,
-            self.preprocessing,
-            self.reference,
+            self.inputs,
             pool.n_base,
             progress,
         )
@@ -209,8 +202,7 @@ class RecordedSource:
     def add_findings(self, findings: Sequence[Finding]) -> RecordedSource:
         """Return the same with the torque predicted by the model with these findings in it."""
         choices = [finding.judged.candidate.choice for finding in findings]
-        better = improve_reference(self.model, choices, self.recordings, self.preprocessing, self.reference)
-        return replace(self, reference=better)
+        return replace(self, inputs=improve_reference(self.model, choices, self.inputs))
 
 
 _NOTHING = 1.0
@@ -218,10 +210,7 @@ _NOTHING = 1.0
 
 
 def locate_findings(
-    identification: Identification,
-    findings: Sequence[Finding],
-    recordings: Sequence[Recording],
-    reference: ReferenceParameters,
+    identification: Identification, findings: Sequence[Finding], inputs: RegressorInputs
 ) -> tuple[Finding, ...]:
     """Move findings of some runs to the link that gains most, the outer one where data do not decide.
 
@@ -231,10 +220,8 @@ def locate_findings(
         The identified model.
     findings : sequence of Finding
         The findings.
-    recordings : sequence of Recording
-        Recordings that the search learns from.
-    reference : ReferenceParameters
-        Parameters that loads are predicted with.
+    inputs : RegressorInputs
+        Recordings that the search learns from, the model's filters, and what torque is predicted with.
 
     Returns
     -------
@@ -252,9 +239,7 @@ def locate_findings(
         choice for own in places.values() for choice in own
     ]
     pool = build_pool_of_choices(model, choices)
-    data = gather_products(
-        pool.observation, model.signals, recordings, identification.preprocessing, reference, model.n_parameters
-    )
+    data = gather_products(pool.observation, model.signals, inputs, model.n_parameters)
     placed_findings = list(findings)
     for k in loose:
         # Each finding is placed beside all others, where they are by now.
@@ -302,8 +287,7 @@ _PASSES = 2
 def refine_findings(
     identification: Identification,
     findings: Sequence[Finding],
-    recordings: Sequence[Recording],
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     resolved: Resolution,
     floor: FloatArray,
     since: tuple[str, ...],
@@ -319,10 +303,8 @@ def refine_findings(
         The identified model.
     findings : sequence of Finding
         The findings on the grid.
-    recordings : sequence of Recording
-        Recordings that the search learns from.
-    reference : ReferenceParameters
-        Parameters that loads are predicted with.
+    inputs : RegressorInputs
+        Recordings that the search learns from, the model's filters, and what torque is predicted with.
     resolved : Resolution
         What the data can resolve.
     floor : (n,)
@@ -337,7 +319,7 @@ def refine_findings(
     tuple of Finding, tuple of EffectChoice, dict of Candidate to Reason
         The remaining findings, what each has become, and why each of the others was dropped.
     """
-    findings = locate_findings(identification, findings, recordings, reference)
+    findings = locate_findings(identification, findings, inputs)
     choices = tuple(finding.judged.candidate.choice for finding in findings)
     dropped: dict[Candidate, Reason] = {}
 
@@ -349,21 +331,21 @@ def refine_findings(
 
     if not choices:
         return (), (), dropped
-    model, preprocessing = identification.model, identification.preprocessing
-    choices = refine_shapes(model, choices, recordings, preprocessing, reference, scale_progress(progress, 0.0, 0.5))
-    findings, choices = merge_alike(findings, choices, model.robot, resolved)
+    model = identification.model
+    choices = refine_shapes(model, choices, inputs, scale_progress(progress, 0.0, 0.5))
+    findings, choices = merge_findings_with_close_constants(findings, choices, model.robot, resolved)
     # Refining may lead to constants that the data cannot resolve.
     visible = [i for i, choice in enumerate(choices) if is_width_resolved(choice, model.robot, resolved)]
     findings, choices = select(visible, "not_resolved"), tuple(choices[i] for i in visible)
     while choices:
-        reference = improve_reference(model, choices, recordings, preprocessing, reference)
-        lean = _RefinedModel.from_choices(model, findings, choices, since, recordings, preprocessing, reference)
-        slimmer, needed = lean.select_needed(floor, preprocessing)
+        inputs = improve_reference(model, choices, inputs)
+        lean = _RefinedModel.from_choices(model, findings, choices, since, inputs)
+        slimmer, needed = lean.select_needed(floor, inputs.preprocessing)
         # Refining the constants of fewer effects may make others superfluous, so this goes on until nothing changes.
         if slimmer == choices:
             break
         findings = select(needed, "superfluous")
-        choices = refine_shapes(model, slimmer, recordings, preprocessing, reference)
+        choices = refine_shapes(model, slimmer, inputs)
     if not choices:
         return (), (), dropped
     resolved_indices = [
@@ -382,28 +364,40 @@ def refine_findings(
 def improve_reference(
     model: Model,
     choices: Sequence[EffectChoice],
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
-) -> ReferenceParameters:
-    """Return the parameters that torque is predicted with once the effects are in the model.
+    inputs: RegressorInputs,
+) -> RegressorInputs:
+    """Return the inputs with the parameters that torque is predicted with once the effects are in the model.
 
     Without these effects the parameters are biased by them.
     """
-    biasing = [choice for choice in choices if get_effect(choice.effect).first_order]
+    biasing = [choice for choice in choices if changes_prediction(choice)]
     if not biasing:
-        return reference
+        return inputs
     # Functions of the position are left out: they would make up for what the first-order columns cannot say yet.
     firm = [choice for choice in choices if not get_effect(choice.effect).of_position]
     grown = extend_model(model, firm) if firm else model
     for _ in range(_PASSES):
-        reduction = reduce_recordings(grown.observation, recordings, preprocessing, reference)
+        reduction = reduce_recordings(grown.observation, inputs)
         try:
-            reference = grown.build_reference(weighted(reduction).values)
+            inputs = replace(inputs, reference=grown.build_reference(solve_weighted(reduction).values))
         except EstimationError:
             # Together they are not determined: what they correct stays as it was.
-            return reference
-    return reference
+            return inputs
+    return inputs
+
+
+def changes_prediction(choice: EffectChoice) -> bool:
+    """Return whether the torque that columns depend on is another one with an effect in the model.
+
+    A sensitivity biases all parameters where it is lacking; a mass is a load in the runs that have it.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect.
+    """
+    effect = get_effect(choice.effect)
+    return effect.first_order or effect.in_some_runs
 
 
 def _find_independent(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:
@@ -444,11 +438,9 @@ class _RefinedModel:
         findings: Sequence[Finding],
         choices: Sequence[EffectChoice],
         since: tuple[str, ...],
-        recordings: Sequence[Recording],
-        preprocessing: Preprocessing,
-        reference: ReferenceParameters,
+        inputs: RegressorInputs,
     ) -> _RefinedModel:
-        """Gather the products of the model and of the choices that the picks have become."""
+        """Gather the products of the model and of the choices that the findings have become."""
         columns = list(model.kept)
         refined: list[Finding] = []
         for finding, choice in zip(findings, choices, strict=True):
@@ -460,7 +452,7 @@ class _RefinedModel:
             columns += new_columns
         observation = model.observation.extend(columns[model.n_parameters :], model.signals)
         pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined), since)
-        data = gather_products(observation, model.signals, recordings, preprocessing, reference, model.n_parameters)
+        data = gather_products(observation, model.signals, inputs, model.n_parameters)
         return cls(pool, data, tuple(refined))
 
     def select_needed(

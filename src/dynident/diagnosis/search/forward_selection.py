@@ -20,7 +20,7 @@ from dynident.diagnosis.search.comparison_of_rivals import (
     explains_as_much,
     list_starts,
 )
-from dynident.diagnosis.search.finding_refinement import split_groups
+from dynident.diagnosis.search.finding_refinement import changes_prediction, split_groups
 from dynident.diagnosis.search.identifiability_and_invisible_effects import is_determined, is_main_explanation
 from dynident.diagnosis.search.next_finding import select_candidate
 from dynident.diagnosis.search.physical_plausibility import is_physically_possible
@@ -32,7 +32,7 @@ from dynident.progress import Progress
 from dynident.regressors.model_structure import Model
 
 
-def merge_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
+def merge_findings_on_joint(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
     """Merge several findings on a joint into one, where that one explains as much.
 
     Parameters
@@ -274,14 +274,14 @@ def search_findings(
     pool: Pool,
     state: State,
     first: list[ScoredCandidate],
-    most: int,
     rows: ProductSource,
     progress: Progress,
 ) -> SearchRecord:
     """Add the best effect that passes all tests, again and again, until none does; then drop what became superfluous.
 
-    After an effect that is a first-order sensitivity all columns are made anew: those of the plain model are about
-    torque that it predicted wrongly for want of this effect, and what they leave would be taken for something else.
+    After an effect that is a first-order sensitivity, and after a mass of some runs, all columns are made anew: those
+    of the plain model are about torque that it predicted wrongly for want of this effect, and what they leave would be
+    taken for something else.
     Names that take much of the same error are weighed with their shape constants between those of the grid.
     What the residual has but a faint trace of is asked about once something was found on its joint, and what was found
     before it once more. What two findings over the position of a joint say, one that says as much takes the name of.
@@ -299,8 +299,6 @@ def search_findings(
         The model that the search starts from, with the contacts that disturb it.
     first : list of ScoredCandidate
         All candidates, scored beside that model.
-    most : int
-        Largest number of findings, contacts not counted.
     rows : ProductSource
         Gives products of further columns.
     progress : Progress
@@ -315,6 +313,7 @@ def search_findings(
     firm = is_determined(data.select_for_model(state.base), state)
     judged, contacts = first, state.findings
     remaining, asleep = [scored.candidate for scored in first], pool.faint
+    most = state.rules.most_effects
     # Contacts are events of a recording, not effects of the arm: they do not count.
     while (number := len(state.findings) - len(contacts)) < most:
         progress(number / most, f"{number} effects found, {len(remaining)} candidates")
@@ -326,7 +325,7 @@ def search_findings(
         chosen, equal = compare_names(rows.model, pool, state, choice, judged, rows.gather_products)
         finding = Finding(chosen, equal, chosen.p, _list_neighbour_columns(pool, chosen.candidate, state.base))
         base = state.base + finding.columns
-        if get_effect(chosen.candidate.effect).first_order:
+        if changes_prediction(chosen.candidate.choice):
             rows = rows.add_findings((*state.findings, finding))
             data = rows.gather_products(pool)
         # What one run has and the others have not keeps the plain model from predicting a part of it, too.
@@ -353,7 +352,7 @@ def search_findings(
             break
     # The order matters: names are settled before findings of one name are merged, and only then is anything dropped or
     # split.
-    state = merge_findings(rows, data, pool, revisit_findings(rows, data, pool, state))
+    state = merge_findings_on_joint(rows, data, pool, revisit_findings(rows, data, pool, state))
     pruned = prune_findings(data, pool, state)
     lasting = {finding.judged.candidate for finding in pruned.findings}
     superfluous = {finding.judged.candidate for finding in state.findings} - lasting
@@ -369,6 +368,10 @@ def _is_superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[st
     """
     if candidate.columns == chosen.columns:
         return True
+    effect = get_effect(candidate.effect)
+    # What rubs more under a load that was added rubs under any load: that is friction of all runs, and no change.
+    if get_effect(chosen.effect).in_some_runs and effect.is_friction and effect.needs_load:
+        return bool(candidate.runs) and candidate.runs == chosen.runs
     if candidate.effect in get_effect(chosen.effect).covers and _is_slow_wave(candidate):
         return set(candidate.joints) <= set(reached)
     if candidate.effect != chosen.effect or bool(candidate.runs) != bool(chosen.runs):

@@ -101,7 +101,7 @@ def is_determined(rows: Products, state: State) -> bool:
 def compute_part_to_part_ratio(rows: Products, state: State) -> float:
     """Return the error on a fifth of the motion that is left out in a row, over that on every fifth block.
 
-    Stretches with what was found already, a contact, do not count: it happened once, no other part of the motion tells
+    Blocks with what was found already, a contact, do not count: it happened once, no other part of the motion tells
     of it.
 
     Parameters

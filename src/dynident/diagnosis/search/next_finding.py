@@ -83,7 +83,7 @@ def select_candidate(
         best, equal = select_simplest(_drop_split_groups(passing))
         plainer = _find_plainer(data, pool, state, best, judged)
         chosen, equal = (plainer, (best, *equal)) if plainer else (best, equal)
-        lasting = _find_warmth(state, chosen, passing)
+        lasting = _find_lasting_cause(state, chosen, passing)
         chosen, equal = (lasting, (chosen, *equal)) if lasting else (chosen, equal)
         others = [
             scored
@@ -91,7 +91,7 @@ def select_candidate(
             if is_other_name(chosen, scored) and not _is_part_of_change(chosen, scored)
         ]
         if lasting:
-            # Wear that warmth says is no rival to it.
+            # Wear that warmth or a load says is no rival to it.
             others = [scored for scored in others if not is_lasting_change(scored.candidate.choice, state.since)]
         chosen, twins = _prefer_usual_change(state, chosen, _find_twins(chosen, others, data.moving.run))
         beyond = [scored for scored in others if all(scored is not twin for twin in twins)]
@@ -155,16 +155,23 @@ def _find_plainer(
     return max((replace(scored, p=chosen.p) for scored in plainer), key=lambda scored: scored.total_gain, default=None)
 
 
-def _find_warmth(state: State, chosen: ScoredCandidate, passing: Sequence[ScoredCandidate]) -> ScoredCandidate | None:
-    """Find a dependence on warmth that explains as much as a change of the later day: that is no wear."""
+def _find_lasting_cause(
+    state: State, chosen: ScoredCandidate, passing: Sequence[ScoredCandidate]
+) -> ScoredCandidate | None:
+    """Find a dependence on warmth, or on a load that was added, that explains as much as a change: that is no wear."""
     if not is_lasting_change(chosen.candidate.choice, state.since):
         return None
+    is_loaded = get_effect(chosen.candidate.effect).is_friction and any(
+        get_effect(finding.judged.candidate.effect).in_some_runs
+        and finding.judged.candidate.runs == chosen.candidate.runs
+        for finding in state.findings
+    )
     # An arm gets warm as a whole: warmth of more joints explains a change on any of them.
     places = set(chosen.candidate.joints)
     lasting = [
         scored
         for scored in passing
-        if _is_warmth(scored)
+        if (_is_warmth(scored) or (is_loaded and _grows_with_load(scored)))
         and places <= set(scored.candidate.joints)
         and bool(places) == bool(scored.candidate.joints)
         and scored.total_gain >= state.rules.as_much_as_change * chosen.total_gain
@@ -182,6 +189,11 @@ def _is_part_of_change(chosen: ScoredCandidate, scored: ScoredCandidate) -> bool
 def _is_warmth(scored: ScoredCandidate) -> bool:
     effect = get_effect(scored.candidate.effect)
     return effect.needs_temperature or effect.needs_session
+
+
+def _grows_with_load(scored: ScoredCandidate) -> bool:
+    effect = get_effect(scored.candidate.effect)
+    return effect.is_friction and effect.needs_load and not scored.candidate.runs
 
 
 def _select_first_order(chosen: ScoredCandidate, others: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:

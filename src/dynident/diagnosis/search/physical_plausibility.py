@@ -6,6 +6,7 @@ Friction takes energy, a mass or a compliance is above zero.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Pool
 from dynident.diagnosis.candidates.held_out_scores import compute_deviations
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
-from dynident.diagnosis.candidates.inner_products_and_folds import Products
+from dynident.diagnosis.candidates.inner_products_and_folds import Products, find_present
 from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.decision_levels import RULES
@@ -62,7 +63,7 @@ def find_impossibility(
     """
     columns = np.array(base + scored.candidate.columns, dtype=np.intp)
     rows = data.select_for_model(columns)
-    values, doubts = _fit_columns(rows, columns, noise)
+    values, doubts = _fit_columns(rows, base, scored.candidate.columns, noise)
     effect = get_effect(scored.candidate.effect)
     if effect.is_friction and not _is_dissipative(rows, pool, columns, values, scored):
         return Reason.build("impossible")
@@ -161,7 +162,7 @@ def _is_dissipative(
 ) -> bool:
     """Return whether friction still takes energy from every joint on the whole, the candidate's friction included.
 
-    The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
+    The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each block.
     """
     for j in scored.joints:
         where = data.position[j]
@@ -177,16 +178,73 @@ def _is_dissipative(
     return True
 
 
-def _fit_columns(data: Products, columns: IndexArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the parameters (k,) of columns, fitted to all blocks, and their standard deviations (k,)."""
-    k = len(columns)
-    normal, right = np.zeros((k, k)), np.zeros(k)
+def _fit_columns(
+    data: Products, base: tuple[int, ...], own: tuple[int, ...], noise: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the parameters (k,) of a model and a candidate, fitted to all blocks, and their standard deviations (k,).
+
+    The model's own equations are the same beside every candidate: they are inverted once, and by blocks with it.
+    """
+    model = data.find_cached(("model", base, noise.tobytes()), lambda: _ModelFit.from_products(data, base, noise))
+    mixed, squares, right = _sum_products(data, base, own, noise)
+    scale = np.sqrt(np.maximum(np.diag(squares), np.finfo(float).tiny))
+    mixed, squares, right = mixed / np.outer(model.scale, scale), squares / np.outer(scale, scale), right / scale
+    rest = model.inverse @ mixed
+    own_values, own_vectors = np.linalg.eigh(squares - mixed.T @ rest)
+    if not model.is_regular or own_values[0] < _REGULAR:
+        return _fit_together(data, np.array(base + own, dtype=np.intp), noise)
+    inverse = (own_vectors / own_values) @ own_vectors.T
+    values = inverse @ (right - mixed.T @ model.values)
+    variances = np.diag(model.inverse) + np.einsum("bk,kl,bl->b", rest, inverse, rest)
+    whole = np.concatenate([variances / model.scale**2, np.diag(inverse) / scale**2])
+    deviations = np.sqrt(RULES.rows_of_filter * np.maximum(whole, 0.0))
+    return np.concatenate([(model.values - rest @ values) / model.scale, values / scale]), deviations
+
+
+_REGULAR = 1e-8
+"""Least eigenvalue of equations with unit columns from which on they are inverted as they are."""
+
+
+@dataclass(frozen=True, eq=False)
+class _ModelFit:
+    """The model's own equations with unit columns: inverse (b, b), parameters (b,), and the columns' sizes (b,)."""
+
+    inverse: FloatArray
+    values: FloatArray
+    scale: FloatArray
+    is_regular: bool
+
+    @classmethod
+    def from_products(cls, data: Products, base: tuple[int, ...], noise: FloatArray) -> _ModelFit:
+        _, normal, right = _sum_products(data, (), base, noise)
+        scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+        inverse = (vectors / np.maximum(values, _REGULAR)) @ vectors.T
+        return cls(inverse, inverse @ (right / scale), scale, bool(values[0] >= _REGULAR))
+
+
+def _sum_products(
+    data: Products, base: tuple[int, ...], own: tuple[int, ...], noise: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the products of `base` and `own` (b, k), of `own` (k, k), and of `own` with the torque (k,)."""
+    b, k = len(base), len(own)
+    mixed, squares, right = np.zeros((b, k)), np.zeros((k, k)), np.zeros(k)
     for joint, (where, sigma) in enumerate(zip(data.position, noise, strict=True)):
-        have = np.flatnonzero(where[columns] >= 0)
-        places = where[columns[have]]
-        total = data.sum_products(joint, np.append(places, -1)) / sigma**2
-        normal[np.ix_(have, have)] += total[:-1, :-1]
-        right[have] += total[:-1, -1]
+        have, places = find_present(where, np.array(own, dtype=np.intp))
+        if not len(have):
+            continue
+        known, known_places = find_present(where, np.array(base, dtype=np.intp))
+        total = data.sum_products(joint, np.concatenate([known_places, places, [-1]]), np.append(places, -1))
+        total /= sigma**2
+        mixed[np.ix_(known, have)] += total[: len(known), :-1]
+        squares[np.ix_(have, have)] += total[len(known) : -1, :-1]
+        right[have] += total[len(known) : -1, -1]
+    return mixed, squares, right
+
+
+def _fit_together(data: Products, columns: IndexArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the same for columns (k,) that the data may not determine, of which the smallest parameters."""
+    _, normal, right = _sum_products(data, (), tuple(columns.tolist()), noise)
     scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     # The pseudo-inverse leaves undetermined parameters at zero, which no check of signs takes offence at.
     inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10, hermitian=True)

@@ -60,12 +60,12 @@ class Finding:
 
     @property
     def is_transient(self) -> bool:
-        """Whether it happened once, so that stretches that it shows in cannot be held out: a contact."""
+        """Whether it happened once, so that blocks that it shows in cannot be held out: a contact."""
         return get_effect(self.judged.candidate.effect).is_transient
 
     @property
     def columns(self) -> tuple[int, ...]:
-        """All columns that come with the pick."""
+        """All columns that come with the finding."""
         return self.judged.candidate.columns + self.around
 
 
@@ -151,10 +151,13 @@ class ScoredFamily:
         The candidates.
     levels : FamilywiseLevels
         What the test asks of each of them.
+    data : PhasedProducts
+        What they were scored on.
     """
 
     scored: tuple[ScoredCandidate, ...]
     levels: FamilywiseLevels
+    data: PhasedProducts
 
 
 def score_family(
@@ -209,10 +212,11 @@ def score_family(
     # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
     gains = np.array([scored_candidate.gains for scored_candidate in whole]).reshape(len(whole), -1)
     p, levels = run_familywise_test(gains, scores, level)
-    return ScoredFamily(tuple(replace(scored, p=float(value)) for scored, value in zip(whole, p, strict=True)), levels)
+    judged_by_test = tuple(replace(scored, p=float(value)) for scored, value in zip(whole, p, strict=True))
+    return ScoredFamily(judged_by_test, levels, data)
 
 
-def score_one(
+def score_candidate(
     data: PhasedProducts, pool: Pool, base: tuple[int, ...], candidate: Candidate, noise: FloatArray
 ) -> ScoredCandidate:
     """Score a finding beside another model by its gains alone; its p stays one.

@@ -29,6 +29,7 @@ from dynident.identification import Identification, extend
 from dynident.number_format import format_percent
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot
 
 # `benchmarks/held_at_rest.py` calibrates the first five.
@@ -279,7 +280,10 @@ class _FrictionTrials:
         model, reference = grown.model, grown.estimate.next_reference()
         pool = build_pool_of_choices(model, choices)
         data = gather_products(
-            pool.observation, model.signals, recordings, grown.preprocessing, reference, model.n_parameters
+            pool.observation,
+            model.signals,
+            RegressorInputs(recordings, grown.preprocessing, reference),
+            model.n_parameters,
         )
         return cls(grown, pool, data)
 

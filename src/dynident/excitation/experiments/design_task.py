@@ -25,6 +25,7 @@ from dynident.motion.limits.limit_margins import Margin, compute_margins
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.qr_accumulation import compute_used_duration
 
 
@@ -68,7 +69,9 @@ def build_earlier_rows(
             )
     # Filtered as an identification would filter them, so that their rows are worth as much as it will make of them.
     preprocessing = choose_preprocessing(recordings)
-    reduction = reduce_recordings(model.observation, recordings, preprocessing, model.reference, progress)
+    reduction = reduce_recordings(
+        model.observation, RegressorInputs(recordings, preprocessing, model.reference), progress
+    )
     n, b = model.robot.n, model.n_parameters
     # The triangular factors have the inner products of all rows: a few rows stand for whole recordings.
     rows = np.zeros((max(equation.factors.shape[-1] for equation in reduction.equations), n, b))

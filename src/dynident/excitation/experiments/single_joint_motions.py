@@ -144,13 +144,13 @@ def _plan_constant_speeds(
     """Return strokes as long as the range allows, at most `longest` s, slowest first."""
     strokes = []
     for j in joints:
-        room = min(2 * bounds.half_range[j] * _STROKE_SHARE, _LONGEST_STROKE)
+        longest_way = min(2 * bounds.half_range[j] * _STROKE_SHARE, _LONGEST_STROKE)
         # v² = a d: the speed that is reached within the share of the stroke that both ramps may take.
-        reachable = float(np.sqrt(bounds.acceleration[j] * room * _RAMP_SHARE))
+        reachable = float(np.sqrt(bounds.acceleration[j] * longest_way * _RAMP_SHARE))
         for share in sorted(speeds):
             # A short range does not allow the fastest speeds: there the joint would only speed up and slow down.
             speed = min(share * float(bounds.velocity[j]), reachable)
-            strokes.append(_center_stroke(bounds, home, j, min(room, speed * longest), speed))
+            strokes.append(_center_stroke(bounds, home, j, min(longest_way, speed * longest), speed))
     return tuple(strokes)
 
 

@@ -119,7 +119,7 @@ def _find_narrow_speeds(model: DesignModel) -> list[float]:
 
 # Between the samples a motion swings out a little further than on them.
 _SHARE_OF_LIMITS = 0.99
-ROOM_UNIT = 0.5
+SLACK_UNIT = 0.5
 """Missing clearance, m, that weighs as much as a limit that is exceeded twofold."""
 
 
@@ -175,7 +175,7 @@ class Evaluation:
     excess : (6, N, n)
         Of the limits.
     crowding : (N, K)
-        Excess of the distances that are kept, in units of `ROOM_UNIT`.
+        Excess of the distances that are kept, in units of `SLACK_UNIT`.
     """
 
     lagrangian: float
@@ -235,14 +235,14 @@ class DesignProblem:
         self._counted = None if model.counted.all() else model.counted[:, None].astype(np.float64)
         self._middle = np.zeros((6, 1, self.n))
         self._middle[0, 0] = bounds.middle
-        self._rooms = None if bounds.space is None else bounds.space.constraints
+        self._constraints = None if bounds.space is None else bounds.space.constraints
         of_rates = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque, bounds.power)
-        room = np.stack([bounds.half_range, *of_rates])
+        half_ranges = np.stack([bounds.half_range, *of_rates])
         self._moving = bounds.half_range > 0
         # A locked joint has no range, and a distance from its middle must not be divided by zero.
-        room[0, ~self._moving] = np.inf
-        # An absent limit has infinite room: its share is zero, and it never acts.
-        self._per_room = 1.0 / (_SHARE_OF_LIMITS * room[:, None, :])
+        half_ranges[0, ~self._moving] = np.inf
+        # An absent limit has an infinite range: its share is zero, and it never acts.
+        self._per_half_range = 1.0 / (_SHARE_OF_LIMITS * half_ranges[:, None, :])
 
     def copy_for_thread(self) -> DesignProblem:
         """Return a copy for another thread: evaluations of one problem use the same memory."""
@@ -250,7 +250,7 @@ class DesignProblem:
 
     def create_multipliers(self, penalty: float) -> Multipliers:
         """Return zero multipliers, where the augmented Lagrangian begins."""
-        count = 0 if self._rooms is None else self._rooms.count
+        count = 0 if self._constraints is None else self._constraints.count
         return Multipliers(np.zeros((6, self.n_samples, self.n)), np.zeros((self.n_samples, count)), penalty)
 
     def evaluate(self, flat: FloatArray, multipliers: Multipliers) -> Evaluation:
@@ -277,12 +277,12 @@ class DesignProblem:
         criterion, of_rows = self._criterion(scale * self._row_model.build_rows(chosen, dq))
         of_chosen, of_velocity = self._row_model.pull_back(chosen, dq, scale * of_rows)
         # Everything as a share of its limit: one penalty then weighs all kinds of limits alike.
-        shares = (np.stack([q, dq, ddq, dddq, torque, torque * dq]) - self._middle) * self._per_room
+        shares = (np.stack([q, dq, ddq, dddq, torque, torque * dq]) - self._middle) * self._per_half_range
         excess = np.abs(shares) - 1.0
         active = np.maximum(0.0, multipliers.values + multipliers.penalty * excess)
         crowding, of_crowding, of_posture = self._evaluate_crowding(q, multipliers)
         penalty = float(np.sum(active**2) - np.sum(multipliers.values**2)) / (2 * multipliers.penalty) + of_crowding
-        of_signals = active * np.sign(shares) * self._per_room
+        of_signals = active * np.sign(shares) * self._per_half_range
         # Power is torque times velocity: its share of the gradient goes to both by the product rule.
         of_torque = of_signals[4] + of_signals[5] * dq
         of_w = of_torque[:, :, None] * self._nominal if self._expected is None else np.zeros_like(w)
@@ -305,14 +305,14 @@ class DesignProblem:
 
     def _evaluate_crowding(self, q: FloatArray, multipliers: Multipliers) -> tuple[FloatArray, float, FloatArray]:
         """Return the crowding (N, K), its part of the augmented Lagrangian, and the gradient of that over q (N, n)."""
-        if self._rooms is None:
+        if self._constraints is None:
             return multipliers.crowding, 0.0, np.zeros_like(q)
-        rooms = self._rooms.evaluate(q)
+        slack = self._constraints.evaluate(q)
         # Slack is positive where there is clearance to spare, an excess where a limit is broken: hence the sign.
-        crowding = rooms.values / -ROOM_UNIT
+        crowding = slack.values / -SLACK_UNIT
         active = np.maximum(0.0, multipliers.crowding + multipliers.penalty * crowding)
         penalty = float(np.sum(active**2) - np.sum(multipliers.crowding**2)) / (2 * multipliers.penalty)
-        return crowding, penalty, rooms.pull_back(active / -ROOM_UNIT) if active.any() else np.zeros_like(q)
+        return crowding, penalty, slack.pull_back(active / -SLACK_UNIT) if active.any() else np.zeros_like(q)
 
 
 @dataclass(frozen=True, eq=False)

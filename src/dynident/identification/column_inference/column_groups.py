@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.array_types import FloatArray
-from dynident.identification.column_inference.column_names import ColumnName, Signal, get_signal_of_unit
+from dynident.array_types import BoolArray, FloatArray
+from dynident.identification.column_inference.column_names import (
+    ColumnName,
+    Signal,
+    find_phrase,
+    get_signal_of_unit,
+    list_spellings,
+)
 from dynident.identification.column_inference.metadata_proposal import Question
 from dynident.number_format import format_percent
 from dynident.recordings.position_checks import MOVED
@@ -201,13 +206,9 @@ def _get_signal(column: ColumnName, *, slides: bool) -> Signal | None:
 EXPLAINED = 0.3
 """Largest unexplained share of the torque for positions that nothing else identifies: wrong ones leave far more."""
 
-_SAME = 0.01
-"""Share of its spread by which two topics of one position differ: the slower is interpolated between its samples."""
-
 _OURS: tuple[Signal, ...] = ("q", "dq", "ddq", "tau", "current", "temperature")
 """Kinds of signals that are read by their own names."""
 
-_JOINT = frozenset({"joint", "jnt", "j", "axis", "achse", "a", "link"})
 _PENDANT = (("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2"), ("wrist", "3"))
 """What the pendants of one maker call six joints."""
 
@@ -245,7 +246,10 @@ class ColumnGroup:
 
 
 def group_columns(
-    named: Sequence[ColumnName], joint_names: Sequence[str], followers: Sequence[str] = ()
+    named: Sequence[ColumnName],
+    joint_names: Sequence[str],
+    followers: Sequence[str] = (),
+    alive: BoolArray | None = None,
 ) -> tuple[list[ColumnGroup], list[int], list[int]]:
     """Group columns that differ by the joint alone.
 
@@ -255,6 +259,8 @@ def group_columns(
         What the names of all columns say.
     joint_names, followers : sequence of str
         Joints that are driven, and those that follow them.
+    alive : (columns,) of bool, optional
+        Which columns hold changing numbers: those counted behind the last joint that do not are empty places.
 
     Returns
     -------
@@ -279,7 +285,7 @@ def group_columns(
     used = {index for group in by_stem.values() if len(group) == len(joint_names) for index in group.values()}
     # Names of all joints or none: a stem that some joints lack is left to the numbers.
     by_stem = {stem: group for stem, group in by_stem.items() if len(group) == len(joint_names)}
-    numbered, why = _group_by_number(named, used | in_ours | set(following), len(joint_names))
+    numbered, why = _group_by_number(named, used | in_ours | set(following), len(joint_names), alive)
     by_stem |= numbered
     reasons |= why
     used = {index for group in by_stem.values() for index in group.values()} | in_ours | set(following)
@@ -306,7 +312,7 @@ def _group_by_own_names(named: Sequence[ColumnName], joint_names: Sequence[str])
 def find_incomplete_groups(
     named: Sequence[ColumnName], joint_names: Sequence[str]
 ) -> list[tuple[ColumnName, dict[int, int]]]:
-    """Return the columns of each signal that most joints have, but not all.
+    """Return the columns of each signal that most joints have, or several by their names, but not all.
 
     Each as what the name of its first column says, and the columns by joint.
     """
@@ -329,23 +335,12 @@ def find_incomplete_groups(
         # Joints are counted from 0 or from 1.
         first = 0 if 0 in members else 1
         by_stem[stem] = {number - first: index for number, index in members.items() if number - first < n}
-    return [(named[next(iter(members.values()))], members) for members in by_stem.values() if n / 2 < len(members) < n]
-
-
-def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
-    """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation.
-
-    Parameters
-    ----------
-    values : (m, c)
-        Values of all columns.
-    groups : sequence of ColumnGroup
-        The groups to compare, at least one.
-    """
-    first, *others = (values[:, list(group.columns)] for group in groups)
-    # A joint that stands has no spread of its own to compare with.
-    spread = np.maximum(first.std(axis=0), 0.1 * first.std(axis=0).max())
-    return all(bool((np.abs(other - first).mean(axis=0) <= _SAME * spread).all()) for other in others)
+    # Of numbers only most say that joints are meant; names say it for as few as two, as of one arm of several.
+    return [
+        (named[next(iter(members.values()))], members)
+        for stem, members in by_stem.items()
+        if (n / 2 if stem in numbered else 1) < len(members) < n
+    ]
 
 
 def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
@@ -427,8 +422,8 @@ def _match_joint_name(words: tuple[str, ...], joint_names: Sequence[str]) -> tup
     """Return the joint whose name the words hold, the longest where several do, and the words without it."""
     best: tuple[int, int, int] | None = None
     for joint, name in enumerate(joint_names):
-        for spelling in _list_spellings(name):
-            place = _find_phrase(words, spelling)
+        for spelling in list_spellings(name):
+            place = find_phrase(words, spelling)
             # The longest name wins: "wrist_1" must not be taken for a joint "wrist".
             if place is not None and (best is None or len(spelling) > best[1]):
                 best = joint, len(spelling), place
@@ -438,26 +433,10 @@ def _match_joint_name(words: tuple[str, ...], joint_names: Sequence[str]) -> tup
     return joint, (*words[:place], "*", *words[place + length :])
 
 
-def _list_spellings(name: str) -> list[tuple[str, ...]]:
-    """Return a joint's name as words, with and without the word joint; none that is a number alone."""
-    words = tuple(word.casefold() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name))
-    bare = tuple(word for word in words if word != "joint")
-    return [
-        spelling for spelling in (words, bare) if any(not word.isdigit() and word not in _JOINT for word in spelling)
-    ]
-
-
-def _find_phrase(words: tuple[str, ...], phrase: tuple[str, ...]) -> int | None:
-    for start in range(len(words) - len(phrase) + 1):
-        if words[start : start + len(phrase)] == phrase:
-            return start
-    return None
-
-
 def _group_by_number(
-    named: Sequence[ColumnName], used: set[int], n: int
+    named: Sequence[ColumnName], used: set[int], n: int, alive: BoolArray | None
 ) -> tuple[dict[tuple[str, ...], dict[int, int]], dict[tuple[str, ...], str]]:
-    """Group columns whose names differ by one number that counts all joints, from 0 or from 1."""
+    """Group columns whose names differ by one number that counts all joints, from 0, from 1, or all from another."""
     stems: dict[tuple[str, ...], dict[int, int]] = {}
     for index, column in enumerate(named):
         if index in used:
@@ -470,12 +449,18 @@ def _group_by_number(
     reasons: dict[tuple[str, ...], str] = {}
     # Stems with most numbers first: a name may hold several numbers, and only one of them counts the joints.
     for stem, members in sorted(stems.items(), key=lambda pair: -len(pair[1])):
-        for base in (1, 0):
-            if set(members) == set(range(base, base + n)) and not used & set(members.values()):
-                by_stem[stem] = {number - base: index for number, index in members.items()}
-                reasons[stem] = f"the joints are counted from {base} in the names"
-                used = used | set(members.values())
-                break
+        first, last = min(members), max(members)
+        if last - first + 1 != len(members) or len(members) < n or used & set(members.values()):
+            continue
+        behind = [index for number, index in members.items() if number >= first + n]
+        # As many as joints, or more of which none behind the joints ever changes: places of joints it does not have.
+        if behind and (first > 1 or alive is None or alive[behind].any()):
+            continue
+        by_stem[stem] = {number - first: index for number, index in members.items() if number < first + n}
+        reasons[stem] = f"the joints are counted from {first} in the names"
+        if behind:
+            reasons[stem] += f"; the {len(behind)} behind them never change"
+        used = used | set(members.values())
     pendant, why = _group_by_pendant_names(named, used, n)
     return by_stem | pendant, reasons | why
 
@@ -490,7 +475,7 @@ def _group_by_pendant_names(
         if index in used:
             continue
         for joint, words in enumerate(_PENDANT):
-            place = _find_phrase(column.words, words)
+            place = find_phrase(column.words, words)
             if place is not None:
                 stem = (*column.words[:place], "*", *column.words[place + len(words) :])
                 stems.setdefault(stem, {}).setdefault(joint, index)

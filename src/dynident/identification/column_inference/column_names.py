@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from dynident.recordings.units import FACTORS, MOMENTS
+
 Signal = Literal["t", "q", "dq", "ddq", "tau", "current", "effort", "temperature", "segment", "other"]
 
 
@@ -45,6 +47,7 @@ _LINK = _split_words("link")
 
 _UNITS = {
     "rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "grad": "deg", "mrad": "mrad",
+    "turn": "rev", "turns": "rev", "0.1%": "permille", "0.1 %": "permille", "1/1000": "permille",
     "rev": "rev", "m": "m", "mm": "mm", "cm": "cm", "rad/s": "rad/s", "deg/s": "deg/s", "°/s": "deg/s", "rpm": "rpm",
     "1/min": "rpm", "u/min": "rpm", "rev/s": "rev/s", "mrad/s": "mrad/s", "m/s": "m/s", "mm/s": "mm/s", "cm/s": "cm/s",
     "rad/s^2": "rad/s^2", "deg/s^2": "deg/s^2", "rad/s2": "rad/s^2", "deg/s2": "deg/s^2", "nm": "N m", "n m": "N m",
@@ -52,21 +55,28 @@ _UNITS = {
     "nmm": "N mm", "n": "N", "mn": "mN", "kn": "kN", "a": "A", "ma": "mA", "amp": "A", "ampere": "A", "s": "s",
     "sec": "s", "seconds": "s", "ms": "ms", "us": "us", "µs": "us", "μs": "us", "ns": "ns", "permille": "permille",
     "‰": "permille", "promille": "permille", "%": "percent", "percent": "percent", "degc": "degC", "°c": "degC",
-    "k": "K",
+    "k": "K", "min": "min", "h": "h", "kgfcm": "kgf cm", "kgcm": "kgf cm", "kgfm": "kgf m", "gfcm": "gf cm",
+    "lbfft": "lbf ft", "ftlbf": "lbf ft", "lbfin": "lbf in", "inlbf": "lbf in", "ozfin": "ozf in", "ozin": "ozf in",
+    "kgf": "kgf", "lbf": "lbf",
 }  # fmt: skip
 _SUFFIXES = _split_words(
-    "rad deg degrees mrad rev mm cm rpm nm mnm knm ncm a ma s sec ms us ns permille promille percent degc"
+    "rad deg degrees mrad rev turns mm cm rpm nm mnm knm ncm a ma s sec ms us ns permille promille percent degc"
 )
 _PAIRS = {("deg", "s"): "deg/s", ("rad", "s"): "rad/s", ("mm", "s"): "mm/s", ("m", "s"): "m/s", ("rev", "s"): "rev/s",
+          ("turns", "s"): "rev/s",
           ("degs", ""): "deg/s", ("rads", ""): "rad/s", ("mn", "m"): "mN m", ("n", "m"): "N m"}  # fmt: skip
 _MAKER_WORDS = {
     "AIPos": "actual position", "ASPos": "setpoint position", "MACur": "motor current",
     "EIPos": "external axis position", "ESPos": "external axis setpoint position", "MECur": "external axis current",
     "current_as_torque": "gravity compensated torque", "actuator_force": "actuator effort",
+    "qfrc_bias": "computed torque", "qfrc_passive": "computed torque", "qfrc_constraint": "computed torque",
+    "qfrc_inverse": "computed torque", "pos_estimate": "position turns", "vel_estimate": "velocity turns s",
+    "qOut_": "commanded position ", "alphaOut_": "commanded velocity ", "tauOut_": "commanded torque ",
 }  # fmt: skip
 """What makers' own words for signals mean: of KUKA's RobotSensorInterface (the axes E1 to E6 are not the robot's), and
-of Universal Robots' RTDE, whose currents as torques are without the load of gravity; and of MuJoCo, whose actuators'
-forces are torques where joints turn."""
+of Universal Robots' RTDE, whose currents as torques are without the load of gravity; of MuJoCo, whose actuators' forces
+are torques where joints turn, and whose other generalised forces are computed; of ODrive, which counts turns; and of
+mc_rtc, whose Out goes to the robot."""
 
 _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
     (
@@ -77,7 +87,15 @@ _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
 """Abbreviations that only a logger's names together tell (pyFRI): words that have to be there, and what they mean."""
 
 _BRACKET = re.compile(r"\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]\s*$")
-_ENDING = re.compile(r"[_ .\-](mA|mNm|kNm|Nm|mrad|rpm|permille|promille|ms|us|ns|mm|cm)$", re.IGNORECASE)
+_ENDING = re.compile(
+    r"[_ .\-](mA|mNm|kNm|Nm|kgf?[.·*_]?cm|kgf[.·*_]?m|ozf?[.·*_]?in|lbf[.·*_]?(?:in|ft)|mrad|rpm|permille|promille|ms|"
+    r"us|ns|mm|cm)$",
+    re.IGNORECASE,
+)
+_STRANGE_UNIT = re.compile(
+    r"^(?:[mkµu]?V|mW|W|kW|bar|psi|kPa|counts?|ticks?|LSB|raw|bits?|digits?|inc)$", re.IGNORECASE
+)
+"""Units of what a sensor gives, which only its own constant turns into a torque."""
 _PART = re.compile(r"[A-Z]+(?![a-zµ])|[A-Z]?[a-zäöüßµμ]+|\d+|[°‰%]")
 
 
@@ -109,6 +127,8 @@ class ColumnName:
         Whether it is one of a motor.
     link : bool
         Whether it is one of a link, beside the joint's own.
+    strange_unit : str
+        What stands in brackets behind the name and is no unit of such a signal; "" where nothing does.
     """
 
     name: str
@@ -122,6 +142,7 @@ class ColumnName:
     compensated: bool
     motor: bool
     link: bool
+    strange_unit: str = ""
 
     @property
     def rank(self) -> int:
@@ -136,7 +157,7 @@ class ColumnName:
         )
 
 
-def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[ColumnName]:
+def read_names(names: Sequence[str], units: Mapping[str, str], joint_names: Sequence[str] = ()) -> list[ColumnName]:
     """Read the names of all columns.
 
     Parameters
@@ -145,6 +166,8 @@ def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[ColumnNam
         Names of the columns, as the file has them.
     units : mapping of str to str
         Units by name that the file states elsewhere.
+    joint_names : sequence of str
+        Names of the robot's joints, whose words say nothing of the signal: axis_d is no desired value.
 
     Returns
     -------
@@ -155,15 +178,16 @@ def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[ColumnNam
     heads = {name.rstrip("0123456789") for name in names}
     meant = {word: text for needed, words in _LOGGERS if needed <= heads for word, text in words.items()}
     columns = []
+    spellings = [spelling for joint in joint_names for spelling in list_spellings(joint)]
     for name in names:
         head = name.rstrip("0123456789")
         plain = f"{meant[head]} {name[len(head) :]}" if head in meant else name
-        columns.append(replace(read_name(plain, units.get(name, "")), name=name))
+        columns.append(replace(read_name(plain, units.get(name, ""), spellings), name=name))
     return columns
 
 
-def read_name(name: str, unit: str = "") -> ColumnName:
-    """Read a column's name; `unit` is what the file states elsewhere."""
+def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = ()) -> ColumnName:
+    """Read a column's name; `unit` is what the file states elsewhere, `spellings` are the joints' names as words."""
     # Makers' words are put into plain ones before the name is taken apart.
     for word, meaning in _MAKER_WORDS.items():
         name = name.replace(word, meaning)
@@ -174,12 +198,17 @@ def read_name(name: str, unit: str = "") -> ColumnName:
     text = name if bracket is None or (stated is None and inner.isdigit()) else name[: bracket.start()]
     ending = _ENDING.search(text)
     if stated is None and ending is not None:
-        stated, text = _UNITS[ending.group(1).casefold()], text[: ending.start()]
+        stated, text = _UNITS[_normalise_unit(ending.group(1))], text[: ending.start()]
     # Capitals separate words, as in jointPosition, so they are lowered only after the split.
     words = tuple(word.casefold() for word in _PART.findall(text))
-    words, stated = _split_unit(words, stated)
-    plain = [word for word in words if not word.isdigit()]
-    signal = _classify_signal(plain)
+    places = [(len(spelling), place) for spelling in spellings if (place := find_phrase(words, spelling)) is not None]
+    length, place = max(places, default=(0, 0))
+    if not length or place + length < len(words):
+        # The last letter of a joint's name is no unit: axis_a is not in amperes.
+        words, stated = _split_unit(words, stated)
+    everything = [word for word in words if not word.isdigit()]
+    plain = [word for word in (*words[:place], *words[place + length :]) if not word.isdigit()]
+    signal = _classify_signal(plain) or _classify_signal(everything)
     return ColumnName(
         name,
         signal,
@@ -191,8 +220,35 @@ def read_name(name: str, unit: str = "") -> ColumnName:
         external=any(word in _EXTERNAL for word in plain),
         compensated=any(word in _COMPENSATED for word in plain),
         motor=any(word in _MOTOR for word in plain),
-        link=any(word in _LINK for word in plain) and not any(word == "joint" for word in plain),
+        link=any(word in _LINK for word in plain) and not any(word == "joint" for word in everything),
+        strange_unit=inner if stated is None and _STRANGE_UNIT.match(inner) else "",
     )
+
+
+_JOINT = frozenset({"joint", "jnt", "j", "axis", "achse", "a", "link"})
+
+
+def list_spellings(name: str) -> list[tuple[str, ...]]:
+    """Return a joint's name as words, with and without the word joint; none that is a number alone."""
+    words = tuple(word.casefold() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name))
+    bare = tuple(word for word in words if word != "joint")
+
+    def is_name(spelling: tuple[str, ...]) -> bool:
+        counted = any(word.isdigit() for word in spelling)
+        # Several general words without a number, such as axis_a, are a name all the same.
+        return any(not word.isdigit() and word not in _JOINT for word in spelling) or (
+            len(spelling) > 1 and not counted
+        )
+
+    return [spelling for spelling in (words, bare) if is_name(spelling)]
+
+
+def find_phrase(words: tuple[str, ...], phrase: tuple[str, ...]) -> int | None:
+    """Return the place in the words at which a phrase begins; None where it is not in them."""
+    for start in range(len(words) - len(phrase) + 1):
+        if words[start : start + len(phrase)] == phrase:
+            return start
+    return None
 
 
 def _normalise_unit(unit: str) -> str:
@@ -210,11 +266,11 @@ def get_signal_of_unit(unit: str | None) -> Signal | None:
         return "dq"
     if unit in ("rad/s^2", "deg/s^2"):
         return "ddq"
-    if unit in ("N m", "mN m", "kN m", "N cm", "N mm"):
+    if unit in MOMENTS:
         return "tau"
     if unit in ("A", "mA"):
         return "current"
-    if unit in ("s", "ms", "us", "ns"):
+    if unit in FACTORS["t", None]:
         return "t"
     return None
 

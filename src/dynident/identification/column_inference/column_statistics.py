@@ -65,11 +65,19 @@ class Clock:
     reason: str
 
 
-CLOCK_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TICK = 1e-7
+"""s: a tick of the clocks of Windows and .NET."""
+CLOCK_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+_TICKS = ((1.2e17, 1.5e17), (6.2e17, 6.6e17))
+"""Times from 1981 to 2076 in ticks of 100 ns since 1601, as Windows counts them, and from 1965 to 2091 since year 1."""
 _BEGINS = 5.0
 """Steps from the first row's time within which a clock that starts again begins."""
 _SLOWEST, _FASTEST = 8.0, 8000.0
 """Hz: a robot's recording has a rate between them, so that one unit alone, in steps of a thousand, fits."""
+
+
+_MOMENT, _VERY_SLOW = 1.0, 1.0
+"""s of a recording below which a slower clock is meant, and its rate in Hz at least."""
 
 
 def find_changing_columns(values: FloatArray) -> BoolArray:
@@ -87,12 +95,17 @@ def find_clock_columns(values: FloatArray) -> list[int]:
     """Return the columns that run forward and never back, nearly evenly."""
     clocks = []
     for column in range(values.shape[1]):
-        steps = np.diff(values[:, column])
-        if not np.isfinite(steps).all() or not len(steps):
+        whole = np.flatnonzero(np.isfinite(values[:, column]))
+        # Rows of another kind may stand at the ends, such as means below a table.
+        if len(whole) < 0.99 * len(values) or len(whole) < 2:
+            continue
+        steps = np.diff(values[whole[0] : whole[-1] + 1, column])
+        if not np.isfinite(steps).all():
             continue
         middle = float(np.median(steps))
         # A clock may start again with every run of a file, from where it began.
-        forward = (steps >= 0) | (values[1:, column] <= values[0, column] + _BEGINS * middle)
+        later = values[whole[0] + 1 : whole[-1] + 1, column]
+        forward = (steps >= 0) | (later <= values[whole[0], column] + _BEGINS * middle)
         if middle > 0 and forward.mean() > 0.995 and np.mean(np.abs(steps - middle) < 0.9 * middle) > 0.7:
             clocks.append(column)
     return clocks
@@ -117,20 +130,26 @@ def read_clock(values: FloatArray, column: int, unit: str | None) -> Clock | Non
     jitter = float(np.std(steps[steps < 5 * middle]) / middle)
     mean = float(np.mean(steps[steps < 5 * middle]))
     # Units are a factor of a thousand apart, as is the range of rates, so that one of them fits.
-    fits = [name for name, factor in CLOCK_FACTORS.items() if _SLOWEST <= 1.0 / (mean * factor) <= _FASTEST]
+    usual = [(name, factor) for name, factor in CLOCK_FACTORS.items() if factor <= 1.0]
+    fits = [name for name, factor in usual if _SLOWEST <= 1.0 / (mean * factor) <= _FASTEST]
     if unit in CLOCK_FACTORS:
         rate = 1.0 / (mean * CLOCK_FACTORS[unit])
         sure = _SLOWEST / 4 <= rate <= 4 * _FASTEST
         return Clock(
             column, unit, CLOCK_FACTORS[unit], rate, jitter, sure, f"its name says {unit}; that gives {rate:.4g} Hz"
         )
+    if any(low < np.nanmin(values[:, column]) < high for low, high in _TICKS):
+        fits = ["100ns"]
     if len(fits) != 1:
         return None
     (only_unit,) = fits
-    rate = 1.0 / (mean * CLOCK_FACTORS[only_unit])
-    return Clock(
-        column, only_unit, CLOCK_FACTORS[only_unit], rate, jitter, True, f"its steps give {rate:.4g} Hz in {only_unit}"
-    )
+    # A log slower than a robot's is still more likely than a thousandth of its length, which would be a moment.
+    slower = {"ms": "s", "us": "ms", "ns": "us"}.get(only_unit)
+    if slower is not None and len(steps) * mean * CLOCK_FACTORS[only_unit] < _MOMENT:
+        only_unit = slower if 1.0 / (mean * CLOCK_FACTORS[slower]) > _VERY_SLOW else only_unit
+    factor = TICK if only_unit == "100ns" else CLOCK_FACTORS[only_unit]
+    rate = 1.0 / (mean * factor)
+    return Clock(column, only_unit, factor, rate, jitter, True, f"its steps give {rate:.4g} Hz in {only_unit}")
 
 
 def is_counter(values: FloatArray, column: int) -> bool:

@@ -17,7 +17,6 @@ from dynident.identification.column_inference.column_groups import (
     find_torque_of_most_joints,
     group_columns,
     group_few_joints,
-    hold_same_values,
     infer_by_elimination,
 )
 from dynident.identification.column_inference.column_statistics import (
@@ -32,15 +31,22 @@ from dynident.identification.column_inference.metadata_proposal import Proposal,
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
     TOGETHER,
-    columns_are_poses,
+    are_columns_poses,
+    ask_about_file,
+    ask_about_length,
+    drop_dependent_questions,
+    find_segment_column,
     guess_clock,
     guess_clock_of_poses,
     guess_efforts_at_poses,
+    report_empty_columns,
 )
 from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT, ask_for_gains, classify_effort
 from dynident.identification.column_inference.unnamed_columns import (
     UnnamedColumns,
     assign_torques,
+    find_plainest_group,
+    hold_same_values,
     identify_unnamed_columns,
     is_in_order,
     select_whole_signals,
@@ -50,12 +56,14 @@ from dynident.identification.recording_faults.description_units import find_desc
 from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.conditioning.signed_registers import decode_registers
 from dynident.recordings.recording_metadata import EffortKind
-from dynident.recordings.units import find_conversion
+from dynident.recordings.units import MOMENTS, find_conversion
 from dynident.robot import Robot
 
 _FEWEST_ROWS = 3
 """Rows with a time, below which that column is not the time."""
 
+_NOTHING = 1e-30
+"""Efforts that are smaller in any unit are no efforts."""
 _CLEARLY = 1.25
 """Ratio of the unexplained shares above which another order of the columns is refuted."""
 
@@ -89,19 +97,22 @@ class _ColumnInference(WorkingProposal):
     def run(self) -> Proposal:
         """Guess time, groups of columns, positions, efforts and units, in this order."""
         sample, n = self.sample, self.robot.n
-        self.of_poses = columns_are_poses(self)
+        self.of_poses = are_columns_poses(self)
         self.alive = find_changing_columns(sample.values)
         kind: EffortKind = "unknown"
         for remark in self.sample.remarks:
             self.add_guess("rows", "joined", 0.95, remark)
-        self._report_empty_columns()
+        report_empty_columns(self)
+        if ask_about_file(self):
+            return self._finish(kind)
         # Everything else needs the time: slopes, filters and fits.
         clock = guess_clock_of_poses(self) if self.of_poses else guess_clock(self)
         if clock is None:
             return self._finish(kind)
         self.t = sample.values[:, clock.column] * clock.factor
-        segment = self._find_segment_column()
+        segment = find_segment_column(self)
         good = np.isfinite(self.t)
+        ask_about_length(self, clock)
         if np.count_nonzero(good) < _FEWEST_ROWS:
             self.add_question("columns/t", "Hardly any row has a time: which column is the time?", sample.names)
             return self._finish(kind)
@@ -114,7 +125,7 @@ class _ColumnInference(WorkingProposal):
         places = [index for index in range(len(self.column_names)) if index != clock.column]
         followers = () if self.robot.linkage is None else self.robot.linkage.passive
         names = [self.robot.tree.joint_names[j] for j in followers]
-        local, rest, following = group_columns(others, self.robot.joint_names, names)
+        local, rest, following = group_columns(others, self.robot.joint_names, names, self.alive[places])
         if following:
             unused = ", ".join(others[index].name for index in following)
             self.add_guess("columns", unused, 0.9, "not used: of passive joints, which follow from the driven joints")
@@ -146,16 +157,10 @@ class _ColumnInference(WorkingProposal):
         return self._finish(kind)
 
     def _finish(self, kind: EffortKind) -> Proposal:
+        drop_dependent_questions(self)
         if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
-
-    def _report_empty_columns(self) -> None:
-        """Report which columns hold no numbers at all."""
-        empty = np.flatnonzero(~np.isfinite(self.sample.values).any(axis=0)) if len(self.sample.values) else ()
-        if len(empty):
-            names = ", ".join(self.sample.names[column] for column in empty)
-            self.add_guess("columns", names, 0.9, "not used: they contain no numbers")
 
     def _read_signs(self, group: ColumnGroup, kind: str) -> None:
         """Read unsigned register values as signed ones, as an import does."""
@@ -173,8 +178,9 @@ class _ColumnInference(WorkingProposal):
     def _mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
         """Treat torques that hold no number as not recorded, as an import does."""
         raw = np.array(self.sample.values)
+        empty = np.asarray(~np.isfinite(raw).any(axis=0))
         for joint, column in enumerate(effort.columns):
-            if np.isfinite(raw[:, column]).any():
+            if not empty[column]:
                 continue
             raw[:, column] = self.values[:, column] = 0.0
             name = self.robot.joint_names[joint]
@@ -182,18 +188,6 @@ class _ColumnInference(WorkingProposal):
             self.add_guess(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason)
             self.silent.append(joint)
         self.sample = replace(self.sample, values=raw)
-
-    def _find_segment_column(self) -> FloatArray | None:
-        for index, name in enumerate(self.column_names):
-            # A label of runs is a whole number that stays for many rows.
-            values = self.sample.values[:, index]
-            if name.signal != "segment" or not np.isfinite(values).all() or (values != np.rint(values)).any():
-                continue
-            if len(np.unique(values)) < max(2, len(values) // 20):
-                self.columns["segment"] = name.name
-                self.add_guess("columns/segment", name.name, 0.9, "whole numbers that stay constant for long: segments")
-                return np.asarray(values)
-        return None
 
     def _group_unnamed(self, groups: list[ColumnGroup], rest: list[int], n: int) -> list[ColumnGroup]:
         """Return groups of the columns whose names say no signal."""
@@ -280,6 +274,8 @@ class _ColumnInference(WorkingProposal):
             return None
         # Several columns of the same rank that hold the same numbers are one signal, logged twice.
         equal = [group for group in candidates if group.rank == candidates[0].rank]
+        if len(equal) > 1 and (plain := find_plainest_group(equal)) is not None:
+            candidates = equal = [plain]
         if len(equal) > 1 and not hold_same_values(self.values, equal):
             names = tuple(self.name_columns(group) for group in equal)
             self.add_question("columns/q", "Several sets of columns could be the measured positions: which one?", names)
@@ -299,15 +295,20 @@ class _ColumnInference(WorkingProposal):
         candidates = [
             group for group in groups if group.signal in ("tau", "current", "effort") and group is not position
         ]
-        silent = [group for group in candidates if not np.nan_to_num(self.values[:, list(group.columns)]).any()]
-        candidates = [group for group in candidates if self.alive[list(group.columns)].any()]
+        sizes = [np.abs(np.nan_to_num(self.values[:, list(group.columns)])).max() for group in candidates]
+        silent = [group for group, size in zip(candidates, sizes, strict=True) if size < _NOTHING]
+        smallest = min((size for size in sizes if size > 0.0), default=0.0)
+        candidates = [group for group in candidates if self.alive[list(group.columns)].any() and group not in silent]
         # Torque is preferred to current, as it needs no drive gains.
         candidates.sort(key=lambda group: (group.rank, group.signal != "tau"))
         if not candidates and silent:
             self.assign_columns(silent[0].signal or "tau", silent[0])
+            # Numbers far below any torque are memory into which nothing was written.
+            size = f"below {_NOTHING:g}" if 0.0 < smallest < _NOTHING else "0"
             detail = (
-                f"{self.name_columns(silent[0])} are 0 in every row: was the torque not recorded, or did the robot "
-                "swing with its motors off? Then only ratios can be identified, inertia and friction over gravity."
+                f"{self.name_columns(silent[0])} are {size} in every row: was the torque not recorded, or did the "
+                "robot swing with its motors off? Then only ratios can be identified, inertia and friction over "
+                "gravity."
             )
             self.questions.append(Question("effort_kind", detail, ("joint_torque",), "constant_torque"))
             return None, "joint_torque"
@@ -324,6 +325,8 @@ class _ColumnInference(WorkingProposal):
             return None, "unknown"
         best = candidates[0]
         equal = [group for group in candidates[1:] if group.rank == best.rank and group.signal == best.signal]
+        if equal and (plain := find_plainest_group([best, *equal])) is not None:
+            best, equal = plain, []
         if equal:
             names = tuple(self.name_columns(group) for group in [best, *equal])
             self.add_question("columns/tau", "Several sets of columns could be the measured torque: which one?", names)
@@ -428,7 +431,7 @@ class _ColumnInference(WorkingProposal):
             tau,
             signal,
             effort.unit,
-            of_units.get_factor("tau", "revolute", torque.unit) if " m" in torque.unit else 1.0,
+            of_units.get_factor("tau", "revolute", torque.unit) if torque.unit in MOMENTS else 1.0,
             {"A": 1.0, "mA": 1e-3}[current.unit] if current.confidence >= of_units.SURE else None,
         )
         if kind == "unknown":
@@ -447,6 +450,14 @@ class _ColumnInference(WorkingProposal):
                 "units/current", unit, 0.9, f"its name says {effort.unit}; drive gains are then N m per {effort.unit}"
             )
             kind = "motor_torque" if kind == "unknown" else kind
+        elif effort.named.strange_unit:
+            unit = effort.named.strange_unit
+            detail = (
+                f"{self.name_columns(effort)} are in {unit}, which is no unit of torque: take them as currents "
+                f"(current1=…), and give drive gains in N m per {unit}."
+            )
+            self.assign_columns("tau", effort)
+            self.add_question("effort_kind", detail, ("motor_current",))
         elif signal == "effort":
             if kind == "unknown":
                 detail = f"What are {self.name_columns(effort)}: torques of the joints, or currents of the motors?"
@@ -470,19 +481,8 @@ class _ColumnInference(WorkingProposal):
                 # The size of the torques depends on the gains, so it is asked together with them.
                 self.questions.append(question)
                 in_si = False
-        self._check_against_dynamics(q, tau * self._get_factors(signal or "tau", gains), effort, in_si=in_si)
+        self._check_against_dynamics(q, tau * self.get_factors_to_si(signal or "tau", gains), effort, in_si=in_si)
         return kind
-
-    def _get_factors(self, signal: str, gains: list[float | None]) -> FloatArray:
-        """Return the factors (n,) that make N m or N of the effort's numbers, 1 where they are not known."""
-        factors = np.ones(self.robot.n)
-        for index, joint in enumerate(self.robot.joints):
-            unit = self.units.get(f"{signal}{index + 1}", self.units.get(signal))
-            if signal == "tau" and unit is not None:
-                factors[index] = of_units.get_factor("tau", joint.kind, unit)
-            elif signal == "current":
-                factors[index] = (gains[index] or 1.0) * {"mA": 1e-3}.get(unit or "A", 1.0)
-        return factors
 
     def _check_against_dynamics(self, q: FloatArray, tau: FloatArray, effort: ColumnGroup, *, in_si: bool) -> None:
         """Check the columns against the robot's dynamics; where much is unexplained, that comes first."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
+
 from dynident.array_types import FloatArray
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import ColumnGroup
@@ -12,6 +14,7 @@ from dynident.identification.column_inference.column_names import ColumnName, re
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.metadata_proposal import Guess, Question
 from dynident.recordings.columns_to_signals import NOT_RECORDED
+from dynident.recordings.units import FACTORS
 from dynident.robot import Robot
 
 
@@ -48,7 +51,7 @@ class WorkingProposal:
     @cached_property
     def column_names(self) -> list[ColumnName]:
         """Columns' names, taken apart into signal, joint and unit."""
-        return read_names(self.sample.names, self.sample.units)
+        return read_names(self.sample.names, self.sample.units, self.robot.joint_names)
 
     def add_guess(self, name: str, value: str, confidence: float, reason: str) -> None:
         """Add a guess, its confidence, and its reason.
@@ -129,10 +132,14 @@ class WorkingProposal:
                 f"{guess.reason}: if it is really a torque, and not a current, a register or the error of a controller"
             )
             guess = of_units.UnitGuess("N m", 0.5, reason, ("N m", guess.unit))
+        n_columns = len(self.column_names)
         for index, joint in enumerate(self.robot.joints):
             mixed = len({other.kind for other in self.robot.joints}) > 1
             if mixed or index == 0:
-                unit = guess.unit.replace(" m", "") if joint.kind == "prismatic" else guess.unit
+                # A force of the same size: N for N m, unless the column itself states a unit.
+                unit = guess.unit.partition(" ")[0] if joint.kind == "prismatic" else guess.unit
+                own = self.column_names[effort.columns[index]].unit if effort.columns[index] < n_columns else None
+                unit = own if mixed and own in FACTORS["tau", joint.kind] else unit
                 key = f"tau{index + 1}" if mixed else "tau"
                 self.take_unit(
                     key, of_units.UnitGuess(unit, guess.confidence, guess.reason, guess.choices), joint.effort_unit
@@ -157,3 +164,27 @@ class WorkingProposal:
         """Return the names of the first and the last column of a group."""
         first, last = (self.sample.names[group.columns[place]] for place in (0, -1))
         return f"{first} … {last}" if first != last else first
+
+    def get_factors_to_si(self, signal: str, gains: list[float | None]) -> FloatArray:
+        """Return the factors that make N m or N of the effort's numbers.
+
+        Parameters
+        ----------
+        signal : str
+            "tau" or "current".
+        gains : list of float or None
+            Drive gains of the joints; None where one is not known.
+
+        Returns
+        -------
+        (n,)
+            1 where a factor is not known.
+        """
+        factors = np.ones(self.robot.n)
+        for index, joint in enumerate(self.robot.joints):
+            unit = self.units.get(f"{signal}{index + 1}", self.units.get(signal))
+            if signal == "tau" and unit is not None:
+                factors[index] = of_units.get_factor("tau", joint.kind, unit)
+            elif signal == "current":
+                factors[index] = (gains[index] or 1.0) * {"mA": 1e-3}.get(unit or "A", 1.0)
+        return factors

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.errors import Remedy
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_statistics import (
@@ -16,6 +17,7 @@ from dynident.identification.column_inference.column_statistics import (
     read_clock,
 )
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits
+from dynident.identification.column_inference.metadata_proposal import Question
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.number_format import format_percent
 from dynident.recordings.pose_recordings import are_poses
@@ -74,6 +76,9 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
             )
             work.add_question("columns/t", lying)
             return None
+        if (coarse := _ask_for_rate(work)) is not None:
+            work.questions.append(coarse)
+            return None
         detail = (
             "No column looks like a clock: which column is the time, and in which unit? If the file has no time, give "
             f"the rate of its rows in Hz (rate). If the time is in another file, {TOGETHER}."
@@ -96,11 +101,51 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
         f"{reason}{choice.reason}; jitter {format_percent(choice.jitter, decimals=1)}",
     )
     if not sure:
-        work.add_question("units/t", f"Is {name} the time, in {choice.unit}? {choice.reason}.", ("s", "ms", "us", "ns"))
+        counts = (
+            " It counts rows: if these are no times, give the rate of the rows in Hz (rate)."
+            if is_counter(values, choice.column)
+            else ""
+        )
+        detail = f"Is {name} the time, in {choice.unit}? {choice.reason}.{counts}"
+        work.add_question("units/t", detail, ("s", "ms", "us", "ns"))
     return choice
 
 
-def columns_are_poses(work: WorkingProposal) -> bool:
+def _ask_for_rate(work: WorkingProposal) -> Question | None:
+    """Ask for the rate of rows whose clock is called a time but stands still for several rows; None for other files."""
+    for column, name in enumerate(work.column_names):
+        t = work.sample.values[:, column]
+        steps = np.diff(t)
+        if name.signal != "t" or not np.isfinite(t).all() or (steps < 0).any():
+            continue
+        ticks = np.flatnonzero(steps > 0) + 1
+        if len(t) > 2 and len(ticks) < _FEWEST_TICKS:
+            remedy = Remedy("rate")
+            detail = (
+                f"{name.name} is the same in nearly all rows: it has too few digits, as seconds since 1970 have with "
+                f"32 bits. If the rows are evenly spaced, state their rate: {remedy}."
+            )
+            return Question("columns/t", detail, remedies=(remedy,))
+        if 2 * len(ticks) > len(t):
+            continue
+        unit = name.unit or "s"
+        # Between the first and the last change every row is counted once.
+        rate = (ticks[-1] - ticks[0]) / ((t[ticks[-1]] - t[ticks[0]]) * CLOCK_FACTORS.get(unit, 1.0))
+        remedy = Remedy("rate", float(f"{rate:.4g}"))
+        detail = (
+            f"{name.name} stays the same for {(ticks[-1] - ticks[0]) / (len(ticks) - 1):.0f} rows at a time: it is too "
+            f"coarse to say when each row was recorded. On average these are {rate:.4g} rows a second (with "
+            f"{name.name} in {unit}). If the rows are evenly spaced, state their rate: {remedy}."
+        )
+        return Question("columns/t", detail, remedies=(remedy,))
+    return None
+
+
+_FEWEST_TICKS = 4
+"""Changes of a coarse clock by which the rate of the rows is told."""
+
+
+def are_columns_poses(work: WorkingProposal) -> bool:
     """Tell whether the columns called positions jump from row to row: the robot stands at each."""
     positions = [k for k, name in enumerate(work.column_names) if name.signal == "q"]
     q = fill_gaps(work.sample.values[:, positions])
@@ -174,3 +219,79 @@ def guess_efforts_at_poses(
             reason,
         )
     return kind
+
+
+_LARGEST_ROBOT = 50.0
+"""m."""
+_SHORTEST = 1.0
+"""s: below it nothing is told by the dynamics."""
+_ALL_ROWS = 1 << 14
+"""Rows from which on a sample may be the beginning of a longer file."""
+
+
+def ask_about_file(work: WorkingProposal) -> bool:
+    """Ask about a file without numbers, or a robot of another size; return whether there is such a question."""
+    values = work.sample.values
+    reach = of_units.compute_reach(work.robot)
+    if not len(values):
+        work.add_question("columns", "The file names its columns but has no row below: nothing was recorded.")
+    elif not np.isfinite(values).any():
+        detail = (
+            "No cell of the file is a number. Write a table: a line of names, then a row for each moment, with the "
+            "same separator between all numbers."
+        )
+        work.add_question("columns", detail)
+    elif reach > _LARGEST_ROBOT:
+        detail = (
+            f"By its description the robot would reach {reach:.0f} m: lengths are in m, and these are probably mm. "
+            "Divide the lengths in the description by 1000."
+        )
+        work.add_question("robot", detail)
+    return bool(work.questions)
+
+
+def ask_about_length(work: WorkingProposal, clock: Clock) -> None:
+    """Ask whether a recording of less than a second is meant: nothing is told by so little motion."""
+    rows = len(work.sample.values)
+    if are_columns_poses(work) or rows / clock.rate >= _SHORTEST or rows >= _ALL_ROWS:
+        return
+    detail = (
+        f"The recording has {rows / clock.rate:.2g} s, too little to tell one parameter from another, or a measured "
+        "torque from a commanded one: record 10 s or more."
+    )
+    work.questions.append(Question("rows", detail, check="length"))
+
+
+def drop_dependent_questions(work: WorkingProposal) -> None:
+    """Drop what follows from a clock that is in doubt, or from too few rows: these are asked first."""
+    if any(question.field == "units/t" for question in work.questions):
+        work.questions = [
+            question
+            for question in work.questions
+            if not question.check and question.field not in ("effort_kind", "units/tau")
+        ]
+        work.guesses = [guess for guess in work.guesses if guess.field != "check"]
+    if any(question.check == "length" for question in work.questions):
+        work.questions = [question for question in work.questions if question.field != "effort_kind"]
+
+
+def find_segment_column(work: WorkingProposal) -> FloatArray | None:
+    """Return the column (m,) that numbers the runs, and assign it; None where there is none."""
+    for index, name in enumerate(work.column_names):
+        # A label of runs is a whole number that stays for many rows.
+        values = work.sample.values[:, index]
+        if name.signal != "segment" or not np.isfinite(values).all() or (values != np.rint(values)).any():
+            continue
+        if len(np.unique(values)) < max(2, len(values) // 20):
+            work.columns["segment"] = name.name
+            work.add_guess("columns/segment", name.name, 0.9, "whole numbers that stay constant for long: segments")
+            return np.asarray(values)
+    return None
+
+
+def report_empty_columns(work: WorkingProposal) -> None:
+    """Report which columns hold no numbers at all."""
+    empty = np.flatnonzero(~np.isfinite(work.sample.values).any(axis=0)) if len(work.sample.values) else ()
+    if len(empty):
+        names = ", ".join(work.sample.names[column] for column in empty)
+        work.add_guess("columns", names, 0.9, "not used: they contain no numbers")

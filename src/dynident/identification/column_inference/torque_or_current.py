@@ -20,6 +20,7 @@ from dynident.identification.recording_faults.gravity_in_torque import detect_co
 from dynident.identification.recording_faults.torque_scale import compute_median_scale
 from dynident.number_format import format_percent
 from dynident.recordings.recording_metadata import EffortKind
+from dynident.recordings.units import MOMENTS
 from dynident.robot import Robot
 from dynident.robot.pinocchio_conversion import compute_described_torque
 
@@ -452,7 +453,7 @@ def _classify_by_name(signal: str | None, unit: str | None, confidence: float, r
         return EffortGuess("motor_current", confidence, reason)
     if unit in ("permille", "percent"):
         return EffortGuess("motor_torque", confidence, reason)
-    if signal == "tau" or unit in ("N m", "mN m", "kN m", "N cm", "N mm"):
+    if signal == "tau" or unit in MOMENTS:
         return EffortGuess("joint_torque", confidence, reason)
     return EffortGuess("unknown", 0.3, "neither the name nor the data show whether it is torque or current")
 

@@ -216,8 +216,9 @@ def guess_position_unit(
         Of the sample.
     """
     turning = [index for index, joint in enumerate(robot.joints) if joint.kind == "revolute"]
-    if not turning:
-        return None
+    wrapped = _find_wrapped_unit(q[:, turning]) if turning and stated is None else None
+    if not turning or wrapped is not None:
+        return wrapped
     low, high = np.nanmin(q[:, turning], axis=0), np.nanmax(q[:, turning], axis=0)
     reach = float((high - low).max())
     # First what the joints' limits allow; then, where several units are left, what the dynamics explain best.
@@ -226,7 +227,15 @@ def guess_position_unit(
     if stated is not None and stated in FACTORS["q", "revolute"]:
         if stated in possible:
             return UnitGuess(stated, 0.99, f"its name says {stated}, and the range of motion fits it")
-        return UnitGuess(stated, 0.5, f"its name says {stated}, but that goes beyond the robot's limits")
+        beyond = f"its name says {stated}, but that goes beyond the robot's limits"
+        if stated == "rev":
+            # One unit for all joints, or one for each where their gears differ.
+            of_motors = (
+                "these are probably turns of the motors: say how many of them make one turn of the joint, "
+                "q=counts:RATIO, or q1=counts:RATIO and so on"
+            )
+            return UnitGuess(stated, 0.5, f"{beyond}; {of_motors}", ("counts:RATIO",))
+        return UnitGuess(stated, 0.5, beyond)
     # Hardly anyone logs mrad or revolutions, so these need the fit to be taken.
     usual = [unit for unit in likely if unit in ("rad", "deg")]
     whole = bool((q[:, turning] == np.rint(q[:, turning])).all())
@@ -260,6 +269,22 @@ def guess_position_unit(
     return UnitGuess(usual[0] if usual else "rad", 0.4, "several units are possible")
 
 
+def _find_wrapped_unit(q: FloatArray) -> UnitGuess | None:
+    """Return the unit in which angles (m, n) jump by a turn, and stay within one; None where none does."""
+    steps = np.abs(np.diff(q, axis=0))
+    for unit, turn in (("deg", 360.0), ("rad", 2.0 * np.pi)):
+        jumps = steps > _JUMP * turn
+        # A motion has no steps between its own, which are small, and those of whole turns.
+        small = np.nanmax(np.where(jumps, 0.0, steps)) < _STEP * turn
+        if jumps.any() and small and np.nanmax(np.ptp(q, axis=0)) <= 1.001 * turn:
+            return UnitGuess(unit, 0.95, f"they jump by a turn in {unit}, where angles wrap")
+    return None
+
+
+_JUMP, _STEP = 0.9, 0.1
+"""Shares of a turn: of the steps by which angles wrap at least, and of those of a motion at most."""
+
+
 def _is_possible_unit(robot: Robot, turning: Sequence[int], low: FloatArray, high: FloatArray, unit: str) -> bool:
     factor = get_factor("q", "revolute", unit)
     for place, joint in enumerate(turning):
@@ -267,10 +292,10 @@ def _is_possible_unit(robot: Robot, turning: Sequence[int], low: FloatArray, hig
         if factor * (high[place] - low[place]) > MOST_MOTION:
             return False
         if limits is not None and limits[1] > limits[0]:
-            room = 0.05 * (limits[1] - limits[0]) + 0.1
+            tolerance = 0.05 * (limits[1] - limits[0]) + 0.1
             # Only the width of the motion is compared with the limits: the zero may be another, and a turn more or
             # less is the same place.
-            if factor * (high[place] - low[place]) > _MORE * (limits[1] - limits[0]) + room:
+            if factor * (high[place] - low[place]) > _MORE * (limits[1] - limits[0]) + tolerance:
                 return False
         if abs(factor) * max(abs(low[place]), abs(high[place])) > MOST_MOTION:
             return False

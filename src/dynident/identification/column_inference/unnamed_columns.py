@@ -8,8 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_names import ColumnName
-from dynident.identification.column_inference.column_statistics import SLOPE, compute_roughness, correlate_slopes
+from dynident.identification.column_inference.column_statistics import (
+    SLOPE,
+    compute_roughness,
+    correlate_slopes,
+    find_clock_columns,
+)
 from dynident.number_format import format_percent
 
 _EXPLAINED, _CLEARLY = 0.3, 1.5
@@ -188,7 +194,9 @@ def select_whole_signals(columns: Sequence[int], values: FloatArray, alive: Bool
     list of int
         Numbers of the columns that are left.
     """
-    numbers = [index for index in columns if np.isfinite(values[:, index]).all()]
+    # A second clock, or a counter of rows, is no signal of a joint.
+    running = find_clock_columns(values)
+    numbers = [index for index in columns if np.isfinite(values[:, index]).all() and index not in running]
     moving = [index for index in numbers if alive[index]]
     return numbers if len(moving) % n and not len(numbers) % n else moving
 
@@ -255,3 +263,37 @@ def assign_torques(t: FloatArray, q: FloatArray, tau: FloatArray) -> tuple[IntAr
         again = linear_sum_assignment(-blocked)
         second = max(second, float(blocked[again].sum()))
     return order.astype(np.int64), best - second
+
+
+_SAME = 0.01
+"""Share of its spread by which two topics of one position differ: the slower is interpolated between its samples."""
+
+
+def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
+    """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation.
+
+    Parameters
+    ----------
+    values : (m, c)
+        Values of all columns.
+    groups : sequence of ColumnGroup
+        The groups to compare, at least one.
+    """
+    first, *others = (values[:, list(group.columns)] for group in groups)
+    # A joint that stands has no spread of its own to compare with.
+    spread = np.maximum(first.std(axis=0), 0.1 * first.std(axis=0).max())
+    return all(bool((np.abs(other - first).mean(axis=0) <= _SAME * spread).all()) for other in others)
+
+
+def find_plainest_group(groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
+    """Return the group whose name has no word that the others lack, where these all have more: torque, torque_raw.
+
+    Parameters
+    ----------
+    groups : sequence of ColumnGroup
+        Groups of one signal and rank, at least one.
+    """
+    words = [{word for word in group.named.words if not word.isdigit()} for group in groups]
+    shortest = min(range(len(groups)), key=lambda place: len(words[place]))
+    others = (other for place, other in enumerate(words) if place != shortest)
+    return groups[shortest] if all(words[shortest] < other for other in others) else None

@@ -32,6 +32,7 @@ from dynident.regressors.filtered_energy_power_rows import (
     stream_equations,
 )
 from dynident.regressors.model_structure import Model
+from dynident.regressors.observation_matrix import RegressorInputs
 
 # Rounds that estimate the noise of every equation; on sound data the third changes no visible digit.
 _NOISE_ROUNDS = 3
@@ -128,7 +129,9 @@ def build_wrench_equations(
         )
     # The columns of the links need no predicted load, so any reference parameters will do.
     nothing = ReferenceParameters.massless(model.robot)
-    reduction = reduce_form(wrench.form, stream_equations, recordings, preprocessing, nothing, progress)
+    reduction = reduce_form(
+        wrench.form, stream_equations, RegressorInputs(recordings, preprocessing, nothing), progress
+    )
     # Nothing to eliminate from: the caller raises the error of no rows.
     if reduction.n_rows == 0:
         return reduction.combine_columns(wrench.coordinates[:, wrench.n_extra :])
@@ -209,9 +212,7 @@ def find_constants(
 def build_equations(
     model: Model,
     rows: RowOptions,
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     progress: Progress = ignore_progress,
 ) -> Reduction:
     """Reduce recordings to the equations of a model of rows, in the columns of its base parameters.
@@ -222,12 +223,8 @@ def build_equations(
         The model, with its base parameters' columns.
     rows : RowOptions
         The equation type and its constants.
-    recordings : sequence of Recording
-        Recordings of the robot.
-    preprocessing : Preprocessing
-        Filters of the recordings.
-    reference : ReferenceParameters
-        Parameters that loads and motor torques are predicted with.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
     progress : Progress
         Called with the fraction done and a message.
 
@@ -237,13 +234,13 @@ def build_equations(
         Where filter or intervals leave no equation, or the base's wrench was not recorded or does not show an effect.
     """
     if rows.model == "base_wrench":
-        return build_wrench_equations(model, rows, recordings, preprocessing, progress)
+        return build_wrench_equations(model, rows, inputs.recordings, inputs.preprocessing, progress)
     # Found here once more for callers that did not: with constants given, nothing is searched.
-    rows, _ = find_constants(rows, recordings, preprocessing)
+    rows, _ = find_constants(rows, inputs.recordings, inputs.preprocessing)
     form, treatment = _select_form(model, rows)
     # F(s) starts from rest, which the robot does not. Rows count only once the filter has forgotten where it began.
     memory = _SETTLING_TIMES / rows.pole if rows.model == "filtered" and rows.pole is not None else 0.0
-    reduction = reduce_form(form, treatment, recordings, preprocessing, reference, progress, memory)
+    reduction = reduce_form(form, treatment, inputs, progress, memory)
     if reduction.n_rows == 0:
         raise _no_rows_error(rows)
     return reduction

@@ -17,6 +17,7 @@ from dynident.identification.estimation_problem_options import RowOptions
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model_structure import Model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.row_cache import CachedRows, reduce_and_cache
 
 
@@ -50,6 +51,11 @@ class Data:
     reference: ReferenceParameters
     rows: CachedRows | None = None
     friction: tuple[Recording, ...] = ()
+
+    @property
+    def inputs(self) -> RegressorInputs:
+        """What the rows were made of, for estimators that make other rows of it."""
+        return RegressorInputs(self.recordings, self.preprocessing, self.reference)
 
     @property
     def reversal_weights(self) -> FloatArray:
@@ -96,9 +102,7 @@ def split_friction_tests(recordings: Sequence[Recording]) -> tuple[tuple[Recordi
 def reduce_to_rows(
     model: Model,
     rows: RowOptions,
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     progress: Progress = ignore_progress,
     known: CachedRows | None = None,
 ) -> Data:
@@ -110,12 +114,8 @@ def reduce_to_rows(
         The model, with its base parameters' columns.
     rows : RowOptions
         The equation type and its constants.
-    recordings : sequence of Recording
-        Recordings of the robot.
-    preprocessing : Preprocessing
-        Filters of the recordings.
-    reference : ReferenceParameters
-        What torque is predicted with.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
     progress : Progress
         Called with the fraction done and a message.
     known : CachedRows, optional
@@ -131,15 +131,16 @@ def reduce_to_rows(
     DynidentError
         Where the model cannot make equations of these columns or recordings.
     """
-    ordinary, friction = split_friction_tests(recordings)
+    ordinary, friction = split_friction_tests(inputs.recordings)
     # Other equation types take a second pass over the samples.
     share = 1.0 if rows.model == "dynamic" else 0.5
     # Always reduce the joints' torques as well: errors of all equation types are compared in them.
-    data = reduce_torque(model, ordinary, preprocessing, reference, scale_progress(progress, 0.0, share), known)
+    inputs = replace(inputs, recordings=ordinary)
+    data = reduce_torque(model, inputs, scale_progress(progress, 0.0, share), known)
     data = replace(data, friction=friction)
     if rows.model == "dynamic":
         return data
-    equations = build_equations(model, rows, ordinary, preprocessing, reference, scale_progress(progress, share, 1.0))
+    equations = build_equations(model, rows, inputs, scale_progress(progress, share, 1.0))
     # Refused here, where it can still be said that the torques would show what these rows do not.
     check_equations(model, rows.model, equations, data.torque)
     return replace(data, equations=equations)
@@ -147,9 +148,7 @@ def reduce_to_rows(
 
 def reduce_torque(
     model: Model,
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: ReferenceParameters,
+    inputs: RegressorInputs,
     progress: Progress = ignore_progress,
     known: CachedRows | None = None,
 ) -> Data:
@@ -159,19 +158,15 @@ def reduce_torque(
     ----------
     model : Model
         The model, with its base parameters' columns.
-    recordings : sequence of Recording
-        Recordings of the robot.
-    preprocessing : Preprocessing
-        Filters of the recordings.
-    reference : ReferenceParameters
-        What torque is predicted with.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
     progress : Progress
         Called with the fraction done and a message.
     known : CachedRows, optional
         Rows of a model that this one extends.
     """
-    reduction, rows = reduce_and_cache(model, recordings, preprocessing, reference, progress, known)
-    return Data(reduction, reduction, tuple(recordings), preprocessing, reference, rows)
+    reduction, rows = reduce_and_cache(model, inputs, progress, known)
+    return Data(reduction, reduction, tuple(inputs.recordings), inputs.preprocessing, inputs.reference, rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation import Reduction, Solution, compute_errors, compute_noise_levels, statistics, weighted
+from dynident.estimation import Reduction, Solution, compute_errors, compute_noise_levels, solve_weighted, statistics
 from dynident.estimation.constrained_least_squares import ConstrainedSolution
 from dynident.estimation.least_squares import are_weights_settled, build_weighted_factor, compute_correlated_noise
 from dynident.identification.estimation_problem import Fit, Problem
@@ -73,7 +73,7 @@ def solve_feasible(request: Problem) -> Fit:
         possible was found.
     """
     model, data, known = request.model, request.data, request.known
-    unconstrained = weighted(data.equations, known)
+    unconstrained = solve_weighted(data.equations, known)
     believed = build_standard_prior(model, request.trust, unconstrained)
     problem = build_problem(model, data.equations, known, believed.approximate_at(believed.belief.mean))
     # Beside a prior rows count as information: correlated ones must not count as independent samples.

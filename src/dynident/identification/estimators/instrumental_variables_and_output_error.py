@@ -14,7 +14,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation import PriorInformation, Reduction, solve_instrumental, statistics, weighted
+from dynident.estimation import PriorInformation, Reduction, solve_instrumental, solve_weighted, statistics
 from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem import Fit, Problem
 from dynident.identification.estimators.identified_robot_simulator import (
@@ -122,7 +122,7 @@ def estimate_by_output_error(problem: Problem) -> Fit:
         nonlocal error
         # The simulated columns stand first; the measured ones behind them are for instruments only.
         simulated = both.select_columns(np.arange(c))
-        solution = weighted(simulated, known)
+        solution = solve_weighted(simulated, known)
         uncertainty = statistics(simulated, solution, problem.covariance)
         error = float(np.sqrt(np.mean(uncertainty.noise**2)))
         return Fit(solution, uncertainty)
@@ -217,8 +217,8 @@ def _solve_first(model: Model, data: Data, known: PriorInformation | None) -> Fl
     """
     own = choose_preprocessing(data.recordings)
     if own.position_cutoff == data.preprocessing.position_cutoff:
-        return weighted(data.equations, known).values
-    return weighted(reduce_recordings(model.observation, data.recordings, own, data.reference), known).values
+        return solve_weighted(data.equations, known).values
+    return solve_weighted(reduce_recordings(model.observation, replace(data.inputs, preprocessing=own)), known).values
 
 
 def _simulate_recordings(

@@ -27,8 +27,8 @@ from dynident.estimation import (
     compute_errors,
     compute_noise_levels,
     compute_row_freedom,
+    solve_weighted,
     statistics,
-    weighted,
 )
 from dynident.estimation.kalman_filter import (
     KalmanFilter,
@@ -440,8 +440,8 @@ def _solve_beginning(model: Model, data: Data, known: PriorInformation | None) -
     for share in START_SHARES:
         first = _cut_beginning(data.recordings, share)
         try:
-            beginning = reduce_recordings(model.observation, first, data.preprocessing, data.reference)
-            solution = weighted(beginning, known)
+            beginning = reduce_recordings(model.observation, replace(data.inputs, recordings=first))
+            solution = solve_weighted(beginning, known)
             break
         except EstimationError:
             if share == START_SHARES[-1]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation import PriorInformation, Reduction, compute_noise_levels, solve, statistics, weighted
+from dynident.estimation import PriorInformation, Reduction, compute_noise_levels, solve, solve_weighted, statistics
 from dynident.estimation.least_squares import compute_correlated_noise, floor_noise
 from dynident.estimation.row_weights import BISQUARE, HUBER, Influence, estimate_robust_scale
 from dynident.identification.equations.reduced_recordings import Data
@@ -59,7 +59,7 @@ def estimate_robustly(problem: Problem) -> Fit:
     model, data, known = problem.model, problem.data, problem.known
     _check_data(data)
     passes = _Passes(model, data)
-    first = weighted(data.equations, known)
+    first = solve_weighted(data.equations, known)
     # Against a prior, correlated rows must not count as independent samples: their noise is raised to what they are
     # worth.
     share = np.ones(len(first.noise))
@@ -188,9 +188,7 @@ class _Passes:
         data = self.data
         return reduce_recordings(
             self.model.observation,
-            data.recordings,
-            data.preprocessing,
-            data.reference,
+            data.inputs,
             samples_of=lambda recording: (change(samples) for samples in self._iterate_samples(recording)),
         )
 

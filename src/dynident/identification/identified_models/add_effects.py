@@ -26,6 +26,7 @@ from dynident.identification.shape_search import check_shapes_given, complete_sh
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.model_structure import Model, extend_model
+from dynident.regressors.observation_matrix import RegressorInputs
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def find_runs_with_effects(
     without = np.where([bool(set(column.runs) & set(names)) for column in model.kept], 0.0, grown.values)
     findings = []
     for label, run in _iterate_runs(validation):
-        data = reduce_torque(model, (run,), grown.preprocessing, grown.estimate.reference).torque
+        data = reduce_torque(model, RegressorInputs((run,), grown.preprocessing, grown.estimate.reference)).torque
         off, on = (compute_block_squares(data, values, grown.noise) for values in (without, grown.values))
         # The gain has to stand out of its own scatter over blocks of time, or a run that was only lucky would count.
         if compute_t(off - on) >= SURE_T:
@@ -278,9 +279,9 @@ def _add_effect(
     new = complete_shapes(
         identification.model,
         (added,),
-        split_friction_tests(recordings)[0],
-        identification.preprocessing,
-        identification.estimate.next_reference(),
+        RegressorInputs(
+            split_friction_tests(recordings)[0], identification.preprocessing, identification.estimate.next_reference()
+        ),
         scale_progress(progress, 0.0, 0.5),
         identification.in_memory.training,
     )

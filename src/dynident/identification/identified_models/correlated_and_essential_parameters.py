@@ -221,7 +221,7 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
     # The elimination needs a plain least-squares solution, so it is solved anew with the noise and the prior that the
     # identification had, whatever estimator that used.
     full = solve(equations, identification.estimate.solution.noise, identification.estimate.solution.known)
-    # The test is about many parameters at a time: a covariance from stretches of time alone has not the rank for it.
+    # The test is about many parameters at a time: a covariance from blocks of time alone has not the rank for it.
     path = eliminate_parameters(equations, full, statistics(equations, full, "by_joint"), ratio)
     held_out = identification.data.held_out
     steps = tuple(

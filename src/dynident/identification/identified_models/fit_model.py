@@ -41,6 +41,7 @@ from dynident.number_format import format_percent
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model_structure import Model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.row_cache import reduce_with_columns
 
 if TYPE_CHECKING:
@@ -386,20 +387,19 @@ def identify_model(
         Where the data do not determine the parameters.
     """
     # Progress by the number of recordings: reducing them takes nearly all of the time.
+    inputs = RegressorInputs(recordings, preprocessing, reference)
     share = 0.9 * len(recordings) / (len(recordings) + len(validation))
     training = reduce_to_rows(
         model,
         choices.row_options,
-        recordings,
-        preprocessing,
-        reference,
+        inputs,
         scale_progress(progress, 0.0, share),
         known.training,
     )
     held_out = None
     if validation:
         held_out = reduce_torque(
-            model, validation, preprocessing, reference, scale_progress(progress, share, 0.9), known.held_out
+            model, replace(inputs, recordings=validation), scale_progress(progress, share, 0.9), known.held_out
         )
     progress(0.9, "solving")
     solve_progress = scale_progress(progress, 0.9, 1.0)
@@ -410,8 +410,7 @@ def identify_model(
             return None
         columns = build_shape_columns(model, values, places)
         # The rows of the fit alone: shape constants are judged by the data that the parameters come from.
-        ordinary = training.recordings
-        return reduce_with_columns(model, columns, ordinary, preprocessing, reference, solve_progress, training.rows)
+        return reduce_with_columns(model, columns, training.inputs, solve_progress, training.rows)
 
     data = ReducedData(
         training.equations,

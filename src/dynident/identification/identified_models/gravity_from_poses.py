@@ -32,7 +32,7 @@ ACTING_AT_REST = tuple(effect.id for effect in CATALOGUE.values() if effect.acts
 """Effects that hold a robot which stands, and need no constant that only a motion tells."""
 
 # Blocks of the covariance: more of them make the factors large, and the covariance no better.
-_MOST_STRETCHES = 100
+_MOST_BLOCKS = 100
 
 
 def are_poses(recordings: Sequence[Recording], validation: Sequence[Recording]) -> bool:
@@ -147,7 +147,7 @@ def reduce_poses(model: Model, recordings: Sequence[Recording]) -> Reduction:
     parts = [read_pose_rows(recording) for recording in recordings]
     # Poses have no time between them, so a pose is a block of the covariance. Several share one where there are more
     # than a hundred, which bounds the size of the factors.
-    size = -(-sum(len(t) for t, _, _ in parts) // _MOST_STRETCHES)
+    size = -(-sum(len(t) for t, _, _ in parts) // _MOST_BLOCKS)
     for t, q, tau in parts:
         entries = evaluate_at_rest(model, q)
         rows = [np.column_stack([entries[:, places], tau[:, joint]]) for joint, (places, _) in enumerate(layout)]

@@ -21,7 +21,7 @@ from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.effects import LINKS, EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, estimate_group_weights, weighted
+from dynident.estimation import EstimationError, estimate_group_weights, solve_weighted
 from dynident.estimation.residual_errors import compute_fitted_errors
 from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.filtered_energy_power_wrench import find_constants
@@ -46,6 +46,7 @@ from dynident.recordings.sample_hashes import SampleHashes, find_copied_recordin
 from dynident.recordings.signal_spectra import estimate_spectra
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot.robot_model import Robot
 
 
@@ -189,9 +190,9 @@ def _compute_error(
     identification: Identification, recordings: Sequence[Recording], band: Preprocessing, reference: ReferenceParameters
 ) -> float:
     """Return the share of the torque below the cut-off that the model leaves; 1 where it is not determined."""
-    reduction = reduce_recordings(identification.model.observation, recordings, band, reference)
+    reduction = reduce_recordings(identification.model.observation, RegressorInputs(recordings, band, reference))
     try:
-        return compute_fitted_errors(reduction, weighted(reduction).values).relative_total
+        return compute_fitted_errors(reduction, solve_weighted(reduction).values).relative_total
     # In a band without motion the parameters are not determined: nothing is explained.
     except EstimationError:
         return 1.0
@@ -274,16 +275,21 @@ def prepare_effects(
     first = build_model(robot, plain, tolerance=choices.tolerance)
     nothing = ReferenceParameters.massless(robot)
     reduction = reduce_recordings(
-        first.observation, recordings, preprocessing, nothing, scale_progress(progress, 0.0, 0.5), by_phase=True
+        first.observation,
+        RegressorInputs(recordings, preprocessing, nothing),
+        scale_progress(progress, 0.0, 0.5),
+        by_phase=True,
     )
     prior = build_prior(first, choices.trust)
     check_reduction(first, reduction, prior)
     if choices.weighs_turns:
         reduction = reduction.weight_groups(estimate_group_weights(reduction, prior))
-    reference = first.build_reference(weighted(reduction, prior).values)
+    reference = first.build_reference(solve_weighted(reduction, prior).values)
     # Their constants are searched beside the first model, with loads that it predicts.
     others = tuple(choice for choice in effects if choice not in plain)
-    completed = complete_shapes(first, others, recordings, preprocessing, reference, scale_progress(progress, 0.5, 1.0))
+    completed = complete_shapes(
+        first, others, RegressorInputs(recordings, preprocessing, reference), scale_progress(progress, 0.5, 1.0)
+    )
     return plain + completed, reference
 
 

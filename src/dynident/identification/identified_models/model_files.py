@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice, ReferenceParameters, Signals
+from dynident.effects.predicted_torque_expressions import CarriedInertia
 from dynident.errors import DynidentError
 from dynident.estimation import (
     BlockRows,
@@ -97,6 +98,8 @@ def _to_arrays(identification: Identification) -> dict[str, Any]:
         "base_written": base.written,
         "base_without_effect": np.array(base.without_effect, dtype=np.int64),
     }
+    for number, carried in enumerate(estimate.reference.carried):
+        arrays[f"carried{number}"] = carried.inertias
     if estimate.solution.known is not None:
         arrays["known_rows"] = estimate.solution.known.rows
     if estimate.solution.free is not None:
@@ -131,6 +134,7 @@ def _to_arrays(identification: Identification) -> dict[str, Any]:
             "added": [asdict(choice) for choice in identification.step.added],
             "removed": [asdict(choice) for choice in identification.step.removed],
             "not_essential": estimate.not_essential,
+            "carried": [carried.runs for carried in estimate.reference.carried],
             "converged": estimate.solution.converged,
             "shape_constants": [asdict(constant) for constant in estimate.shape_constants],
         }
@@ -181,6 +185,12 @@ def _read_identification(content: bytes) -> Identification:
     return identification
 
 
+def _read_carried(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> tuple[CarriedInertia, ...]:
+    """Read what links carry in some runs; earlier files have nothing of it."""
+    labels = header.get("carried", ())
+    return tuple(CarriedInertia(tuple(runs), arrays[f"carried{number}"]) for number, runs in enumerate(labels))
+
+
 def _read_model(arrays: Mapping[str, Any], parent: Identification | None) -> Identification:
     """Read one model on top of the one before it."""
     header = json.loads(arrays["header"].tobytes())
@@ -197,7 +207,7 @@ def _read_model(arrays: Mapping[str, Any], parent: Identification | None) -> Ide
     estimate = Estimate.from_solution(
         model,
         data,
-        ReferenceParameters.from_vector(arrays["reference"], robot),
+        replace(ReferenceParameters.from_vector(arrays["reference"], robot), carried=_read_carried(arrays, header)),
         _read_solution(arrays, bool(header.get("converged", True))),
         _read_statistics(arrays),
         standard=_read_standard(arrays),

@@ -198,13 +198,39 @@ def differentiate_acceleration(ddq: FloatArray, t: FloatArray) -> FurtherSignals
 
 
 def compute_gravity(estimate: Estimate, q: FloatArray) -> FloatArray:
-    """Return the torque (m, n) that holds the links at positions q (m, n), in N m or N."""
+    """Return the torque that holds the links at rest.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model with its parameters.
+    q : (m, n)
+        Positions, rad or m.
+
+    Returns
+    -------
+    (m, n)
+        Torque in N m, force in N.
+    """
     rest = np.zeros_like(q)
     return _evaluate_inertia(estimate, q, rest, rest)
 
 
 def compute_mass_matrix(estimate: Estimate, q: FloatArray) -> FloatArray:
-    """Return the mass matrix (m, n, n) of links and rotors at positions q (m, n), in kg m², kg m or kg."""
+    """Return the mass matrix of links and rotors.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model with its parameters.
+    q : (m, n)
+        Positions, rad or m.
+
+    Returns
+    -------
+    (m, n, n)
+        In kg m², kg m or kg.
+    """
     n = q.shape[1]
     rest = np.zeros_like(q)
     gravity = _evaluate_inertia(estimate, q, rest, rest)

@@ -17,7 +17,7 @@ from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, Reduction, Solution, Statistics, compute_errors, statistics, weighted
+from dynident.estimation import Errors, Reduction, Solution, Statistics, compute_errors, solve_weighted, statistics
 from dynident.identification.equations.model_and_data_checks import check_recordings, check_temperature
 from dynident.identification.loads.drive_gains import get_stated_gains, refuse_coupled_drives
 from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS, scale_torque
@@ -28,6 +28,7 @@ from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.base_parameters import BaseParameters, evaluate_at_random_states, select_base
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot
 
 _STATES = 400
@@ -143,11 +144,13 @@ def identify_currents(
     model = build_model(robot, effects)
     chosen = preprocessing or choose_preprocessing(recordings)
     nothing = ReferenceParameters.massless(robot)
-    training = reduce_recordings(model.observation, recordings, chosen, nothing, scale_progress(progress, 0.0, 0.7))
+    training = reduce_recordings(
+        model.observation, RegressorInputs(recordings, chosen, nothing), scale_progress(progress, 0.0, 0.7)
+    )
     held_out = None
     if validation:
         held_out = reduce_recordings(
-            model.observation, validation, chosen, nothing, scale_progress(progress, 0.7, 0.95)
+            model.observation, RegressorInputs(validation, chosen, nothing), scale_progress(progress, 0.7, 0.95)
         )
         # The same for the held-out data, whose errors are in A, too.
         held_out = scale_torque(held_out, 1.0 / gains)
@@ -203,7 +206,7 @@ def _identify_current(
     # A column of zeros would be fitted perfectly by zeros.
     if not own.equations[joint].whole_factor[:, -1].any():
         raise DynidentError(f"the current of {name} is zero everywhere", pointer="/recordings", title="No current")
-    solution = weighted(own)
+    solution = solve_weighted(own)
     certainty = statistics(own, solution)
     per_unit = f"A/({model.robot.joints[joint].effort_unit})"
     parameters = tuple(

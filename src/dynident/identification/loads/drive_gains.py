@@ -18,7 +18,7 @@ from dynident.array_types import FloatArray, IndexArray
 from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, get_role
 from dynident.errors import DynidentError
-from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics, weighted
+from dynident.estimation import EquationFactors, EstimationError, Reduction, solve_weighted, statistics
 from dynident.estimation.parameter_covariance import NORMAL_95
 from dynident.estimation.prior_information import extract_deviations
 from dynident.identification.loads.payloads_of_recordings import (
@@ -323,7 +323,7 @@ def payload_mass(
     column = data.payload_column(loaded, "Mp")
     factors = np.ones(robot.n) if gains is None else gains.factors
     reduction = scale_torque(data.reduction, factors)
-    solution = weighted(reduction)
+    solution = solve_weighted(reduction)
     variance = float(statistics(reduction, solution).covariance[column, column])
     by_gain = 0.0
     if gains is not None:
@@ -360,7 +360,7 @@ def solve_total_least_squares(reduction: Reduction, known: Mapping[int, float]) 
             raise _unsettled_error()
         # Gauss-Newton in k = 1 / f: y_j = k_j W_j χ is bilinear, and its errors are those of y as measured.
         linear = _linearise(reduction, free, values, inverse)
-        solution = weighted(linear)
+        solution = solve_weighted(linear)
         before = inverse
         values = fixed.copy()
         values[free] = solution.values[: len(free)]

@@ -25,6 +25,7 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot
 
 PLAIN_EFFECTS = (*DEFAULT_EFFECTS, OFFSETS)
@@ -213,7 +214,7 @@ def reduce_with_payloads(
     model = build_model(robot, [*effects, *carried])
     chosen = preprocessing or choose_preprocessing(recordings)
     nothing = ReferenceParameters.massless(robot)
-    reduction = reduce_recordings(model.observation, recordings, chosen, nothing, progress)
+    reduction = reduce_recordings(model.observation, RegressorInputs(recordings, chosen, nothing), progress)
     check_reduction(model, reduction)
     return LoadedData(model, reduction, tuple(loaded))
 

@@ -78,7 +78,7 @@ hardly more than one frequency, and 0.19 otherwise. This is half way between, in
 WORST_EXPLAINED = 0.15
 """Share of the torque of the joint that is explained worst, below which nothing else about the robot is looked for."""
 
-_MOST_MISTAKES = 3
+_MOST_FAULTS = 3
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def search_faults(
     now = judge.measure_unexplained(motion)
     # Mend the clearest fault, then look again: several faults hide each other, and the first one's cure changes the
     # rest.
-    while len(findings) < _MOST_MISTAKES:
+    while len(findings) < _MOST_FAULTS:
         step = _find_best_fault(judge, robot, motion, now)
         if step is None:
             break

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -276,9 +277,10 @@ class TreeFit:
         inner = np.zeros((BLOCKS + 1, len(self.joints), self.n_columns, self.n_columns))
         for joint, (at, rows, _) in enumerate(of_joints):
             columns = self._layout[joint][1]
-            for number in range(BLOCKS):
-                part = rows[motion.block[at] == number]
-                inner[number, joint][np.ix_(columns, columns)] = part.T @ part
+            # Blocks are in the order of time: each is a run of rows.
+            edges = np.searchsorted(motion.block[at], np.arange(BLOCKS + 1))
+            parts = [rows[first:last] for first, last in pairwise(edges)]
+            inner[:-1, joint, columns[:, None], columns] = [part.T @ part for part in parts]
         inner[-1] = inner[:-1].sum(axis=0)
         return _MotionRows(motion, inner, tuple(of_joints))
 

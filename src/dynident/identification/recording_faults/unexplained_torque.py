@@ -303,7 +303,7 @@ class DescriptionFit:
         mended = self.measure_left(fault)
         if mended is None:
             return False
-        explains_as_it_is = float(as_is.mean()) <= self.now.blocks.mean() + self._threshold
+        explains_as_it_is = as_is.mean() <= self.now.blocks.mean() + self._threshold
         return bool(
             (explains_as_it_is and as_is.mean() - mended.mean() < self._threshold)
             or self._is_surely_less(as_is, mended)
@@ -359,7 +359,7 @@ class DescriptionFit:
         """Tell whether clearly less is left than otherwise, and in most blocks."""
         more = other - left
         error = float(more.std(ddof=1)) / np.sqrt(BLOCKS)
-        return bool(float(more.mean()) >= max(self._threshold, float(SURELY * error)))
+        return bool(more.mean() >= max(self._threshold, SURELY * error))
 
     def prefers(self, fault: ColumnFault, other: ColumnFault) -> bool:
         """Tell whether the description explains clearly more without one fault than without another.

@@ -91,11 +91,11 @@ class _Collector:
             if not self.length:
                 self.joint, self.posture = joint, np.delete(q[0], joint)
             # A stroke that is longer than a piece is cut: a new piece begins where the last one is full.
-            room = self.longest - self.length
-            self.open.append(rows[:room])
-            self.velocities.append(velocity[:room])
-            self.length += len(rows[:room])
-            q, velocity, rows = q[room:], velocity[room:], rows[room:]
+            n_missing = self.longest - self.length
+            self.open.append(rows[:n_missing])
+            self.velocities.append(velocity[:n_missing])
+            self.length += len(rows[:n_missing])
+            q, velocity, rows = q[n_missing:], velocity[n_missing:], rows[n_missing:]
             if self.length >= self.longest:
                 self.close()
 

@@ -247,7 +247,7 @@ class LoopConstraints:
 
     @property
     def count(self) -> int:
-        """Number of rooms K."""
+        """Number of slacks K."""
         return 2 * len(self.joints) + (self.linkage.closure is not None)
 
     def compute_positions(self, q: FloatArray) -> FloatArray:
@@ -260,17 +260,17 @@ class LoopConstraints:
         return np.ones(len(q)) if closure is None else np.exp(closure.compute_log_condition(q)[0])
 
     def evaluate(self, q: FloatArray) -> LoopSlack:
-        """Return the rooms at postures q (m, n)."""
+        """Return the slacks at postures q (m, n)."""
         slopes = self.linkage.compute_jacobian(q)[:, list(self.joints)]
         at, spare = self.compute_positions(q), _SPARE * (self.high - self.low)
         values = [at - (self.low + spare), (self.high - spare) - at]
         ways = [slopes, -slopes]
         if self.linkage.closure is not None:
             near, way = self.linkage.closure.compute_log_condition(q)
-            # The logarithm makes a smooth room of a condition that grows without limit towards a singular posture.
-            room = _PER_LOG * (np.log(_SPARE_CONDITION * self.largest_condition) - near)
-            is_open = ~np.isfinite(room)
-            values.append(np.where(is_open, _OPEN, room)[:, None])
+            # The logarithm makes a smooth slack of a condition that grows without limit towards a singular posture.
+            slack = _PER_LOG * (np.log(_SPARE_CONDITION * self.largest_condition) - near)
+            is_open = ~np.isfinite(slack)
+            values.append(np.where(is_open, _OPEN, slack)[:, None])
             ways.append(-_PER_LOG * way[:, None])
             # Positions of an open loop mean nothing.
             values[:2] = [np.where(is_open[:, None], 0.0, rows) for rows in values[:2]]
@@ -278,7 +278,7 @@ class LoopConstraints:
         return LoopSlack(np.concatenate(values, axis=1), np.concatenate(ways, axis=1))
 
     def find_least(self, q: FloatArray) -> FloatArray:
-        """Return the smallest room (m,) at postures q (m, n)."""
+        """Return the smallest slack (m,) at postures q (m, n)."""
         return np.asarray(self.evaluate(q).values.min(axis=1, initial=np.inf))
 
     def find_complaint(self, q: FloatArray) -> str | None:

@@ -430,12 +430,12 @@ def _select_attainable_ends(
     if not ends:
         return []
     clearances = np.array([kept_from[ball.joint, half.name] for ball, half in ends])
-    rooms = (
+    slacks = (
         ClearanceConstraints(robot, ClearancePairs(half_spaces=tuple(ends), clearance=clearances + _SPARE))
         .evaluate(postures)
         .values
     )
-    return [end for end, farthest in zip(ends, rooms.max(axis=0), strict=True) if farthest >= 0]
+    return [end for end, farthest in zip(ends, slacks.max(axis=0), strict=True) if farthest >= 0]
 
 
 def _select_followed(
@@ -444,14 +444,14 @@ def _select_followed(
     """Return pairs of capsules that come near each other, but are not so thick that they always are."""
     if not capsules:
         return []
-    rooms = (
+    slacks = (
         ClearanceConstraints(robot, ClearancePairs(pairs=tuple(capsules), clearance=clearance))
         .evaluate(postures)
         .values
     )
     # Capsules are thicker than the links. A pair that they hold nearer than the clearance most of the time would forbid
     # almost every motion; the exact shapes are checked in the end.
-    useful = (rooms.min(axis=0) < _NEAR) & (np.mean(rooms < 0, axis=0) < _MOSTLY)
+    useful = (slacks.min(axis=0) < _NEAR) & (np.mean(slacks < 0, axis=0) < _MOSTLY)
     return [pair for pair, is_useful in zip(capsules, useful, strict=True) if is_useful]
 
 

@@ -132,7 +132,7 @@ _UPRIGHT = 0.99
 """Cosine of the largest angle, 8°, between gravity and the base's z axis of a robot that stands on a floor."""
 _HANGS = 0.1
 """Share of the reach: a robot that rests lower than this below its base, as a leg does, stands on no floor there."""
-_POSTURES, _ROOM = 200, 0.02
+_POSTURES, _USABLE_SHARE = 200, 0.02
 """Of so many postures within the limits this share must be above the floor, or the robot works below its base."""
 _RADIUS = 0.06
 """Radius of the links of usual arms as a share of the reach (UR10e 0.05, Panda 0.08, SO-101 0.06)."""
@@ -176,7 +176,7 @@ def assume_floor(
     heights = joint_frames(robot, postures)[:, :, 2, 3]
     # Joints that never change their height belong to the pedestal, which stands on the floor anyway.
     moving = np.ptp(heights, axis=0) > 1e-6
-    if (heights[:, moving] >= _RADIUS * reach).all(axis=1).mean() < _ROOM:
+    if (heights[:, moving] >= _RADIUS * reach).all(axis=1).mean() < _USABLE_SHARE:
         return surroundings, None
     return replace(surroundings, floor=ASSUMED_HEIGHT), _RADIUS * reach
 

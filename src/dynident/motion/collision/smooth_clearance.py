@@ -255,17 +255,17 @@ class ClearanceSlack:
 
 
 class _PointMap:
-    """Assignment of forces to rooms and to the joints that they move."""
+    """Assignment of forces to slacks and to the joints that they move."""
 
-    def __init__(self, rooms: Sequence[int], joints: Sequence[int], n: int) -> None:
-        self._rooms = np.array(rooms, dtype=np.intp)
-        self._incidence = np.zeros((len(rooms), n))
+    def __init__(self, slacks: Sequence[int], joints: Sequence[int], n: int) -> None:
+        self._slacks = np.array(slacks, dtype=np.intp)
+        self._incidence = np.zeros((len(slacks), n))
         for k, joint in enumerate(joints):
             if joint >= 0:
                 self._incidence[k, joint] = 1.0
 
     def gather_gradient(self, gradient: FloatArray) -> FloatArray:
-        return gradient[:, self._rooms]
+        return gradient[:, self._slacks]
 
     def sum_over_joints(self, vectors: FloatArray) -> FloatArray:
         summed: FloatArray = vectors @ self._incidence
@@ -295,9 +295,9 @@ class ClearanceConstraints:
         self._normals = np.array([half.normal for _, half in hindrances.half_spaces]).reshape(-1, 1, 3).T
         self._offsets = np.array([half.offset for _, half in hindrances.half_spaces])
         # A pair of capsules is moved by forces at both of its closest points, a ball by one at its centre.
-        rooms = [*range(len(pairs)), *range(len(pairs)), *(len(pairs) + k for k in range(len(balls)))]
+        slacks = [*range(len(pairs)), *range(len(pairs)), *(len(pairs) + k for k in range(len(balls)))]
         joints = [*(a.joint for a, _ in pairs), *(b.joint for _, b in pairs), *(ball.joint for ball in balls)]
-        self._map = _PointMap(rooms, joints, robot.tree.n)
+        self._map = _PointMap(slacks, joints, robot.tree.n)
 
     @property
     def count(self) -> int:

@@ -154,16 +154,16 @@ class Bounds:
     def tighten(self) -> Bounds:
         """Return slightly tighter limits, so that rounding never carries a motion beyond a limit."""
         # The range shrinks about its middle, so that both ends move inwards whatever their signs.
-        room = 1.0 - _HAIR
+        share = 1.0 - _HAIR
         return replace(
             self,
-            position_low=self.middle - room * self.half_range,
-            position_high=self.middle + room * self.half_range,
-            velocity=room * self.velocity,
-            acceleration=room * self.acceleration,
-            jerk=room * self.jerk,
-            torque=room * self.torque,
-            power=room * self.power,
+            position_low=self.middle - share * self.half_range,
+            position_high=self.middle + share * self.half_range,
+            velocity=share * self.velocity,
+            acceleration=share * self.acceleration,
+            jerk=share * self.jerk,
+            torque=share * self.torque,
+            power=share * self.power,
         )
 
     @property

@@ -113,9 +113,11 @@ def _select_reachable(bounds: Bounds, q: FloatArray) -> FloatArray:
         if bounds.space.compute_least_slack(home[None])[0] < 0:
             continue
         ways = home + _ALONG_A_WAY[:, None, None] * (candidates - home)
-        room = bounds.space.compute_least_slack(ways.reshape(-1, q.shape[1])).reshape(len(_ALONG_A_WAY), -1).min(axis=0)
-        if np.count_nonzero(room >= 0) >= _ENOUGH_WAYS:
-            reached: FloatArray = candidates[room >= 0]
+        slack = (
+            bounds.space.compute_least_slack(ways.reshape(-1, q.shape[1])).reshape(len(_ALONG_A_WAY), -1).min(axis=0)
+        )
+        if np.count_nonzero(slack >= 0) >= _ENOUGH_WAYS:
+            reached: FloatArray = candidates[slack >= 0]
             return reached
     return q
 
@@ -124,11 +126,11 @@ def _select_clear(bounds: Bounds, q: FloatArray) -> FloatArray:
     """Return those of postures q (m, n) that are clear of all obstacles."""
     if bounds.space is None:
         return q
-    room = bounds.space.compute_least_slack(q)
-    if (room >= 0).any():
-        clear: FloatArray = q[room >= 0]
+    slack = bounds.space.compute_least_slack(q)
+    if (slack >= 0).any():
+        clear: FloatArray = q[slack >= 0]
         return clear
-    clearest = q[int(room.argmax())]
+    clearest = q[int(slack.argmax())]
     complaint = bounds.space.find_complaint(clearest[None]) or bounds.space.describe_narrowness(clearest)
     raise ImpossibleLimitsError(
         f"None of {_POSTURES} postures within the position limits is free of collisions: in the best of them, "

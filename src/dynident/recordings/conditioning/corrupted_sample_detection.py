@@ -74,7 +74,7 @@ def measure_signal_steps(
     t : (m,)
         Times in s.
     run : (m,)
-        Number of the stretch without a gap in time.
+        Number of the segment without a gap in time.
     smooth : (c,)
         Which signals are smooth.
     periods : (c,)
@@ -83,7 +83,7 @@ def measure_signal_steps(
     Returns
     -------
     (m, c)
-        NaN at the first rows of a stretch.
+        NaN at the first rows of a segment.
     """
     first = np.full_like(values, np.nan)
     if len(values) < 3:
@@ -160,7 +160,7 @@ SAME_VALUES, SAME_SHARE = 3, 0.5
 
 @dataclass(frozen=True, eq=False)
 class SignalSeries:
-    """One signal: x (m,) at t (m,), the number of the stretch without a gap (run), and what is usual in it.
+    """One signal: x (m,) at t (m,), the number of the segment without a gap (run), and what is usual in it.
 
     `usual` (m,) is its usual step nearby, `threshold` (m,) how far off a sample has to be. A smooth signal is
     extrapolated along its slope. `step` is the usual step of time in s; `period` is that of a wrapping angle, 0 of any
@@ -305,7 +305,7 @@ def _find_blocks(course: SignalSeries, starts: IntArray, length: int) -> tuple[I
     t, x, run = course.t, course.x, course.run
     starts = starts[(starts >= 2) & (starts + length + 1 < len(x))]
     first = starts - (2 if course.smooth else LATE_ROWS)
-    # A block and the samples around it have to lie within one stretch without a gap.
+    # A block and the samples around it have to lie within one segment without a gap.
     starts = starts[(first >= 0) & (run[np.maximum(first, 0)] == run[starts + length + 1])]
     if not len(starts):
         return starts, np.empty((0, length))

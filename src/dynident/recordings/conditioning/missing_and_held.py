@@ -23,7 +23,7 @@ LEAST_JUMP = 0.1
 
 
 class IdleDrives:
-    """Removes the torques of stretches in which all of them are exactly 0."""
+    """Removes the torques of intervals in which all of them are exactly 0."""
 
     name = "idle_drives"
 
@@ -34,20 +34,20 @@ class IdleDrives:
         self._idle_until = -1
 
     def apply(self, window: Window) -> None:
-        """Remove the torques of idle stretches in a window."""
+        """Remove the torques of idle intervals in a window."""
         torques = window.values[:, self._torques]
         spans = np.ptp(np.nan_to_num(torques), axis=0)
         if not (spans > 0.0).any() and self._idle_until < window.first_row:
             # Nothing is known of these torques but 0: they were not recorded.
             return
-        # No window may ask for a longer stretch than it can see: of one that reaches into its own rows that is as much
+        # No window may ask for a longer interval than it can see: of one that reaches into its own rows that is as much
         # as its margin.
         shortest = min(MARGIN_ROWS // 2, max(2, round(SHORTEST / self._signals.step)))
         for start, stop in zip(*find_run_edges((torques == 0.0).all(axis=1)), strict=True):
             # A robot that comes to rest without load lets its torque fade out; drives that are switched make it jump.
             neighbours = [row for row in (start - 1, stop) if 0 <= row < len(torques)]
             jumps = np.abs(torques[neighbours]) > LEAST_JUMP * spans
-            # A stretch that began in an earlier window need not jump again at the border of this one.
+            # An interval that began in an earlier window need not jump again at the border of this one.
             goes_on = start == 0 and self._idle_until >= window.first_row
             if stop - start < shortest or not (goes_on or jumps.any()):
                 continue
@@ -111,7 +111,7 @@ class HeldSamples:
             x = window.values[:, column]
             x[same] = np.nan
             bridge(window.t, x, window.run, longest, smooth=bool(self._signals.smooth[column]))
-            # Before the second sample of a stretch, and behind the last but one, there is nothing to go by.
+            # Before the second sample of an interval, and behind the last but one, there is nothing to go by.
             unbridged = np.isnan(x)
             x[unbridged] = values[unbridged, np.flatnonzero(needed == column)[0]]
         own = window.select_own_rows(np.flatnonzero(same))
@@ -175,7 +175,7 @@ class MissingValues:
 
 
 class BridgedGaps:
-    """Interpolates over short stretches of missing samples."""
+    """Interpolates over short intervals of missing samples."""
 
     name = "rows_left_out"
 
@@ -225,7 +225,7 @@ def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bo
     t, x : (m,)
         Times in s, and one signal with NaN where samples are missing.
     run : (m,)
-        Number of the stretch without a gap in time that each row belongs to.
+        Number of the segment without a gap in time that each row belongs to.
     most : int
         Largest number of samples that are missing in a row.
     smooth : bool

@@ -27,7 +27,7 @@ class Window:
     """Consecutive rows: t (m,), segment (m,) and values (m, c), which steps change in place.
 
     `first_row` counts data rows from 0. `own` are the rows that this window decides on; the others belong to the
-    windows beside it. `run` (m,) numbers the stretches without a gap in time; `unused` (m,)
+    windows beside it. `run` (m,) numbers the segments without a gap in time; `unused` (m,)
     are rows of which a step has said that nothing is to be learned from them.
     """
 
@@ -93,7 +93,7 @@ def _cut_rows(rows: RawRows, first_row: int, start: int, stop: int) -> RawRows:
 
 def _make_window(rows: RawRows, first_row: int, start: int, stop: int, base: TimeBase) -> Window:
     steps = np.diff(rows.t)
-    # A gap, time that goes back, or another segment of the user ends a stretch: no step of conditioning looks across.
+    # A gap, time that goes back, or another segment of the user ends a segment: no step of conditioning looks across.
     breaks = (steps > base.longest_step) | (steps < 0.0) | (np.diff(rows.segment) != 0)
     run = np.concatenate([[0], np.cumsum(breaks)]).astype(np.int64)
     unused = np.zeros(len(rows.t), dtype=bool)

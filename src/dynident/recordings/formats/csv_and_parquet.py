@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,12 +20,18 @@ from dynident.recordings.cells_without_numbers import (
     expand_names,
     find_stored_name,
     list_columns,
+    list_texts,
     name_list_places,
 )
 from dynident.recordings.csv_dialects import Dialect, detect_dialect, dialect_bytes, empty_repeated_names
 from dynident.recordings.file_size_limits import TITLE, check_columns, check_unpacked, choose_block_rows
 from dynident.recordings.file_source import FileSource
-from dynident.recordings.formats.text_streams import RewrittenText, TextContent
+from dynident.recordings.formats.text_streams import (
+    CHANGES_OF_CELLS,
+    RewrittenText,
+    TextContent,
+    join_thousands,
+)
 from dynident.recordings.recording_metadata import RecordingError
 
 CSV_BLOCK_BYTES = 1 << 19
@@ -35,6 +41,7 @@ _VALUE_BYTES = 8
 _BROKEN_PARQUET = (pa.ArrowException, OSError, ValueError, KeyError, UnicodeError)
 """What pyarrow raises of files that are damaged."""
 
+_GROUPED = re.compile(r"^[+-]?\d{1,3}(?:[.,]\d{3})+(?:[.,]\d*)?$")
 _NULLS = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "null", "NULL", "None", "inf", "-inf", "Inf", "-Inf"]
 
 
@@ -46,10 +53,13 @@ class ParquetFileSource(FileSource):
         try:
             with open_parquet_stream(path) as file:
                 _check_parquet(file.metadata, path.stat().st_size)
-                schema = file.schema_arrow
                 self.has_gaps = _has_nulls(file.metadata)
-            self._lists = name_list_places(path, list_columns(path, schema))
-            super().__init__(expand_names(schema, self._lists))
+                self._roots = {name: field.name for field in file.schema_arrow for name in _list_leaves(field)}
+                first = next(file.iter_batches(_LOOKED_AT, use_threads=False), None)
+            first = _flatten_structs(pa.RecordBatch.from_pylist([], file.schema_arrow) if first is None else first)
+            self._lists = name_list_places(path, list_columns(first))
+            super().__init__(expand_names(first.schema, self._lists))
+            self.texts = list_texts(expand_lists(first, self.names, self._lists))
         except _BROKEN_PARQUET as error:
             raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
 
@@ -58,10 +68,37 @@ class ParquetFileSource(FileSource):
             with open_parquet_stream(self._path) as file:
                 stored = list(dict.fromkeys(find_stored_name(name, self._lists) for name in columns))
                 rows = choose_block_rows(len(self.names))
-                for batch in file.iter_batches(rows, columns=stored, use_threads=False):
-                    yield expand_lists(batch, columns, self._lists) if self._lists else batch
+                roots = list(dict.fromkeys(self._roots[name] for name in stored))
+                for batch in file.iter_batches(rows, columns=roots, use_threads=False):
+                    flat = _flatten_structs(batch)
+                    yield expand_lists(flat, columns, self._lists) if self._lists else flat.select(columns)
         except _BROKEN_PARQUET as error:
             raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
+
+
+def _list_leaves(field: pa.Field, prefix: str = "") -> list[str]:
+    """Return the names of a column's parts, those in structures with the structure's name before them."""
+    name = prefix + field.name
+    if not pa.types.is_struct(field.type):
+        return [name]
+    return [leaf for part in field.type.fields for leaf in _list_leaves(part, f"{name}.")]
+
+
+def _flatten_structs(batch: pa.RecordBatch) -> pa.RecordBatch:
+    """Return the batch with the parts of structures as columns: joint_state.position."""
+    while any(pa.types.is_struct(field.type) for field in batch.schema):
+        names: list[str] = []
+        arrays: list[pa.Array] = []
+        for field, column in zip(batch.schema, batch.columns, strict=True):
+            is_struct = pa.types.is_struct(field.type)
+            names += [f"{field.name}.{part.name}" for part in field.type.fields] if is_struct else [field.name]
+            arrays += column.flatten() if is_struct else [column]
+        batch = pa.RecordBatch.from_arrays(arrays, names=names)
+    return batch
+
+
+_LOOKED_AT = 200
+"""Rows by which lists and words are told."""
 
 
 def _has_nulls(metadata: pq.FileMetaData) -> bool:
@@ -95,8 +132,27 @@ class CsvFileSource(FileSource):
         super().__init__(self._dialect.names, self._dialect.units)
         self.texts = dict(self._dialect.texts)
         self.has_gaps = self._dialect.has_gaps
+        self.clocks = self._dialect.clocks
         self._worded: set[str] = set()
-        self._is_rewritten = False
+        self._changes: set[str] = set()
+        self._odd_rows = _OddRows(len(self._dialect.names))
+        for name, cells in self._dialect.texts.items():
+            change = next(filter(None, map(self._find_thousands, cells)), None)
+            if change is not None:
+                self._dialect = replace(self._dialect, rewrite=(*self._dialect.rewrite, change))
+            if "thousands" in self._changes and any(map(_GROUPED.match, cells)):
+                # Numbers, which only looked like words.
+                del self.texts[name]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was done to read the file, where that is not plain; complete after its rows were read."""
+        repeated = ("The names of the columns stand again between the rows: these lines are left out.",)
+        return (
+            *self._dialect.remarks,
+            *(repeated if "names" in self._changes else ()),
+            *self._odd_rows.describe(self._dialect.lines_before_data),
+        )
 
     def _open_text(self) -> str | IO[bytes]:
         """Return what pyarrow reads: the path if its lines are plain, which is fastest, else a stream."""
@@ -122,17 +178,36 @@ class CsvFileSource(FileSource):
                 column = _find_word_column(str(error), self._dialect)
                 if column is None or column in self._worded:
                     raise _make_csv_error(str(error), self._dialect) from error
-                if f"invalid value '{column}'" in str(error) and not self._is_rewritten:
-                    # Read again with these lines empty, which Arrow passes by: the rows above them stay the same.
-                    self._is_rewritten = True
-                    empty_names = partial(empty_repeated_names, dialect=self._dialect)
-                    self._dialect = replace(self._dialect, rewrite=(*self._dialect.rewrite, empty_names))
+                if (change := self._find_change(str(error), column)) is not None:
+                    self._dialect = replace(self._dialect, rewrite=(*self._dialect.rewrite, change))
                     continue
                 # Read again: words among the numbers of a column are cells without one.
                 self._worded.add(column)
 
+    def _find_change(self, message: str, column: str) -> Callable[[str], str] | None:
+        """Return a change of the lines with which a cell that is no number can be read, once for each kind."""
+        cell = message.partition("invalid value '")[2].rpartition("'")[0]
+        if cell == column and "names" not in self._changes:
+            # Lines that are empty Arrow passes by: the rows above them stay the same.
+            self._changes.add("names")
+            return partial(empty_repeated_names, dialect=self._dialect)
+        for applies, change in CHANGES_OF_CELLS:
+            if change.__name__ not in self._changes and applies(f'"{cell}"'):
+                self._changes.add(change.__name__)
+                return change
+        return self._find_thousands(cell)
+
+    def _find_thousands(self, cell: str) -> Callable[[str], str] | None:
+        """Return the change that a cell with signs between thousands needs, once."""
+        change = partial(join_thousands, decimal_point=self._dialect.decimal_point, delimiter=self._dialect.delimiter)
+        if "thousands" in self._changes or change(f'"{cell}"') == f'"{cell}"':
+            return None
+        self._changes.add("thousands")
+        return change
+
     def _parse_batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         dialect = self._dialect
+        self._odd_rows.clear()
         # Arrow stops at the first cell that is no number: columns with words are read as text.
         words = self._worded | self.texts.keys()
         types = {name: pa.string() if name in words else pa.float64() for name in columns}
@@ -144,7 +219,7 @@ class CsvFileSource(FileSource):
                 block_size=CSV_BLOCK_BYTES,
                 use_threads=False,
             ),
-            parse_options=pacsv.ParseOptions(delimiter=dialect.delimiter),
+            parse_options=pacsv.ParseOptions(delimiter=dialect.delimiter, invalid_row_handler=self._odd_rows.judge_row),
             convert_options=pacsv.ConvertOptions(
                 include_columns=columns,
                 column_types=types,
@@ -163,6 +238,46 @@ class CsvFileSource(FileSource):
                 column = parse_numbers(column, self._dialect.decimal_point)
             arrays.append(column)
         return pa.RecordBatch.from_arrays(arrays, names=batch.schema.names)
+
+
+class _OddRows:
+    """Rows with another number of cells than there are columns: left out where they are few.
+
+    Such are the last row of a recorder that was stopped, remarks between the rows, and the messages of another sender.
+    """
+
+    def __init__(self, width: int) -> None:
+        self._width = width
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the rows; the file is read again from its beginning."""
+        self._count, self._first, self._text, self._cells = 0, 0, "", 0
+
+    def judge_row(self, row: pacsv.InvalidRow) -> str:
+        """Return whether to skip a row, or to stop with an error where most rows are such."""
+        if 2 * self._count > (row.number or 0):
+            return "error"
+        if not self._count:
+            self._first, self._text, self._cells = row.number or 0, row.text[:_SHOWN], row.actual_columns
+        self._count += 1
+        return "skip"
+
+    def describe(self, lines_before: int) -> tuple[str, ...]:
+        """Return what was left out, in a sentence; nothing where every row is whole."""
+        if not self._count:
+            return ()
+        which = (
+            f"1 row, {self._first - lines_before}, has {self._cells} cells instead of {self._width} and is"
+            if self._count == 1
+            else f"{self._count} rows have another number of cells than {self._width}, first row "
+            f"{self._first - lines_before}, and are"
+        )
+        return (f"{which} left out: {self._text!r}.",)
+
+
+_SHOWN = 60
+"""Characters of a row that are shown."""
 
 
 def _find_word_column(message: str, dialect: Dialect) -> str | None:

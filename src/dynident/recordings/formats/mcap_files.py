@@ -16,6 +16,7 @@ from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, no
 
 _FOOTER = 9 + 8 + 8 + 4
 _MAGIC = 8
+_END = b"\x89MCAP0\r\n"
 _RECORD_HEAD = 9
 """The code and the length of a record."""
 _AHEAD = 10_000
@@ -76,6 +77,9 @@ class _McapFile:
         from mcap.stream_reader import StreamReader
 
         file: Any = self._file
+        file.seek(max(file.size - _MAGIC, 0))
+        if file.read(_MAGIC) != _END:
+            raise ValueError("its end is missing, because the recorder did not close it; repair it with mcap recover")
         file.seek(max(file.size - _FOOTER - _MAGIC, 0))
         footer = next(StreamReader(file, skip_magic=True, emit_chunks=True).records)
         if not isinstance(footer, Footer):

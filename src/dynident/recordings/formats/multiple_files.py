@@ -84,7 +84,7 @@ class JoinedFiles(FileSource):
         super().__init__(names, units)
         how = "interpolated at its times" if self._by_time else "joined to it row by row"
         others = ", ".join(part.name for part in self._parts if part is not self._main)
-        self.remarks = (f"The rows are those of {self._main.name}; {others} {how}.",)
+        self.own_remarks = (f"The rows are those of {self._main.name}; {others} {how}.",)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         yield from self._read_at_times(columns) if self._by_time else self._read_rows(columns)
@@ -236,6 +236,11 @@ def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[Te
     return sources[0][1] if len(sources) == 1 else JoinedFiles(sources)
 
 
+def _is_of_the_system(name: str) -> bool:
+    """Return whether a member of an archive is a note of the operating system, such as .DS_Store."""
+    return name.startswith("__MACOSX/") or name.rpartition("/")[2].startswith(".")
+
+
 def has_arrays(path: Path) -> bool:
     """Return whether an archive is NumPy's; True for a damaged one as well, so that its reader reports it."""
     try:
@@ -254,7 +259,7 @@ def _list_members(path: Path) -> list[str]:
         members = [
             member
             for member in archive.infolist()
-            if not member.is_dir() and not member.filename.startswith("__MACOSX/") and member.file_size
+            if not member.is_dir() and not _is_of_the_system(member.filename) and member.file_size
         ]
     if not 1 <= len(members) <= MOST_FILES:
         raise RecordingError(

@@ -23,6 +23,10 @@ _BROKEN = (
 """What NumPy's and Python's readers raise of headers and archives that are damaged; a deep header is a MemoryError."""
 
 
+class _ObjectsError(ValueError):
+    """An array of Python objects."""
+
+
 def open_numpy(path: Path, name: str) -> ArrayFileSource:
     """Open a .npy file or a .npz archive.
 
@@ -62,7 +66,8 @@ def _read_single(path: Path) -> list[StoredArray]:
 
 
 def _read_archive(path: Path) -> list[StoredArray]:
-    arrays = []
+    arrays: list[StoredArray] = []
+    objects: _ObjectsError | None = None
     file = path.open("rb")
     with ZipFile(path) as archive:
         members = [member for member in archive.infolist() if member.filename.endswith(".npy")]
@@ -79,11 +84,19 @@ def _read_archive(path: Path) -> list[StoredArray]:
                 if member.compress_type == ZIP_STORED or unpacked is None:
                     # The archive was opened at it, and stands where it begins.
                     start = _find_start(file, member)
-                    place = _locate_array(file, start, start + member.file_size)
+                    where: tuple[IO[bytes], int, int] = file, start, start + member.file_size
                 else:
-                    place = _locate_array(unpacked.file, *unpacked.append(stream.read, member.file_size))
+                    where = (unpacked.file, *unpacked.append(stream.read, member.file_size))
+            try:
+                place = _locate_array(*where)
+            except _ObjectsError as error:
+                # Beside arrays of numbers it is passed by, unread.
+                objects = error
+                continue
             if place is not None and not place.kind.names:
                 arrays.append(place.to_array(member.filename.removesuffix(".npy")))
+    if objects is not None and not arrays:
+        raise objects
     return arrays
 
 
@@ -103,7 +116,7 @@ def _locate_array(file: IO[bytes], start: int, end: int) -> ArrayPlace | None:
         raise ValueError(f"arrays of the format {version[0]}.{version[1]} are not supported")
     shape, by_columns, kind = _HEADERS[version](bounded)
     if kind.hasobject:
-        raise ValueError("it contains Python objects, which are never loaded for safety; save arrays of numbers")
+        raise _ObjectsError("it contains Python objects, which are never loaded for safety; save arrays of numbers")
     if not kind.names and kind.kind not in _NUMBERS:
         return None
     if any(size < 0 for size in shape):

@@ -14,7 +14,7 @@ from dynident.recordings.formats.kuka_rsi import START, open_telegrams
 from dynident.recordings.formats.multiple_files import has_arrays, open_joined_files
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.recordings.recording_metadata import Format, RecordingError
-from dynident.recordings.sample_series_join import join_sparse_rows
+from dynident.recordings.sample_series_join import join_own_clocks, join_sparse_rows
 from dynident.recordings.time_columns import add_stated_time, is_time_name, join_split_stamps
 from dynident.text_encoding import escape_surrogates
 
@@ -32,10 +32,23 @@ _STARTS: tuple[tuple[bytes, Format], ...] = (
     (b"\x89MCAP", "mcap"),
 )
 
+_INFLUX = (
+    'InfluxDB\'s annotated CSV, with one value in each row: give each moment one row, by pivot(rowKey: ["_time"], '
+    'columnKey: ["_field"], valueColumn: "_value") in the query.'
+)
 _NOT_READ = (
     (b"\xd0\xcf\x11\xe0", "an Excel workbook (.xls): save the sheet as CSV."),
     (b"\x80\x04", "a pickle of Python, which may run programs and is never opened: save the table as CSV or Parquet."),
     (b"\x80\x05", "a pickle of Python, which may run programs and is never opened: save the table as CSV or Parquet."),
+    (
+        b"version https://git-lfs",
+        "a pointer of Git LFS, and not the file that it stands for: fetch that with `git lfs pull`.",
+    ),
+    (b"#group,", _INFLUX),
+    (b"#datatype,", _INFLUX),
+    (b"<!DOCTYPE html", "a page of the web, and not the file that it shows: download that itself (raw)."),
+    (b"<html", "a page of the web, and not the file that it shows: download that itself (raw)."),
+    (b"ARROW1", "a table of Arrow (Feather): write it as Parquet, df.to_parquet(…), or as CSV."),
     (b"ULog", "a log of PX4 (.ulg): convert it with ulog2csv."),
     (b"header:", "a printout of messages: record a bag, or write a table with `ros2 topic echo --csv TOPIC`."),
     (b"---\nheader:", "a printout of messages: record a bag, or write a table with `ros2 topic echo --csv TOPIC`."),
@@ -92,7 +105,7 @@ def format_of(path: Path) -> str:
 def _refuse_foreign(start: bytes) -> None:
     """Refuse files of formats that are known but not read, and say what to do."""
     for begin, advice in _NOT_READ:
-        if start.startswith(begin):
+        if start.lstrip()[: len(begin)].lower() == begin.lower():
             raise RecordingError(f"The file is {advice}", title="Unreadable file")
 
 
@@ -122,16 +135,16 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
         raise RecordingError(
             f"The file's name {escape_surrogates(path.name)!r} is not UTF-8; rename the file.", title="Unreadable file"
         )
-    # Each wrapper repairs one thing: words in cells first, since times may be among them; then split stamps; then
-    # rows of several series; the stated rate last, which replaces any time.
+    # Each wrapper repairs one thing: words in cells first, since times may be among them; then channels with their
+    # own times; split stamps; rows of several series; the stated rate last, which replaces any time.
     source = _open_source(path, file_format)
     if rate is None and not any(is_time_name(name) for name in source.names):
         rate = source.stated_rate
         if rate is not None:
-            source.remarks += (
+            source.own_remarks += (
                 f"No column is a time: by what the file says beside its columns the rate is {rate:g} Hz.",
             )
-    return add_stated_time(join_sparse_rows(join_split_stamps(read_word_cells(source))), rate)
+    return add_stated_time(join_sparse_rows(join_split_stamps(join_own_clocks(read_word_cells(source)))), rate)
 
 
 def _open_source(path: Path, file_format: str | None) -> FileSource:
@@ -167,7 +180,9 @@ def _join_files(path: Path, parts: list[Path]) -> FileSource:
                 title="Unreadable file",
             )
     return open_joined_files(
-        path, parts, lambda content: join_sparse_rows(join_split_stamps(read_word_cells(open_text(content))))
+        path,
+        parts,
+        lambda content: join_sparse_rows(join_split_stamps(join_own_clocks(read_word_cells(open_text(content))))),
     )
 
 

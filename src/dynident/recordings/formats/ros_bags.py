@@ -177,7 +177,11 @@ class _Bag:
                 tables.add(str(name))
         for table, columns in _NEEDED.items():
             if table not in tables:
-                raise RecordingError(f"The bag has no table {table}, so it is not a ROS 2 bag.", title=TITLE)
+                raise RecordingError(
+                    f"The database has no table {table}, so it is not a ROS 2 bag. Export the table that you need as "
+                    "CSV.",
+                    title=TITLE,
+                )
             # The last value says whether a column is computed from others.
             stored = {row[1]: row[6] for row in self._fetch_rows(f"PRAGMA table_xinfo({table})")}
             for column in columns:

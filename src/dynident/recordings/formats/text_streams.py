@@ -157,6 +157,113 @@ def _rewrite_cell(cell: re.Match[str], write: Callable[[list[str], str], str]) -
     return before + write(items, before or ",")
 
 
+_SPACED_QUOTE = re.compile(r'(?m)(^|[,;\t|])[ ]+(?=")')
+_FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]\d{1,3}(?!\w))")
+"""The exponent of a number as Fortran writes it: 1.5D+02."""
+_POINTS = re.compile(r"(?<![\w.,])([+-]?\d{1,3}(?:\.\d{3})+)(?=[,;\t|\s\"]|$)")
+_COMMAS = re.compile(r"(?<![\w.,])([+-]?\d{1,3}(?:,\d{3})+)(?![\d,])")
+_QUOTED_COMMAS = re.compile(r'(?<=")([+-]?\d{1,3}(?:,\d{3})+)(?=[."])')
+"""Signs between thousands: 1.234,5, and 1,234.5, in quotes alone where commas separate the columns."""
+
+
+def has_spaced_quotes(text: str) -> bool:
+    """Return whether spaces stand before the quotes of cells."""
+    return _SPACED_QUOTE.search(text) is not None
+
+
+def close_up_quotes(text: str) -> str:
+    """Return the text without the spaces before the quotes of cells, with which these would not be quotes."""
+    return _SPACED_QUOTE.sub(r"\1", text)
+
+
+def has_fortran_exponents(text: str) -> bool:
+    """Return whether numbers have exponents with a D."""
+    return _FORTRAN.search(text) is not None
+
+
+def replace_fortran_exponents(text: str) -> str:
+    """Return the text with an E in the exponents of numbers."""
+    return _FORTRAN.sub("E", text)
+
+
+_SIGN = re.compile("[\u2212\u2013](?=[.\\d])")
+_APOSTROPHES = re.compile("(?<=\\d)['\u2019\u00a0\u2009\u202f](?=\\d{3}(?!\\d))")
+"""Signs between thousands that no number is without."""
+
+
+def has_typographic_signs(text: str) -> bool:
+    """Return whether numbers have a minus, or signs between thousands, as print has them."""
+    return _SIGN.search(text) is not None or _APOSTROPHES.search(text) is not None
+
+
+def replace_typographic_signs(text: str) -> str:
+    """Return the text with the minus of a keyboard, and nothing between thousands."""
+    return _APOSTROPHES.sub("", _SIGN.sub("-", text))
+
+
+CHANGES_OF_CELLS = (
+    (has_spaced_quotes, close_up_quotes),
+    (has_fortran_exponents, replace_fortran_exponents),
+    (has_typographic_signs, replace_typographic_signs),
+)
+"""What cells may have that numbers are read without: whether a text has it, and the text without it."""
+
+
+def join_thousands(text: str, decimal_point: str, delimiter: str) -> str:
+    """Return the text with numbers whose thousands are not set apart."""
+    if decimal_point == ",":
+        return _POINTS.sub(lambda number: number[1].replace(".", ""), text)
+    return (_QUOTED_COMMAS if delimiter == "," else _COMMAS).sub(lambda number: number[1].replace(",", ""), text)
+
+
+_LABELLED = re.compile(r"(?P<label>[A-Za-z_][\w.]*(?:\[\d+\])?)[ ]*[:=][ ]*[\[(]?[ ]*(?=[+-]?[.\d])")
+_FREE_NUMBER = re.compile(r"(?<![\w.])[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
+
+
+def name_labelled_numbers(line: str) -> tuple[str, ...]:
+    """Return names for the numbers of a line in which words stand before them, `q: 0.1 0.2 tau=3`: q1, q2, tau."""
+    labels = [(match.end(), match["label"]) for match in _LABELLED.finditer(line)]
+    # Indices within labels are no numbers of their own.
+    taken = [match.span() for match in _LABELLED.finditer(line)]
+    own: list[str] = []
+    for number in _FREE_NUMBER.finditer(line):
+        if any(begin <= number.start() < end for begin, end in taken):
+            continue
+        before = [label for end, label in labels if end <= number.start()]
+        own.append(before[-1] if before else "column")
+    counts = {label: own.count(label) for label in own}
+    seen = dict.fromkeys(own, 0)
+    names = []
+    for label in own:
+        seen[label] += 1
+        joint = "_" if label[-1].isdigit() else ""
+        names.append(label if counts[label] == 1 and label != "column" else f"{label}{joint}{seen[label]}")
+    return tuple(names)
+
+
+def has_labelled_numbers(lines: list[str]) -> bool:
+    """Return whether lines are no table but numbers with words before them, the same in nearly all."""
+    rows = [line for line in lines if line.strip()][-_LABELLED_LINES:]
+    if len(rows) < 2 or any(sign in rows[-1] for sign in '"{'):
+        return False
+    names = [name_labelled_numbers(row) for row in rows]
+    usual = names[-1]
+    labels = {match["label"] for match in _LABELLED.finditer(rows[-1])}
+    return len(usual) > 2 and len(labels) > 1 and names.count(usual) >= 0.8 * len(names)
+
+
+def keep_numbers(text: str) -> str:
+    """Return the numbers of each line alone, with commas between them."""
+    lines = []
+    for line in text.splitlines():
+        plain = _LABELLED.sub(" ", line)
+        lines.append(",".join(match[0] for match in _FREE_NUMBER.finditer(plain)) if _LABELLED.search(line) else "")
+    return "\n".join([*lines, ""])
+
+
+_LABELLED_LINES = 50
+
+
 def squeeze_spaces(text: str) -> str:
     """Return the text with single spaces between columns that were aligned by spaces, and none at the ends."""
     return re.sub(r"(?m)^[ ]+|[ ]+(?=\r?$)", "", re.sub(r"[ \t]+", " ", text))

@@ -183,8 +183,8 @@ def _draw_change(axes: Axes, change: Change) -> None:
     axes.axvline(0.0, color="#4d4d4d", linewidth=0.9)
     # Zero belongs to the axis: whether the interval covers it decides whether there is a change at all.
     span = (0.0, value, low, high)
-    room = _AXIS_MARGIN * (max(span) - min(span) or 1.0)
-    axes.set_xlim(min(span) - room, max(span) + room)
+    margin = _AXIS_MARGIN * (max(span) - min(span) or 1.0)
+    axes.set_xlim(min(span) - margin, max(span) + margin)
     axes.set_ylim(-0.5, 0.5)
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)

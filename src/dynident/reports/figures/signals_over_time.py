@@ -65,7 +65,7 @@ class TimeAxis:
         return "time, runs one after another (s)" if self.shifted else "time (s)"
 
     def restrict(self, rows: BoolArray) -> TimeAxis:
-        """Return the axis with its stretches cut down to some of the rows.
+        """Return the axis with its intervals cut down to some of the rows.
 
         Parameters
         ----------
@@ -75,9 +75,9 @@ class TimeAxis:
         Returns
         -------
         TimeAxis
-            The same times, with other stretches.
+            The same times, with other intervals.
         """
-        # The stretches are cut wherever `rows` changes; each piece then is wanted, or not, as a whole.
+        # The intervals are cut wherever `rows` changes; each piece then is wanted, or not, as a whole.
         changes = np.flatnonzero(np.diff(rows)) + 1
         pieces: list[slice] = []
         for part in self.intervals:
@@ -110,7 +110,7 @@ def build_time_axis(comparison: Comparison) -> TimeAxis:
     shifted = False
     pause = _PAUSE_SHARE * sum(float(t[part][-1] - t[part][0]) for part in intervals)
     for before, after in pairwise(intervals):
-        # Only what would lie on top of the stretch before it is moved, together with all that follows.
+        # Only what would lie on top of the interval before it is moved, together with all that follows.
         if t[after.start] <= t[before.stop - 1]:
             t[after.start :] += t[before.stop - 1] + max(pause, usual_step) - t[after.start]
             shifted = True
@@ -118,7 +118,7 @@ def build_time_axis(comparison: Comparison) -> TimeAxis:
 
 
 def thin_series(axis: TimeAxis, values: FloatArray, points: int) -> tuple[FloatArray, FloatArray]:
-    """Thin out a series to some points, with the extremes of every part of it and NaN between stretches.
+    """Thin out a series to some points, with the extremes of every part of it and NaN between intervals.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def thin_series_together(axis: TimeAxis, points: int, *series: FloatArray) -> tu
         # The series share their times, so that an area between two of them can be filled.
         rows = part.start + np.unique(np.concatenate([find_extremes(values[part], bins) for values in series]))
         for k, values in enumerate((axis.t, *series)):
-            # A NaN breaks the line between stretches; its time has to be a number.
+            # A NaN breaks the line between intervals; its time has to be a number.
             if parts[k]:
                 parts[k].append(axis.t[rows[:1]] if k == 0 else np.array([np.nan]))
             parts[k].append(values[rows])
@@ -376,8 +376,8 @@ def _shade_standstills(axes: Axes, axis: TimeAxis, standing: BoolArray) -> None:
 
 
 def _set_time_range(axes: Axes, axis: TimeAxis) -> None:
-    room = 0.01 * float(axis.t[-1] - axis.t[0])
-    axes.set_xlim(float(axis.t[0]) - room, float(axis.t[-1]) + room)
+    margin = 0.01 * float(axis.t[-1] - axis.t[0])
+    axes.set_xlim(float(axis.t[0]) - margin, float(axis.t[-1]) + margin)
 
 
 def _draw_legend(figure: Figure, grid: AxesGrid, comparison: Comparison, joints: Sequence[int]) -> None:

@@ -84,18 +84,18 @@ def make_panels(
     grid : list of list of Axes
         Its axes, row by row.
     """
-    room = margins or Margins()
-    total = rows * height + room.top + room.bottom
+    edges = margins or Margins()
+    total = rows * height + edges.top + edges.bottom
     figure = Figure(figsize=(WIDTH, total))
     ratios = np.asarray(widths or [1.0] * columns)
-    free = WIDTH - room.left - room.right - (columns - 1) * gap
+    free = WIDTH - edges.left - edges.right - (columns - 1) * gap
     # What margins and gaps leave of the width is shared out by the ratios.
     spans = free * ratios / ratios.sum()
-    starts = room.left + np.concatenate([[0.0], np.cumsum(spans + gap)[:-1]])
+    starts = edges.left + np.concatenate([[0.0], np.cumsum(spans + gap)[:-1]])
     panel = height - _TITLE_HEIGHT - (below if rows > 1 else 0.0)
     grid: AxesGrid = []
     for row in range(rows):
-        low = total - room.top - row * height - _TITLE_HEIGHT - panel
+        low = total - edges.top - row * height - _TITLE_HEIGHT - panel
         grid.append([])
         for column in range(columns):
             box = (starts[column] / WIDTH, low / total, spans[column] / WIDTH, panel / total)

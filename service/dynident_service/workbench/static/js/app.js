@@ -1,14 +1,14 @@
 // The page: which view its address asks for, and what stands around it.
 
 import { apiKey, get } from "./api.js";
-import { beginPage } from "./begin.js";
+import { beginPage } from "./first_model.js";
 import { h, put } from "./dom.js";
 import { lookForJobs, watch } from "./jobs.js";
-import { address, asked, follow } from "./location.js";
+import { address, asked, follow } from "./page_address.js";
 import { modelPage } from "./model_page.js";
 import { ModelList } from "./model_list.js";
 import { problemBox } from "./problem.js";
-import { recordingPage } from "./recordings/page.js";
+import { recordingPage } from "./recordings/recording_page.js";
 
 // Views that are read when they are opened: what most visits do without is not waited for.
 const VIEWS = {

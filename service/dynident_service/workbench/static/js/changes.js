@@ -5,7 +5,7 @@ import { placeOf, titleOf } from "./catalogue.js";
 import { figures, h, listed, numeric, put, right, row, table } from "./dom.js";
 import { interval, number, pValue, percent } from "./format.js";
 import { orSay, sending } from "./problem.js";
-import { usesOf } from "./uses.js";
+import { usesOf } from "./measurement_uses.js";
 
 const SETS = [["", "leave out"], ["before", "before"], ["after", "after"]];
 

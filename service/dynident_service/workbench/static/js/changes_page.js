@@ -3,12 +3,12 @@
 import { changesForm, changesTable } from "./changes.js";
 import { get, post } from "./api.js";
 import { choiceInWords } from "./catalogue.js";
-import { daysSection } from "./days.js";
+import { daysSection } from "./changes_over_days.js";
 import { announce, field, h, put, section, select } from "./dom.js";
 import { moment } from "./format.js";
 import { awaited, newestOf } from "./jobs.js";
-import { address, go } from "./location.js";
-import { Model } from "./model.js";
+import { address, go } from "./page_address.js";
+import { Model } from "./shown_model.js";
 import { problemBox } from "./problem.js";
 
 /** Show the form and what came of it, for the model of the address or the newest one. */

@@ -7,7 +7,7 @@ import { awaited, newestOf } from "./jobs.js";
 import { complaint, orSay, sending } from "./problem.js";
 import { robotWith, withDrives } from "./recordings/robot_facts.js";
 import { shownTable } from "./tables.js";
-import { usesOf } from "./uses.js";
+import { usesOf } from "./measurement_uses.js";
 
 const USES = [["", "leave out"], ["unloaded", "without the load"], ["loaded", "with the known load"], ["weigh", "weigh its load"], ["weigh_unloaded", "without, for weighing"]];
 

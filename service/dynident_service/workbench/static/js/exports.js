@@ -1,7 +1,7 @@
 // The model as a file for other programs: where its format cannot hold it, the nearest that it can.
 
 import { h } from "./dom.js";
-import { formatLinks, take } from "./saving.js";
+import { formatLinks, take } from "./save_file.js";
 
 const IMPOSSIBLE = "Not physically feasible";
 

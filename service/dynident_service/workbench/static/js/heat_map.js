@@ -4,7 +4,7 @@ import { h, svg } from "./dom.js";
 import { number } from "./format.js";
 import { roundValues } from "./ladder_figures.js";
 import { colour } from "./plots.js";
-import { signalInWords } from "./profile.js";
+import { signalInWords } from "./residual_profile.js";
 
 const ROOM = { left: 62, right: 96, top: 10, bottom: 44 };
 const [WIDTH, HEIGHT] = [620, 320];

@@ -1,15 +1,15 @@
 // Which measurements, which effects, which method; then Run.
 
 import { post } from "./api.js";
-import { controls, said as saidBy } from "./asked.js";
+import { controls, said as saidBy } from "./request_controls.js";
 import { catalogue } from "./catalogue.js";
 import { field, h, put } from "./dom.js";
 import { counted } from "./format.js";
-import { go } from "./location.js";
+import { go } from "./page_address.js";
 import { NO_PRIOR } from "./methods.js";
 import { complaint, sending } from "./problem.js";
 import { fieldsOf, optionsOf } from "./schema.js";
-import { usesOf } from "./uses.js";
+import { usesOf } from "./measurement_uses.js";
 
 const METHODS = ["model", "strategy", "steps", "estimator", "prior"];
 const APART = [...METHODS, "robot_id", "name", "measurement_ids", "validation_ids", "effects"];

@@ -1,14 +1,14 @@
-// The ladder of models: what was added at each rung, and the error falling, in total and on every joint.
+// The ladder of models: what was added at each step, and the error falling, in total and on every joint.
 
 import { choiceInWords } from "./catalogue.js";
 import { figures, h, listed, numeric, put, right, unseen } from "./dom.js";
-import { judged } from "./errors.js";
+import { judged } from "./joint_errors.js";
 import { percent } from "./format.js";
 import { totalsFigure } from "./ladder_figures.js";
-import { address } from "./location.js";
-import { nextRung } from "./next_rung.js";
+import { address } from "./page_address.js";
+import { nextRung } from "./extended_model.js";
 import { pressed, problemBox } from "./problem.js";
-import { worsened } from "./step.js";
+import { worsened } from "./ladder_step.js";
 import { changeOf, twoLadders } from "./two_ladders.js";
 import { waterfallFigure } from "./waterfall.js";
 
@@ -29,7 +29,7 @@ export function ladderSection(model, signal) {
   );
 }
 
-/** From the model that this one was made from to this one: an extension by several effects has a rung for each. */
+/** From the model that this one was made from to this one: an extension by several effects has a step for each. */
 function lastStep(model) {
   const index = model.rungs.findIndex((one) => one.id === model.identification.parent_id);
   const first = index < 0 ? model.rungs.length - 2 : index;
@@ -97,7 +97,7 @@ function waterfall(model, errors, kind) {
   return body;
 }
 
-/** What a rung is on held-out data. */
+/** What a step is on held-out data. */
 function markOf(rung) {
   if (rung.best) return h("span", { class: "mark ok" }, "✓ best");
   return rung.rises ? h("span", { class: "mark warning" }, "↑ rises") : "";
@@ -110,14 +110,14 @@ function bestInWords(rungs) {
   return rises < 0 ? `${found}.` : `${found}; from model ${rises + 1} on the held-out error is larger: the steps from there on do not help.`;
 }
 
-/** A way back to the best rung; what an extension made on its way is no model that could be gone to. */
+/** A way back to the best step; what an extension made on its way is no model that could be gone to. */
 function keepBest(model, rungs) {
   const best = rungs.findIndex((one) => one.best);
   if (best < 0 || rungs[best].id === model.id || rungs[best].part_of) return null;
   return [" ", h("a", { class: "button", id: "keep-best", href: address({ identification: rungs[best].id, tab: "missing", joint: model.joint }) }, `Keep the best: model ${best + 1}`)];
 }
 
-/** Takes what a rung added out of the model that is looked at; the other rungs stay. */
+/** Takes what a step added out of the model that is looked at; the other steps stay. */
 function removeButton(model, rung, signal) {
   const there = rung.added.filter((one) => model.contains(one));
   if (!there.length) return "";

@@ -1,14 +1,14 @@
-// The ladder as a figure: the errors of all joints together, rung by rung.
+// The ladder as a figure: the errors of all joints together, step by step.
 
 import { h, svg } from "./dom.js";
-import { judged } from "./errors.js";
+import { judged } from "./joint_errors.js";
 import { number, percent } from "./format.js";
 
-/** Relative error of all joints, where they move, at each rung, of the fit and held out. */
+/** Relative error of all joints, where they move, at each step, of the fit and held out. */
 export function totalsFigure(rungs, heldOut) {
   const lines = [{ name: "fit", css: "fit", marker: "circle", values: rungs.map((one) => judged(one.residual).relative_total) }];
   if (heldOut) lines.push({ name: "held out", css: "held-out", marker: "square", values: rungs.map((one) => judged(one.validation).relative_total) });
-  // The higher of the two marks has its figure above it, the lower one below: they never meet, however many rungs.
+  // The higher of the two marks has its figure above it, the lower one below: they never meet, however many steps.
   const isAbove = (line, k) => lines.every((one) => one === line || one.values[k] < line.values[k] || (one.values[k] === line.values[k] && line === lines[0]));
   return laddersFigure("Relative error where joints move (%)", 440, lines, (line, k) => ({ dx: 0, dy: isAbove(line, k) ? -11 : 19, anchor: "middle" }));
 }

@@ -1,11 +1,11 @@
 // Recordings: those that are stored, and files that are dropped to become some.
 
 import { ask, get } from "./api.js";
-import { checksInWords, checksTable } from "./checks.js";
+import { checksInWords, checksTable } from "./recording_checks.js";
 import { h, put, row, table } from "./dom.js";
 import { dropZone } from "./drop_zone.js";
 import { counted, moment, number, quantity } from "./format.js";
-import { address } from "./location.js";
+import { address } from "./page_address.js";
 import { fileCard } from "./recordings/file_card.js";
 import { drivesOf, placesOf } from "./recordings/robot_facts.js";
 

@@ -3,10 +3,10 @@
 import { get } from "./api.js";
 import { catalogue, titleOf } from "./catalogue.js";
 import { h, put } from "./dom.js";
-import { judged } from "./errors.js";
+import { judged } from "./joint_errors.js";
 import { moment, percent } from "./format.js";
 import { MODEL_JOBS, onJobs } from "./jobs.js";
-import { address } from "./location.js";
+import { address } from "./page_address.js";
 import { problemBox } from "./problem.js";
 
 const PART = 30;

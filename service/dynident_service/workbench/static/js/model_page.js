@@ -3,24 +3,24 @@
 import { content, get, post, apiKey } from "./api.js";
 import { choiceInWords, placeOf, titleOf } from "./catalogue.js";
 import { announce, h, put, tiles } from "./dom.js";
-import { dataSection } from "./data.js";
-import { daysSection } from "./days.js";
-import { errorsSection, judged } from "./errors.js";
+import { dataSection } from "./data_of_model.js";
+import { daysSection } from "./changes_over_days.js";
+import { errorsSection, judged } from "./joint_errors.js";
 import { exportLinks } from "./exports.js";
-import { failureSection } from "./failure.js";
+import { failureSection } from "./where_model_fails.js";
 import { counted, grouped, moment, number, percent, quantity } from "./format.js";
 import { awaited, ENDED } from "./jobs.js";
 import { ladderSection, stepInWords } from "./ladder.js";
-import { takeNote } from "./location.js";
+import { takeNote } from "./page_address.js";
 import { methodInWords, methods } from "./methods.js";
-import { missingSection } from "./missing.js";
-import { Model, newestDiagnosis } from "./model.js";
+import { missingSection } from "./missing_effects.js";
+import { Model, newestDiagnosis } from "./shown_model.js";
 import { parametersSection } from "./parameters.js";
 import { pressed, problemBox } from "./problem.js";
-import { save } from "./saving.js";
+import { save } from "./save_file.js";
 import { spectraSection } from "./spectra.js";
 import { tabs } from "./tabs.js";
-import { torqueSection } from "./torque.js";
+import { torqueSection } from "./torque_comparison.js";
 import { newestValidations, validationsSection } from "./validations.js";
 import { verdictSection } from "./verdict.js";
 
@@ -62,7 +62,7 @@ function parts(model, ways, signal) {
   ];
 }
 
-/** The tab of an address from before there were tabs: a stretch or a measurement was looked at in the comparison. */
+/** The tab of an address from before there were tabs: an interval or a measurement was looked at in the comparison. */
 function tabOf(wanted) {
   return wanted.from || wanted.measurement ? "compare" : "verdict";
 }

@@ -1,7 +1,7 @@
 // A problem in words, next to what caused it.
 
 import { h, put } from "./dom.js";
-import { checksTable } from "./checks.js";
+import { checksTable } from "./recording_checks.js";
 
 /** A box that says what is wrong; with `again`, a button that tries once more. */
 export function problemBox(error, again = null) {

@@ -1,7 +1,7 @@
 // Tabs whose choice is in the address: what is in one is made when it is first opened, and stays.
 
 import { h, put } from "./dom.js";
-import { asked, go, remember } from "./location.js";
+import { asked, go, remember } from "./page_address.js";
 
 const STEPS = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 };
 

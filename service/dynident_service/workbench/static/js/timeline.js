@@ -30,7 +30,7 @@ export function timeline(series, names) {
   return { x, times, values, shifted };
 }
 
-/** Where the stretch [from, to] of the recording's time is on the axis; the worst of several, by `size`. */
+/** Where the interval [from, to] of the recording's time is on the axis; the worst of several, by `size`. */
 export function find(line, from, to, size) {
   let best = null;
   let open = null;

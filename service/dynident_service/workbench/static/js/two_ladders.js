@@ -1,12 +1,12 @@
-// The ladders of two models of one robot beside each other: a figure of both, and their difference rung by rung.
+// The ladders of two models of one robot beside each other: a figure of both, and their difference step by step.
 
 import { get, lastAsked } from "./api.js";
 import { choiceInWords } from "./catalogue.js";
 import { field, h, numeric, put, right, row, select, table } from "./dom.js";
-import { judged } from "./errors.js";
+import { judged } from "./joint_errors.js";
 import { moment, number } from "./format.js";
 import { laddersFigure } from "./ladder_figures.js";
-import { address } from "./location.js";
+import { address } from "./page_address.js";
 import { orSay } from "./problem.js";
 
 /** Folded away until somebody asks for it. */
@@ -39,7 +39,7 @@ function chooser(model, others, signal) {
   return [field("Model whose ladder is compared with this one", pick), figure];
 }
 
-/** What a rung changed, in words. */
+/** What a step changed, in words. */
 export function changeOf(model, rung) {
   const words = (one) => choiceInWords(model.effects, one, model.joints);
   return [...rung.added.map(words), ...rung.removed.map((one) => `without ${words(one)}`)].join("; ") || "the first model";

@@ -52,7 +52,7 @@ function driftTable(drift) {
   return h("details", { id: "drift" }, h("summary", {}, "Drift of an open-loop simulation under the measured torque, relative to the joint's travel"), h("table", {}, h("thead", {}, head), h("tbody", {}, rows)));
 }
 
-/** A gross mistake lies in the data; else what is missing comes before whether the rest is to be trusted. */
+/** A gross fault lies in the data; else what is missing comes before whether the rest is to be trusted. */
 function nextClick(model, found) {
   const diagnosis = model.diagnosis?.result;
   const [tab, words] = found.stop ? ["data", "Look at the data"] : !diagnosis ? ["missing", "Find what is missing"]

@@ -1,4 +1,4 @@
-// Every joint's error from the first model to the last, rung by rung, down to what the sensor's noise leaves.
+// Every joint's error from the first model to the last, step by step, down to what the sensor's noise leaves.
 
 import { h, svg } from "./dom.js";
 import { percent } from "./format.js";
@@ -11,7 +11,7 @@ const THINNEST = 1.5;
 // Times the error before: less of a rise is none, and what the program warns of is more.
 const RISES = 1.02;
 
-/** `errors` of each rung with { relative, rms }, `floors` in the unit of rms (null where nobody knows). */
+/** `errors` of each step with { relative, rms }, `floors` in the unit of rms (null where nobody knows). */
 export function waterfallFigure(errors, joints, floors, kind) {
   const panels = joints.map((joint, index) => {
     const values = errors.map((one) => one.relative[index]).filter((value) => value !== null);

@@ -70,10 +70,10 @@ class Ordinary(Estimator):
 
     def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
-        from dynident.estimation import ordinary, statistics
+        from dynident.estimation import solve_ordinary, statistics
         from dynident.identification.estimation_problem import Fit
 
-        solution = ordinary(problem.data.equations, problem.known)
+        solution = solve_ordinary(problem.data.equations, problem.known)
         return Fit(solution, statistics(problem.data.equations, solution, problem.covariance))
 
 
@@ -93,10 +93,10 @@ class Weighted(Estimator):
 
     def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
-        from dynident.estimation import statistics, weighted
+        from dynident.estimation import solve_weighted, statistics
         from dynident.identification.estimation_problem import Fit
 
-        solution = weighted(problem.data.equations, problem.known)
+        solution = solve_weighted(problem.data.equations, problem.known)
         return Fit(solution, statistics(problem.data.equations, solution, problem.covariance))
 
 

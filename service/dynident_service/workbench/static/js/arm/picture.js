@@ -6,7 +6,7 @@ import { dropZone } from "../drop_zone.js";
 import { counted } from "../format.js";
 import { givenUp } from "../jobs.js";
 import { problemBox } from "../problem.js";
-import { armBeside } from "./beside.js";
+import { armBeside } from "./arm_beside_figures.js";
 
 /** A part of a page to be opened: the arm at zero, and a place for the files of its meshes. */
 export function pictureOf(robot, signal) {

@@ -4,7 +4,7 @@ import { h, put } from "../dom.js";
 import { number, quantity } from "../format.js";
 import { axis, colour, edges, symmetric, timeAxis, told } from "../plots.js";
 import { redraw, timePlot } from "../signals/time_plot.js";
-import { drawLine, shade } from "../signals/grounds.js";
+import { drawLine, shade } from "../signals/plot_backgrounds.js";
 
 const LARGE = { torque: 250, residual: 200 };
 const SMALL = 104;

@@ -10,7 +10,7 @@ export function whyNoRaw(robot) {
   return coupled ? "Motors of this robot act on several joints: the recording has the torques of the motors, not of the joints." : "";
 }
 
-/** Reads of every joint { t, values } for a stretch, null for all. */
+/** Reads of every joint { t, values } for an interval, null for all. */
 export function rawReader(model, signal) {
   const asking = lastAsked(signal);
   return async (stretch) => {

@@ -1,10 +1,10 @@
 // What is asked of an experiment; its choices and words are those of the contract.
 
 import { post } from "../api.js";
-import { controls, said as saidBy, sorted } from "../asked.js";
+import { controls, said as saidBy, sorted } from "../request_controls.js";
 import { catalogue } from "../catalogue.js";
 import { field, h } from "../dom.js";
-import { go } from "../location.js";
+import { go } from "../page_address.js";
 import { sending } from "../problem.js";
 import { fieldsOf } from "../schema.js";
 import { limitsTable } from "./limits_table.js";

@@ -3,10 +3,10 @@
 import { get } from "../api.js";
 import { figures, h, listed, part, put, tiles } from "../dom.js";
 import { grouped, number, percent, positionUnit, quantity } from "../format.js";
-import { formatLinks } from "../saving.js";
+import { formatLinks } from "../save_file.js";
 import { choicesOfQuery } from "../schema.js";
-import { motionCurves } from "./curves.js";
-import { virtualRobot } from "./virtual.js";
+import { motionCurves } from "./joint_curves.js";
+import { virtualRobot } from "./virtual_measurement.js";
 
 const MOST_POINTS = 1500;
 const SAME = 0.01; // share by which criteria differ that are as good as each other

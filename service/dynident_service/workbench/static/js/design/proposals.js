@@ -3,7 +3,7 @@
 import { get } from "../api.js";
 import { h } from "../dom.js";
 import { moment } from "../format.js";
-import { address } from "../location.js";
+import { address } from "../page_address.js";
 
 const LATEST = 50;
 

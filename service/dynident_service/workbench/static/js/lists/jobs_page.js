@@ -4,11 +4,11 @@ import { events } from "../api.js";
 import { h, put } from "../dom.js";
 import { moment, number, percent } from "../format.js";
 import { cancel, ENDED, onJobs } from "../jobs.js";
-import { address } from "../location.js";
+import { address } from "../page_address.js";
 import { orSay, problemBox } from "../problem.js";
-import { dateColumn, figureColumn, plainColumn } from "./columns.js";
-import { readAll } from "./reading.js";
-import { sortable } from "./sortable.js";
+import { dateColumn, figureColumn, plainColumn } from "./common_columns.js";
+import { readAll } from "./paged_lists.js";
+import { sortable } from "./sortable_table.js";
 
 const LOOK_AGAIN = 2000;
 

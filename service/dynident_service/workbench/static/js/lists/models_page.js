@@ -3,15 +3,15 @@
 import { get } from "../api.js";
 import { catalogue, choiceInWords, titleOf } from "../catalogue.js";
 import { h } from "../dom.js";
-import { judged } from "../errors.js";
+import { judged } from "../joint_errors.js";
 import { percent, quantity } from "../format.js";
 import { MODEL_JOBS } from "../jobs.js";
-import { address, go } from "../location.js";
-import { dateColumn, figureColumn, labelColumns, plainColumn } from "./columns.js";
-import { pairSection } from "./pair.js";
-import { robotNames } from "./reading.js";
+import { address, go } from "../page_address.js";
+import { dateColumn, figureColumn, labelColumns, plainColumn } from "./common_columns.js";
+import { pairSection } from "./model_pair.js";
+import { robotNames } from "./paged_lists.js";
 import { fieldsOf } from "../schema.js";
-import { resourcesPage } from "./resources.js";
+import { resourcesPage } from "./resource_page.js";
 
 let usual = new Set(); // effects that an identification has by itself
 const verdicts = new Map(); // model's id -> what was said of it when it was asked for

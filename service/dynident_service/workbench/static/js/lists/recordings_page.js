@@ -2,10 +2,10 @@
 
 import { h } from "../dom.js";
 import { grouped, number } from "../format.js";
-import { address } from "../location.js";
-import { dateColumn, figureColumn, labelColumns, plainColumn } from "./columns.js";
-import { robotNames } from "./reading.js";
-import { resourcesPage } from "./resources.js";
+import { address } from "../page_address.js";
+import { dateColumn, figureColumn, labelColumns, plainColumn } from "./common_columns.js";
+import { robotNames } from "./paged_lists.js";
+import { resourcesPage } from "./resource_page.js";
 
 export async function page(target, wanted, signal) {
   document.title = "Recordings: dynident";

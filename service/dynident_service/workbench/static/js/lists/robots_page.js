@@ -1,9 +1,9 @@
 // All robots, and where to go with one.
 
 import { h } from "../dom.js";
-import { address } from "../location.js";
-import { dateColumn, figureColumn, labelColumns, plainColumn } from "./columns.js";
-import { resourcesPage } from "./resources.js";
+import { address } from "../page_address.js";
+import { dateColumn, figureColumn, labelColumns, plainColumn } from "./common_columns.js";
+import { resourcesPage } from "./resource_page.js";
 
 export function page(target, wanted, signal) {
   document.title = "Robots: dynident";

@@ -2,7 +2,7 @@
 
 import { h, put, row, svg, table } from "../dom.js";
 import { counted, number } from "../format.js";
-import { signalInWords } from "./edits.js";
+import { signalInWords } from "./revision_edits.js";
 
 const SHOWN = 3; // values of each column
 const [WIDTH, HEIGHT] = [110, 22]; // px of a small drawing

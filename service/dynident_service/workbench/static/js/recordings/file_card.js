@@ -1,15 +1,15 @@
 // One file on its way to be a recording: looked at, confirmed, stored. What is typed stays, whatever goes wrong.
 
 import { ask, post, upload } from "../api.js";
-import { checksInWords, checksTable } from "../checks.js";
+import { checksInWords, checksTable } from "../recording_checks.js";
 import { announce, field, h, put, select } from "../dom.js";
 import { number, percent } from "../format.js";
 import { givenUp } from "../jobs.js";
-import { address } from "../location.js";
+import { address } from "../page_address.js";
 import { clearForm, problemBox, showInForm } from "../problem.js";
 import { choicesOf } from "../schema.js";
 import { ColumnsTable } from "./columns_table.js";
-import { editInWords, withEdit } from "./edits.js";
+import { editInWords, withEdit } from "./revision_edits.js";
 import { Guesses } from "./guesses.js";
 import { revise } from "./revise.js";
 import { drivesOf, placesOf } from "./robot_facts.js";

@@ -2,12 +2,12 @@
 
 import { h, put, select } from "../dom.js";
 import { percent } from "../format.js";
-import { signalInWords } from "./edits.js";
+import { signalInWords } from "./revision_edits.js";
 
 const SURE = 0.7;
 const SI = "si";
 const UNITS = {
-  t: ["s", "ms", "us", "ns"],
+  t: ["s", "ms", "us", "ns", "100ns"],
   q: ["SI: rad or m", "deg", "mrad", "rev", "mm", "cm"],
   q_command: ["SI: rad or m", "deg", "mrad", "rev", "mm", "cm"],
   dq: ["SI: rad/s or m/s", "deg/s", "rpm", "mm/s"],

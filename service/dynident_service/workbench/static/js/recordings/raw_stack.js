@@ -1,12 +1,12 @@
 // The signals of a recording as its file has them, joint above joint, with standstill and windows on them.
 
 import { get, lastAsked } from "../api.js";
-import { armBeside } from "../arm/beside.js";
+import { armBeside } from "../arm/arm_beside_figures.js";
 import { field, h, put, select } from "../dom.js";
 import { grouped, number, quantity } from "../format.js";
 import { axis, colour, onColours, timeAxis } from "../plots.js";
 import { orSay } from "../problem.js";
-import { shadeStretches } from "../signals/grounds.js";
+import { shadeStretches } from "../signals/plot_backgrounds.js";
 import { redraw, timePlot } from "../signals/time_plot.js";
 import { TimeView, askedStretch, rememberStretch, timeButtons, timeGroup } from "../signals/time_view.js";
 
@@ -33,7 +33,7 @@ export class RawStack {
     onColours(() => this.#draw(), signal);
   }
 
-  /** Read the signals, whole and then what the address says of a stretch; and when the joints stand. */
+  /** Read the signals, whole and then what the address says of an interval; and when the joints stand. */
   async show() {
     const wanted = askedStretch();
     put(this.said, "Reading the file …");

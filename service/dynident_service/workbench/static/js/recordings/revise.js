@@ -3,7 +3,7 @@
 import { ask, get, post } from "../api.js";
 import { announce, h, put } from "../dom.js";
 import { givenUp } from "../jobs.js";
-import { go } from "../location.js";
+import { go } from "../page_address.js";
 import { problemBox } from "../problem.js";
 
 /** Ask for a revision and go to it; how it stands is shown in `target`, and what was chosen stays if it fails. */

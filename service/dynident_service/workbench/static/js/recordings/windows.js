@@ -1,15 +1,15 @@
-// The stretches of a recording that are used, and those left out: dragged by their ends in a figure, or typed.
+// The intervals of a recording that are used, and those left out: dragged by their ends in a figure, or typed.
 
 import { h, put, row, select, table } from "../dom.js";
 import { colour } from "../plots.js";
 import { timeAt, whileHeld } from "../signals/time_plot.js";
-import { shadeStretches } from "../signals/grounds.js";
-import { stretchesInWords } from "./edits.js";
+import { shadeStretches } from "../signals/plot_backgrounds.js";
+import { stretchesInWords } from "./revision_edits.js";
 
 const REACH = { mouse: 7, touch: 20 }; // px from an end at which it is taken hold of
 const DIGITS = 3;
 
-/** Fires "change" whenever a stretch is another one. */
+/** Fires "change" whenever an interval is another one. */
 export class Windows extends EventTarget {
   constructor({ windows, exclude }, whole) {
     super();
@@ -36,7 +36,7 @@ export class Windows extends EventTarget {
     this.#tell();
   }
 
-  /** Another kind, or other ends, for a stretch. */
+  /** Another kind, or other ends, for an interval. */
   replace(kind, index, [from, to], newKind = kind) {
     const kept = this[kind].filter((_, place) => place !== index);
     this[kind] = kept;
@@ -106,7 +106,7 @@ export class Windows extends EventTarget {
   }
 }
 
-/** The stretches as a table whose numbers can be typed; it follows them. */
+/** The intervals as a table whose numbers can be typed; it follows them. */
 export function windowsTable(windows, signal) {
   const target = h("div");
   const draw = () => {

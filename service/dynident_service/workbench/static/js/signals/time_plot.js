@@ -1,4 +1,4 @@
-// A figure over time that is linked with others: one stretch, one cursor.
+// A figure over time that is linked with others: one interval, one cursor.
 
 import { plot } from "../plots.js";
 
@@ -55,7 +55,7 @@ export function timeAt(one, event) {
   return one.posToVal(event.clientX - one.over.getBoundingClientRect().left, "x");
 }
 
-/** Show the stretch of the view with the data there are; y fits what is seen. */
+/** Show the interval of the view with the data there are; y fits what is seen. */
 export function redraw(one, view, data = null) {
   if (data) one.setData(data, false);
   const { from, to } = view.range;

@@ -1,13 +1,13 @@
-// The stretch of time that linked figures show, and every way to change it: buttons, keys, wheel, dragging.
+// The interval of time that linked figures show, and every way to change it: buttons, keys, wheel, dragging.
 
 import { h } from "../dom.js";
-import { asked, remember } from "../location.js";
+import { asked, remember } from "../page_address.js";
 
 const SHORTEST = 1e-3;
 const SETTLED = 120;
 
 /**
- * Fires "stretch" when another stretch is to be drawn, at most once a frame, "settled" once it stays, and "cursor" when
+ * Fires "interval" when another interval is to be drawn, at most once a frame, "settled" once it stays, and "cursor" when
  * a person points at another moment (`at`, s).
  */
 export class TimeView extends EventTarget {
@@ -22,7 +22,7 @@ export class TimeView extends EventTarget {
     return this.stretch ?? this.whole;
   }
 
-  /** All there is; a stretch that is shown already stays. */
+  /** All there is; an interval that is shown already stays. */
   setWhole(from, to) {
     this.whole = { from, to: to > from ? to : from + SHORTEST };
     this.stretch = this.#inside(this.stretch);
@@ -38,7 +38,7 @@ export class TimeView extends EventTarget {
     });
   }
 
-  /** Show a stretch; null: all. */
+  /** Show an interval; null: all. */
   go(stretch) {
     this.stretch = this.#inside(stretch);
     this.#changed();
@@ -76,13 +76,13 @@ export class TimeView extends EventTarget {
   }
 }
 
-/** The stretch that the address asks for; null where it asks for none. */
+/** The interval that the address asks for; null where it asks for none. */
 export function askedStretch() {
   const [from, to] = [asked().from, asked().to];
   return from && to && Number(to) > Number(from) ? { from: Number(from), to: Number(to) } : null;
 }
 
-/** Have the address ask for a stretch. */
+/** Have the address ask for an interval. */
 export function rememberStretch(stretch) {
   const seconds = (value) => String(Number(value.toFixed(4)));
   remember({ from: stretch ? seconds(stretch.from) : "", to: stretch ? seconds(stretch.to) : "" });

@@ -1,12 +1,12 @@
 // One recording: its signals as they were recorded, the windows on them, what the checks found, and what came of it.
 
 import { get } from "../api.js";
-import { checksInWords, checksTable } from "../checks.js";
+import { checksInWords, checksTable } from "../recording_checks.js";
 import { whyNoRaw } from "../compare/raw_torque.js";
 import { h, put, right, row, section, table } from "../dom.js";
 import { counted, moment, percent, quantity } from "../format.js";
-import { address } from "../location.js";
-import { editInWords, stretchesInWords } from "./edits.js";
+import { address } from "../page_address.js";
+import { editInWords, stretchesInWords } from "./revision_edits.js";
 import { RawStack } from "./raw_stack.js";
 import { revise, revisionsOf, takeBack } from "./revise.js";
 import { Windows, windowsTable } from "./windows.js";

@@ -4,9 +4,9 @@ import { get, lastAsked } from "./api.js";
 import { field, figures, h, listed, numeric, put, right, section, select } from "./dom.js";
 import { number, span } from "./format.js";
 import { heatMap } from "./heat_map.js";
-import { existingComparison } from "./model.js";
+import { existingComparison } from "./shown_model.js";
 import { orSay } from "./problem.js";
-import { drawProfile, signalInWords, signalsOf } from "./profile.js";
+import { drawProfile, signalInWords, signalsOf } from "./residual_profile.js";
 
 const OVER = ["dq", "q", "load"];
 const SPOTS = 8;

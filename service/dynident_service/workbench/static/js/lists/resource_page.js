@@ -2,11 +2,11 @@
 
 import { h, put } from "../dom.js";
 import { onJobs } from "../jobs.js";
-import { address, remember } from "../location.js";
+import { address, remember } from "../page_address.js";
 import { orSay, problemBox } from "../problem.js";
 import { archivedBox } from "./labels.js";
-import { readAll } from "./reading.js";
-import { sortable } from "./sortable.js";
+import { readAll } from "./paged_lists.js";
+import { sortable } from "./sortable_table.js";
 
 /**
  * `columns(changed, table)` gives the table's columns; `changed(before)(after)` puts one in its place that was relabelled, then

@@ -15,7 +15,7 @@ export function shade(one, x, standing) {
   shadeStretches(one, stretches, colour("standing"));
 }
 
-/** A ground of that colour over stretches of time, [from, to] each. */
+/** A ground of that colour over intervals of time, [from, to] each. */
 export function shadeStretches(one, stretches, fill) {
   if (!isReady(one)) return;
   const { left, top, width, height } = one.bbox;

@@ -1,4 +1,4 @@
-// How much of a stretch of residual the fitted curve of a ranked effect takes.
+// How much of an interval of residual the fitted curve of a ranked effect takes.
 
 const SIGNALS = { position: "q", velocity: "dq", acceleration: "ddq", load: "load", time: null };
 

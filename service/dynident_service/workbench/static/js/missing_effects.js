@@ -11,7 +11,7 @@ import { percent } from "./format.js";
 import { detectionLimits } from "./detection_limits.js";
 import { effectCards } from "./effect_cards.js";
 import { awaited } from "./jobs.js";
-import { nextRung } from "./next_rung.js";
+import { nextRung } from "./extended_model.js";
 import { pressed, problemBox, showInForm } from "./problem.js";
 
 const HEADLINES = {

@@ -2,7 +2,7 @@
 
 import { field, h, put, unseen } from "../dom.js";
 import { counted } from "../format.js";
-import { asked, remember } from "../location.js";
+import { asked, remember } from "../page_address.js";
 
 /**
  * Columns are { id, name, value(item), cell(item), right }: `value` is what is sorted by and searched in.

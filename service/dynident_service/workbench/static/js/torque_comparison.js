@@ -1,10 +1,10 @@
-// Measured against predicted torque of all joints on the chosen measurement, and the worst stretches.
+// Measured against predicted torque of all joints on the chosen measurement, and the worst intervals.
 
-import { CompareStack } from "./compare/stack.js";
+import { CompareStack } from "./compare/joint_stack.js";
 import { field, figures, h, jointButton, listed, put, section, select } from "./dom.js";
 import { number, percent, positionUnit, quantity } from "./format.js";
 import { awaited } from "./jobs.js";
-import { address, remember } from "./location.js";
+import { address, remember } from "./page_address.js";
 import { problemBox } from "./problem.js";
 
 /** Compares by itself as soon as the section is there. */

@@ -1,15 +1,15 @@
-// What the arm did in a stretch where the model fails: pose, speed, load, and the effects that would explain it.
+// What the arm did in an interval where the model fails: pose, speed, load, and the effects that would explain it.
 
 import { get, lastAsked } from "../api.js";
 import { placeOf, shapeInWords, titleOf } from "../catalogue.js";
 import { announce, figures, h, listed, put } from "../dom.js";
 import { number, percent, positionUnit, quantity } from "../format.js";
-import { explainedShare } from "./explained.js";
+import { explainedShare } from "./explained_share.js";
 
 const SHARE = 0.02; // of what is shown, to either side of a click
 const MOST = 8; // candidates that are tried: those that a diagnosis ranks lower have no figure
 
-/** A panel that is told of a stretch of a joint. */
+/** A panel that is told of an interval of a joint. */
 export class Moment {
   constructor(model, signal) {
     Object.assign(this, { model, signal, asking: lastAsked(signal) });
@@ -77,7 +77,7 @@ export class Moment {
   }
 }
 
-/** The stretch that is meant by a click. */
+/** The interval that is meant by a click. */
 export function around(time, view) {
   const reach = SHARE * (view.range.to - view.range.from);
   return { from: time - reach, to: time + reach };

@@ -3,12 +3,12 @@
 import { get } from "../api.js";
 import { catalogue, choiceInWords } from "../catalogue.js";
 import { h, numeric, part, put, right, row, table } from "../dom.js";
-import { judged } from "../errors.js";
+import { judged } from "../joint_errors.js";
 import { exportLinks } from "../exports.js";
 import { interval, moment, number, percent, quantity } from "../format.js";
-import { address } from "../location.js";
+import { address } from "../page_address.js";
 import { methodInWords, methods } from "../methods.js";
-import { overlaySection } from "./overlay.js";
+import { overlaySection } from "./torque_overlay.js";
 
 /** Show two models, given by their ids. */
 export async function pairSection(target, ids, signal) {

@@ -1,6 +1,6 @@
 // Whether a step of the ladder is one to keep: an error that falls in total may rise on one joint.
 
-import { judged } from "./errors.js";
+import { judged } from "./joint_errors.js";
 
 // Rounding and noise move an error by this much though nothing has changed.
 const UNCHANGED = 1.005;
@@ -8,7 +8,7 @@ const UNCHANGED = 1.005;
 const WORSE = 1.02;
 
 /**
- * What got worse from one rung to the next: { total, joints }, on held-out data where both rungs have it, where joints
+ * What got worse from one step to the next: { total, joints }, on held-out data where both steps have it, where joints
  * move. `total` says that the error of all joints together rose (an effect added has to lower it, or to be confirmed at
  * the reversals or starts that it explains), `joints` names those that got worse.
  */

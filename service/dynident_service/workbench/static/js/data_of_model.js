@@ -2,7 +2,7 @@
 
 import { figures, h, listed, section } from "./dom.js";
 import { grouped, number, quantity } from "./format.js";
-import { address } from "./location.js";
+import { address } from "./page_address.js";
 
 /** The measurements of the fit and the held-out ones, each a link to its signals, windows and checks. */
 export function dataSection(model) {

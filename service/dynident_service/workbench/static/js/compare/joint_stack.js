@@ -1,6 +1,6 @@
-// All joints of a comparison above one another, over one stretch of time with one cursor.
+// All joints of a comparison above one another, over one interval of time with one cursor.
 
-import { armBeside } from "../arm/beside.js";
+import { armBeside } from "../arm/arm_beside_figures.js";
 import { announce, field, h, put, select } from "../dom.js";
 import { number, percent } from "../format.js";
 import { onColours } from "../plots.js";
@@ -8,9 +8,9 @@ import { orSay } from "../problem.js";
 import { TimeView, askedStretch, rememberStretch, timeButtons, timeGroup } from "../signals/time_view.js";
 import { find } from "../timeline.js";
 import { JointRow } from "./joint_row.js";
-import { Moment, around } from "./moment.js";
+import { Moment, around } from "./failing_interval.js";
 import { rawReader, whyNoRaw } from "./raw_torque.js";
-import { Reader } from "./reader.js";
+import { Reader } from "./signal_reader.js";
 
 const OTHERS = [["torque", "measured and predicted"], ["residual", "residual"], ["both", "both"], ["", "not shown"]];
 
@@ -36,7 +36,7 @@ export class CompareStack {
     onColours(() => Object.values(this.rows).forEach((one) => one.draw()), signal);
   }
 
-  /** Show a comparison; what the address says of a stretch stays. Gives when the chosen joint is there, and when all are. */
+  /** Show a comparison; what the address says of an interval stays. Gives when the chosen joint is there, and when all are. */
   show(comparison) {
     const chosen = new Promise((resolve) => { this.chosenShown = resolve; });
     const all = this.#showAll(comparison);
@@ -70,7 +70,7 @@ export class CompareStack {
     this.#tell();
   }
 
-  /** Zoom to a stretch of the recording's time on a joint, and say what was there. */
+  /** Zoom to an interval of the recording's time on a joint, and say what was there. */
   zoom(joint, { from, to }) {
     const full = this.reader?.full[joint];
     const place = full?.shifted ? find(full, from, to, full.values.residual) : { from, to };
@@ -147,7 +147,7 @@ export class CompareStack {
     this.#look(joint, share ? { from, to } : around(time, this.view), this.lines);
   }
 
-  /** Say what was in a stretch, right beneath the joint. */
+  /** Say what was in an interval, right beneath the joint. */
   #look(joint, stretch, lines) {
     this.rows[joint].element.after(this.moment.element);
     this.moment.show(joint, stretch, lines);
@@ -159,7 +159,7 @@ export class CompareStack {
     const line = this.lines[joint];
     if (!line) return;
     const { residual, standing, band } = line.values;
-    // Of the stretch that was counted: what is on the screen may have moved on while the next is read.
+    // Of the interval that was counted: what is on the screen may have moved on while the next is read.
     const { from, to } = line.stretch ?? this.view.whole;
     const isMoving = (index) => residual[index] !== null && standing?.[index] !== true;
     const moving = residual.map((_, index) => index).filter(isMoving);
@@ -171,7 +171,7 @@ export class CompareStack {
     put(this.said, `${joint}, ${number(from, 4)} s to ${number(to, 4)} s: ${line.samples} samples, ${all ? "all" : drawn} drawn${all ? "" : " with their extremes"}. ${band95}${rest}`);
   }
 
-  /** Say to those who do not see it which stretch is shown. */
+  /** Say to those who do not see it which interval is shown. */
   announce(joint, { from, to }) {
     announce(`${joint}, ${number(from)} to ${number(to)} s`);
   }

@@ -1,4 +1,4 @@
-// The signals of all joints of a comparison, for the stretch that is on the screen.
+// The signals of all joints of a comparison, for the interval that is on the screen.
 
 import { get, lastAsked } from "../api.js";
 import { timeline } from "../timeline.js";
@@ -7,8 +7,8 @@ const POINTS = 1200;
 const SIGNALS = ["measured", "predicted", "lower", "upper", "standing", "residual", "band", "q", "dq", "ddq", "load"];
 
 /**
- * Tells `onLine(joint, line)` as each joint's signals come, `line.stretch` being what was read (null: all); of several
- * stretches only the last is read to its end.
+ * Tells `onLine(joint, line)` as each joint's signals come, `line.interval` being what was read (null: all); of several
+ * intervals only the last is read to its end.
  */
 export class Reader {
   constructor(comparison, joints, onLine, signal) {
@@ -25,7 +25,7 @@ export class Reader {
     return this.joints.every((joint) => this.full[joint]);
   }
 
-  /** Read a stretch, null for all, the `first` joint before the others. */
+  /** Read an interval, null for all, the `first` joint before the others. */
   async read(stretch, first) {
     const until = this.asking();
     // What was read whole is shown at once; runs set one after another have no time of their own to ask for.

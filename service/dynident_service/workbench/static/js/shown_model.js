@@ -3,7 +3,7 @@
 import { get, post } from "./api.js";
 import { catalogue } from "./catalogue.js";
 import { computed, newestOf } from "./jobs.js";
-import { remember } from "./location.js";
+import { remember } from "./page_address.js";
 
 const MOST_AHEAD = 1e6; // samples of all joints, which a service compares in about half a second
 
@@ -93,7 +93,7 @@ export class Model extends EventTarget {
     this.#tell("comparison");
   }
 
-  /** Show a stretch of time of a joint. */
+  /** Show an interval of time of a joint. */
   zoomTo(joint, from, to) {
     this.chooseJoint(joint);
     this.dispatchEvent(new CustomEvent("zoom", { detail: { from, to } }));

@@ -7,7 +7,7 @@ import { driveGainsPanel } from "./drive_gains.js";
 import { counted, number } from "./format.js";
 import { awaited } from "./jobs.js";
 import { identificationForm } from "./identification_form.js";
-import { remember } from "./location.js";
+import { remember } from "./page_address.js";
 import { measurementForm, measurementsTable } from "./measurement_form.js";
 import { pressed, problemBox } from "./problem.js";
 import { robotForm } from "./robot_form.js";

@@ -3,7 +3,7 @@
 import { post } from "../api.js";
 import { h, part, put } from "../dom.js";
 import { awaited } from "../jobs.js";
-import { go } from "../location.js";
+import { go } from "../page_address.js";
 import { pressed, problemBox } from "../problem.js";
 
 /** A button that simulates a design, and a random motion to hold out, and identifies from them. */

@@ -1,11 +1,11 @@
 // The torques that two models predict, over the same recording and the same time.
 
-import { Reader } from "../compare/reader.js";
+import { Reader } from "../compare/signal_reader.js";
 import { field, h, part, put, select } from "../dom.js";
-import { judged } from "../errors.js";
+import { judged } from "../joint_errors.js";
 import { number } from "../format.js";
 import { awaited } from "../jobs.js";
-import { requestedComparison } from "../model.js";
+import { requestedComparison } from "../shown_model.js";
 import { axis, colour, onColours, timeAxis, told } from "../plots.js";
 import { problemBox } from "../problem.js";
 import { redraw, timePlot } from "../signals/time_plot.js";

@@ -2,7 +2,7 @@
 
 import { get, post } from "./api.js";
 import { changeRows } from "./changes.js";
-import { courseFigure } from "./courses.js";
+import { courseFigure } from "./parameter_over_days.js";
 import { announce, h, put, right, section, table } from "./dom.js";
 import { awaited, newestOf } from "./jobs.js";
 import { orSay, sending } from "./problem.js";

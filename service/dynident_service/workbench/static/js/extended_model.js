@@ -2,7 +2,7 @@
 
 import { ahead, post } from "./api.js";
 import { awaited } from "./jobs.js";
-import { go } from "./location.js";
+import { go } from "./page_address.js";
 
 const UNDER_WAY = { extend: "Adding", remove: "Removing" };
 
