@@ -360,7 +360,7 @@ def test_what_helps_only_where_nothing_was_fitted_is_no_mistake(inside: float, i
         judging.UnexplainedTorque(noise, 0.0, 0, moving, shares, noise, 0.0),
         judging.UnexplainedTorque(noise[::-1] - 0.5, inside, 0, moving, shares, noise[::-1] - 0.5, inside),
     )
-    assert now.is_surely_above(other, "joints swapped") is is_above
+    assert now.is_surely_above(other) is is_above
 
 
 @pytest.mark.parametrize(("apart", "named"), [(0.9, []), (0.3, [ColumnFault("joint turned", (2,))])])

@@ -74,7 +74,6 @@ def known(path: Path) -> set[str]:
     return peculiar.get(path.parent.name, set())
 
 
-@pytest.mark.sweep
 @pytest.mark.parametrize("path", all_files(), ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_every_recording_comes_in_and_raises_no_false_alarm(path, tmp_path):
     recording, checks = imported(path, tmp_path / "stored")

@@ -79,7 +79,7 @@ class Elsewhere:
             return session.scalar(select(func.count()).select_from(ResourceRow)) == 0
 
 
-@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=[pytest.mark.slow, pytest.mark.sweep])])
+@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)])
 def elsewhere(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Elsewhere]:
     url = f"sqlite:///{tmp_path / 'other.sqlite3'}"
     if request.param == "postgresql":

@@ -12,7 +12,6 @@ from dynident.testing import check_effect, check_estimator
 HIDDEN_ON_THE_TRIAL_ARM = {"rotor_coupling"}
 
 
-@pytest.mark.sweep
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_an_effect_of_the_catalogue_conforms(name: str) -> None:
     told = check_effect(CATALOGUE[name])

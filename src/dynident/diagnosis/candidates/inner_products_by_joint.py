@@ -1,4 +1,4 @@
-"""What a round of scores needs, taken out of all there is once: the model, and candidates with it.
+"""Select from all inner products, joint by joint, those that one round of scores needs.
 
 Products of two candidates with each other are never needed, and there are very many of them.
 """
@@ -49,10 +49,8 @@ class Pairs:
     ----------
     size : int
         Number of products within candidates, all portions in a row.
-    squares : (d,)
-        Places of the squares of columns.
-    own : (d,)
-        Columns that these squares are of.
+    squares, own : (d,)
+        Places of the squares of columns, and the columns that they are of.
     several : tuple of _SharedColumns
         Places of the products of candidates with several columns.
     """
@@ -175,17 +173,9 @@ class ProductBlock:
 
     def select_blocks(self, blocks: IndexArray) -> ProductBlock:
         """Return the same for some of the blocks."""
-        return ProductBlock(
-            self.have,
-            self.place,
-            self.ww[blocks],
-            self.wx[blocks],
-            self.wy[blocks],
-            self.xy[blocks],
-            self.yy[blocks],
-            tuple(own[blocks] for own in self.pairs),
-            self.portions,
-        )
+        ww, wx, wy, xy, yy = (products[blocks] for products in (self.ww, self.wx, self.wy, self.xy, self.yy))
+        pairs = tuple(own[blocks] for own in self.pairs)
+        return ProductBlock(self.have, self.place, ww, wx, wy, xy, yy, pairs, self.portions)
 
     def sum_products(self) -> JointSums:
         """Return the sums over all blocks."""

@@ -1,4 +1,4 @@
-"""Measure the torque of a motion that the dynamics leave unexplained: fitted ones, or those of the description."""
+"""The share of torque that fitted dynamics, or those of the description, leave unexplained, as one score a joint."""
 
 from __future__ import annotations
 
@@ -328,9 +328,9 @@ class DescriptionFit:
         fault : ColumnFault
             The fault.
         """
-        if fault not in self._known:
-            self._known[fault] = measure_blocks_left_by_description(self.robot, fault.mend(self.motion))
-        return self._known[fault]
+        if fault not in self._blocks_by_fault:
+            self._blocks_by_fault[fault] = measure_blocks_left_by_description(self.robot, fault.mend(self.motion))
+        return self._blocks_by_fault[fault]
 
     def may_demand(self, fault: ColumnFault) -> bool:
         """Tell whether the description may explain more without a fault, by a few rows; also without masses.
@@ -396,7 +396,7 @@ class DescriptionFit:
         return compute_described_load(self.robot, self._few_rows)
 
     @cached_property
-    def _known(self) -> dict[ColumnFault, FloatArray | None]:
+    def _blocks_by_fault(self) -> dict[ColumnFault, FloatArray | None]:
         return {}
 
 
