@@ -9,8 +9,12 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "architecture.md"
 PACKAGES = ("src/dynident", "src/dynident_client", "service/dynident_service")
-# Generated, or one step of the database's history each.
-LEFT_OUT = ("answers", "migrations")
+# One step of the database's history each.
+LEFT_OUT = "migrations"
+# Packages that are generated: the package has a line, its modules have none.
+GENERATED = "answers"
+# A second paragraph of up to so many characters, in sentences, belongs to the line; a longer one explains.
+LONGEST_SECOND = 135
 SCRIPTS = "service/dynident_service/workbench/static/js"
 LIST = re.compile(r"(<!-- python docs/list_modules.py -->\n).*?(\n<!-- end of the modules -->)", re.DOTALL)
 
@@ -24,9 +28,9 @@ def list_modules() -> str:
 
 def _list_package(folder: Path) -> str:
     name = folder.relative_to(ROOT).as_posix()
-    if any(part in LEFT_OUT for part in folder.parts):
+    if LEFT_OUT in folder.parts:
         return ""
-    files = sorted(file for file in folder.glob("*.py") if file.name != "__init__.py")
+    files = sorted(file for file in folder.glob("*.py") if file.name != "__init__.py" and folder.name != GENERATED)
     about = _read_docstring(folder / "__init__.py") if (folder / "__init__.py").exists() else ""
     return "\n".join([f"### {name}", "", about, "", *(f"- `{file.stem}`: {_read_docstring(file)}" for file in files)])
 
@@ -41,9 +45,11 @@ def _list_scripts() -> str:
 
 
 def _read_docstring(file: Path) -> str:
-    """Return the first paragraph of a module's docstring on one line."""
+    """Return the first paragraph of a module's docstring on one line, and the second one if it is short."""
     text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-    return " ".join(text.split("\n\n")[0].split())
+    first, *others = (" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
+    belonging = [second for second in others[:1] if len(second) <= LONGEST_SECOND and second.endswith(".")]
+    return " ".join([first, *belonging])
 
 
 if __name__ == "__main__":

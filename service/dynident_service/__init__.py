@@ -1,1 +1,1 @@
-"""The HTTP service: routes, jobs and storage. It contains no science."""
+"""The HTTP service, the command line and the workbench; contains no science."""

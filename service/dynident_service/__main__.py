@@ -1,4 +1,4 @@
-"""`python -m dynident_service` starts the service with the settings of the environment."""
+"""`python -m dynident_service`: start the service with the settings of the environment."""
 
 from __future__ import annotations
 

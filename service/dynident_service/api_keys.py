@@ -1,4 +1,4 @@
-"""API keys: 256 random bits, of which only the SHA-256 is stored; with scope, owner and expiry."""
+"""API keys: scopes (read, submit, admin), owner, expiry; only their SHA-256 is stored; checked for each request."""
 
 from __future__ import annotations
 

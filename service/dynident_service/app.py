@@ -1,4 +1,4 @@
-"""The application: it opens storage and engine and assembles routes and middleware."""
+"""`create_app`: assemble the service's routes and middleware; CORS: which origins, and which headers they may read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The program `dynident`: all steps on files, without a server."""
+"""Entry point of the program `dynident`."""
 
 from __future__ import annotations
 

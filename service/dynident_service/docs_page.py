@@ -1,4 +1,4 @@
-"""The page `/docs`: the contract on one page, without scripts and without external resources."""
+"""The page `/docs`: the HTTP contract on one page without scripts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Protection of secrets in the environment.
+"""Keep secrets (keys, database password) out of the environment that child processes can read.
 
 The system shows the environment with which a process was started as long as it lives (/proc/PID/environ on Linux), so
 whatever can be made to read a file can read it. The service therefore restarts itself without its secrets and receives

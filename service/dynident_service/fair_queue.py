@@ -1,4 +1,4 @@
-"""Fair sharing of places: no party can take all of them, and none waits behind everything that another one sent.
+"""Fair queues and shares: no API key or address takes all places; which party a request belongs to.
 
 A party is an API key, by its name; without keys it is the address that a request comes from.
 """

@@ -1,4 +1,7 @@
-"""Periodic maintenance of the stored data."""
+"""Periodic maintenance: expired and abandoned data, unfinished uploads (24 h), checks of stored data.
+
+Holds the intervals.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Computations that a request waits for: in a few child processes, and only while the client is there."""
+"""Run short computations that a request waits for, in child processes.
+
+Holds how many may wait (30), and when a child process counts as stuck.
+"""
 
 from __future__ import annotations
 

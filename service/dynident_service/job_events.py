@@ -1,4 +1,4 @@
-"""Notification of those who follow jobs, by one query of the database for all of them."""
+"""Wake up the clients that follow jobs, by one database query for all of them."""
 
 from __future__ import annotations
 

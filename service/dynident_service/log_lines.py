@@ -1,4 +1,4 @@
-"""Log lines as text or JSON, each with the ids of its request and its job."""
+"""Format log lines as text or JSON, with request and job ids."""
 
 from __future__ import annotations
 

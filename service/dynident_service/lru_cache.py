@@ -1,4 +1,4 @@
-"""Cache of the most recently used values."""
+"""A cache of the most recently used values."""
 
 from __future__ import annotations
 

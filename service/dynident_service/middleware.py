@@ -1,4 +1,4 @@
-"""Middleware before the routes: request ids and access log, API keys, audit log, and timing."""
+"""Middleware: request ids, access log, API-key check, audit log, timing; limits of requests are in `request_limits`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`python -m dynident_service.new_key NAME` makes an API key and prints it, this once."""
+"""`python -m dynident_service.new_key NAME`: make an API key and print it once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conversion of every error of the application into a problem."""
+"""Exception handlers: each exception of the application becomes a problem with its status; the X-Request-ID header."""
 
 from __future__ import annotations
 

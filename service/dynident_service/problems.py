@@ -1,4 +1,4 @@
-"""Errors as RFC 9457 `application/problem+json`: what is wrong, where, and what would be right."""
+"""Type of problems (RFC 9457) and their making from errors; the most wrong fields that one lists (100)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Metrics for Prometheus."""
+"""The metrics at `/metrics`: requests, jobs, queue, storage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readiness of the service: each part is checked in the way in which a request uses it."""
+"""The checks of `/readyz`: database, objects, child process; how long each may take."""
 
 from __future__ import annotations
 

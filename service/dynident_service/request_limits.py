@@ -1,4 +1,7 @@
-"""Limits for requests: size and speed of their bodies, and how many are answered at a time."""
+"""Limits of requests: body size and speed, values in JSON, requests at a time, Retry-After.
+
+Quotas of stored data are in storage/quotas.py.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Import of the science in the background: one thread imports at a time, and requests come first.
+"""Import the numerical packages in the background at the start, one thread at a time.
 
 Modules of SciPy import each other in a circle. If two threads import them at once, each waits for the other, and Python
 ends the deadlock with an error in one of them.

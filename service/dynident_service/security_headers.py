@@ -1,4 +1,4 @@
-"""Security headers of every answer: browsers take an answer for its declared type and run nothing in it."""
+"""Security headers of every answer (content type, frames, scripts)."""
 
 from __future__ import annotations
 

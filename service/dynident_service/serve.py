@@ -1,4 +1,4 @@
-"""Start of the service with limits for connections, and its end: first it takes no new jobs, then no new requests."""
+"""Start uvicorn with connection limits, and stop: first no new jobs, then no new requests (15 s)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings of the service, each also an environment variable `DYNIDENT_…`."""
+"""All settings of the service (`DYNIDENT_…`) with their defaults."""
 
 from __future__ import annotations
 

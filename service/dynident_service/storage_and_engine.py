@@ -1,4 +1,4 @@
-"""Storage and engine that the routes work with, opened when the application starts and closed when it ends."""
+"""`Services`: storage, job engine and child processes that routes use, opened at start; cache of verdicts (500)."""
 
 from __future__ import annotations
 

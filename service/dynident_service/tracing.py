@@ -1,4 +1,4 @@
-"""Optional tracing with OpenTelemetry: a span for each request and for each job.
+"""Optional OpenTelemetry tracing of requests and jobs.
 
 Without it nothing of OpenTelemetry is imported. The standard `OTEL_…` variables say where spans go and how many.
 """

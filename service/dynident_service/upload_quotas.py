@@ -1,4 +1,4 @@
-"""Quotas of uploads, checked before and while a file is received."""
+"""Check quotas and disk space before and while a file is uploaded; the quotas are in storage/quotas.py."""
 
 from __future__ import annotations
 

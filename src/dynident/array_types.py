@@ -1,4 +1,4 @@
-"""Type aliases for numpy arrays by the type of their elements; shapes stand in the docstrings of their users."""
+"""Type aliases of numpy arrays (`FloatArray`, `IndexArray`, …)."""
 
 from __future__ import annotations
 

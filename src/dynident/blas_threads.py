@@ -1,4 +1,4 @@
-"""A decorator that runs BLAS on one thread, for functions whose matrices are small.
+"""`single_threaded`: a decorator that runs BLAS on one thread.
 
 On matrices of 100 x 60 a multi-threaded BLAS spends its time waking threads: the same identification takes up to ten
 times as long, and the time varies from run to run.

@@ -1,4 +1,4 @@
-"""Errors whose cause the user can remove."""
+"""`DynidentError`: errors that a user can remove, each with a pointer to its place and remedies; `Cancelled`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Former paths and names of modules, which can be imported for one more release, with a warning.
 
 Packages with effects, estimators or fields of their own import such paths. Delete this module, its table
-`former_modules.json`, and what installs it in `dynident/__init__.py`, with the next release.
+`former_modules.json`, and what installs it in `src/dynident/__init__.py`, with the next release.
 """
 
 from __future__ import annotations

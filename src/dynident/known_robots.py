@@ -1,4 +1,4 @@
-"""Robots that are known by name: the arms of this package, and the descriptions of the package example-robot-data.
+"""Names of robots that need no file: bundled arms, and robots of the package example-robot-data.
 
 Nothing slow is imported here, so that a command line can check a name at once.
 """

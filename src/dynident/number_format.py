@@ -1,4 +1,4 @@
-"""Numbers as text for people: rounded to significant digits, with typographic minus signs and units."""
+"""Format numbers, estimates with uncertainty, percentages and p-values as text for people."""
 
 from __future__ import annotations
 

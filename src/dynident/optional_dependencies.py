@@ -1,4 +1,4 @@
-"""The extras of the distribution and the packages that each brings, for installations that lack some."""
+"""Which optional package belongs to which extra, and the hint to install it where it is missing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""A map over large items on several processors at once, by threads that share a queue of work, and on other machines.
+"""Map a function over large items on threads, and on other machines, by a shared work queue.
+
+Holds from which size on several threads or machines are used, and when a remote item counts as late.
 
 Threads suffice: what takes the time, machine code, filters and factorisations, does not hold Python's lock, and nothing
 has to be copied between processes. Other machines take items as well where the caller allows it (`share_work_with`).

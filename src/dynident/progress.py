@@ -1,4 +1,4 @@
-"""Progress reports and checkpoints of long computations.
+"""Progress callbacks (which also cancel) and checkpoints of long computations.
 
 A progress report also stops a computation that nobody waits for any more; from a checkpoint a computation goes on after
 it was stopped from outside.

@@ -1,4 +1,4 @@
-"""Representations of results: plain text for consoles, HTML for notebooks."""
+"""Results as plain-text tables for consoles and as HTML for notebooks."""
 
 from __future__ import annotations
 

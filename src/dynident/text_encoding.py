@@ -1,4 +1,4 @@
-"""Conversion of any text, including lone surrogates and control characters, to bytes and XML."""
+"""Encode any text to bytes and XML: lone surrogates and control characters are replaced."""
 
 from __future__ import annotations
 

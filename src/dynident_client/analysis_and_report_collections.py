@@ -1,4 +1,4 @@
-"""Collections of further results: comparisons, diagnoses, series, validations, drive gains, currents, reports."""
+"""Collections of later results: comparisons, diagnoses, series, validations, drive gains, currents, reports."""
 
 from __future__ import annotations
 

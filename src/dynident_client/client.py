@@ -1,4 +1,4 @@
-"""The client of one service, with its collection of jobs."""
+"""`Client`: one service with its key and all collections; the collection of jobs."""
 
 from __future__ import annotations
 

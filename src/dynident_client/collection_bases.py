@@ -1,4 +1,4 @@
-"""The bases of all collections of resources, with and without labels (name, tags, archive flag)."""
+"""Base classes of collections: get, list in pages, delete, and labels (name, tags, archive)."""
 
 from __future__ import annotations
 

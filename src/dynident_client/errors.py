@@ -1,4 +1,4 @@
-"""Errors of the service's answers."""
+"""Exceptions of the client: `ProblemError` (an answer that is a problem), `JobFailed`, `JobCancelled`."""
 
 from __future__ import annotations
 

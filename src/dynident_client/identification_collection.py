@@ -1,4 +1,4 @@
-"""Identifications: models identified from measurements, and what goes on from one."""
+"""Collection of identifications: create, batches, extend, remove effects, verdict, tables, ladder, export."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The resources of the service as objects."""
+"""Resources as objects: their fields, results and files; waiting for a job, following its events, cancelling."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collections of the resources that identifications start from: robots, measurements, designs, simulations."""
+"""Collections that identifications start from: robots, imports, measurements, designs, simulations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""HTTP requests to the service: errors become exceptions, POSTs are repeated safely, event streams resume."""
+"""HTTP requests: problems become exceptions, retries (4 tries, 60 s while busy), event streams that resume."""
 
 from __future__ import annotations
 

@@ -278,7 +278,7 @@ def test_runs_with_a_long_pause_between_them_in_one_file_are_taken_as_two(tmp_pa
 
 def test_short_pieces_between_gaps_are_refused_with_how_much_of_the_time_is_lost(tmp_path):
     columns = {name: values[np.arange(len(values)) % 250 < 150] for name, values in motion().items()}
-    with pytest.raises(RecordingError, match=r"Gaps take 38 % of the time \(gaps: 11\)"):
+    with pytest.raises(RecordingError, match=r"Gaps take 38\s% of the time \(gaps: 11\)"):
         imported(write_parquet(tmp_path / "run.parquet", columns))
 
 

@@ -321,3 +321,38 @@ def test_rows_of_another_width_are_left_out_and_counted(tmp_path):
     (tmp_path / "most.csv").write_text("\n".join([text[0], *(f"{row},1" for row in text[1:-1]), ""]))
     with pytest.raises(RecordingError, match="Expected 13 columns, got 14"):
         read_sample(tmp_path / "most.csv")
+
+
+def test_angles_that_wrap_tell_their_unit_and_slow_rows_are_not_taken_for_milliseconds(tmp_path):
+    run = recorded(*CASES[0])
+    names = ["t", *columns_of(run, "angle", "torque")]
+    wrapped = np.column_stack([run.t, np.rad2deg(run.q) % 360.0, run.tau])
+    proposal = propose(read_sample(write_table(tmp_path / "turns.csv", names, wrapped)), machine("ur10"))
+    assert (proposal.questions, proposal.units["q"]) == ((), "deg")
+    slow = slice(None, None, 50)
+    seconds = write_table(
+        tmp_path / "slow.csv", names, np.column_stack([run.t[: len(run.t[slow])] * 50, run.q[slow], run.tau[slow]])
+    )
+    assert propose(read_sample(seconds), machine("ur10")).units.get("t", "s") == "s"
+
+
+def test_every_joint_without_a_torque_is_named(tmp_path):
+    run = recorded(*CASES[0])
+    names = ["t", *(f"q_{joint}" for joint in run.joints), *(f"tau_{joint}" for joint in run.joints[:4])]
+    path = write_table(tmp_path / "four.csv", names, np.column_stack([run.t, run.q, run.tau[:, :4]]))
+    proposal = propose(read_sample(path), machine("ur10"))
+    assert (proposal.questions, [proposal.columns[f"tau{k}"] for k in (5, 6)]) == ((), ["none", "none"])
+
+
+def test_a_description_in_millimetres_and_a_sensor_in_millivolts_say_so(tmp_path):
+    run = recorded(*CASES[0])
+    names = ["t", *columns_of(run, "q"), *(f"torque{k + 1} [mV]" for k in range(run.n))]
+    path = write_table(tmp_path / "mv.csv", names, np.column_stack([run.t, run.q, 7.0 * run.tau]))
+    assert any("N m per mV" in question.detail for question in propose(read_sample(path), machine("ur10")).questions)
+    text = re.sub(
+        r'<origin xyz="([^"]+)"',
+        lambda origin: f'<origin xyz="{" ".join(f"{1e3 * float(x):g}" for x in origin[1].split())}"',
+        crooked_urdf(3, 4, ()),
+    )
+    (question,) = propose(read_sample(path), robot_from_urdf("large", text)).questions
+    assert "Divide the lengths in the description by 1000" in question.detail

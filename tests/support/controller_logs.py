@@ -246,6 +246,24 @@ def names_with_commas(folder: Path, run: Recorded) -> Path:
     return written(folder / "mixed.csv", "\n".join([first, *(row.replace(",", ";") for row in rows), ""]))
 
 
+def english_thousands(folder: Path, run: Recorded) -> Path:
+    header = ["t_us", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    t = [f"{1e6 * t:,.0f}" for t in run.t]
+    columns = [t, *cells(run.q), *([f"{value:,.6f}" for value in column] for column in 1e3 * run.tau.T)]
+    header = [
+        f"{name}_{'mN' if run.slides[int(name[3:]) - 1] else 'mNm'}" if "tau" in name else name for name in header
+    ]
+    return written(folder / "thousands.tsv", table(header, columns, "\t"))
+
+
+def pages(folder: Path, run: Recorded) -> Path:
+    """A listing with the names and the units at the head of each page."""
+    first, *rows = plain_table(run).splitlines()
+    units = ",".join(["s", *["rad"] * run.n, *["Nm"] * run.n])
+    lines = [first, units, *rows[:700], "", "Page 2", first, units, *rows[700:], ""]
+    return written(folder / "pages.csv", "\n".join(lines))
+
+
 CONTROLLER_LOGS: dict[str, Layout] = {
     layout.__name__: layout
     for layout in (
@@ -253,6 +271,7 @@ CONTROLLER_LOGS: dict[str, Layout] = {
         runs_end_to_end, fortran, same_names, other_senders, empty_places, numbers_of_servos, names_with_a_prefix,
         raw_beside_filtered, objects_beside_arrays, forces_of_a_simulator, console, structures, other_units,
         units_in_cells, means_below, signs_of_print, utf16_without_a_mark, names_with_commas,
+        english_thousands, pages,
     )
 }  # fmt: skip
 INTERPOLATED = frozenset({"scope_of_two_rates"})

@@ -1,1 +1,1 @@
-"""Adapters between the HTTP contract and the library: bodies become request dataclasses, results become views."""
+"""Conversion between HTTP bodies and the library's requests, and between results and views."""

@@ -1,4 +1,4 @@
-"""Comparisons of measured and predicted torque as views, and signals thinned for plots."""
+"""Views of comparisons, and signals thinned for plots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Designs of experiments and simulations of them: requests from bodies, views of results, stored designs read back."""
+"""Requests of designs and simulations from bodies, their views, trajectories as files, stored designs read back."""
 
 from __future__ import annotations
 

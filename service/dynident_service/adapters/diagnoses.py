@@ -1,4 +1,4 @@
-"""Views of diagnoses, of the figures behind their candidates, and of series of days; stored diagnoses read back."""
+"""Views of diagnoses, evidence figures and series; stored ones read back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drive gains as views and as tables."""
+"""Views and tables of drive gains."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conversion between the contract and the library: bodies to requests, results to views, and back, field by field.
+"""Generic conversion by field names: body to request and back, result to view; tables and catalogue, numbers in JSON.
 
 Tables of reports and the catalogue of effects, which need little more than that, are converted here as well.
 """

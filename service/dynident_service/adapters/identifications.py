@@ -1,4 +1,4 @@
-"""Identifications: choices from request bodies; views and tables of models, of their ladders and verdicts."""
+"""Choices of an identification from bodies; views and tables of models, ladders and verdicts; exported files."""
 
 from __future__ import annotations
 

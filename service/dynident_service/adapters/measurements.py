@@ -1,4 +1,4 @@
-"""Recordings, their metadata, revisions, inspections and raw signals, between the contract and the library."""
+"""Metadata and revisions from bodies; views of recordings, checks, inspected files and raw signals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots: built from requests, described as views; their geometry, and the uploaded mesh files that it is made of."""
+"""Robots from bodies, their views and geometry; uploaded meshes; triangles that a page gets (9,000)."""
 
 from __future__ import annotations
 

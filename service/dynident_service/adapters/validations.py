@@ -1,4 +1,4 @@
-"""Validations: what is to be validated from request bodies, views of the results, and tables of their figures."""
+"""Validations from bodies, their views and tables."""
 
 from __future__ import annotations
 

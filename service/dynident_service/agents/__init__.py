@@ -1,1 +1,1 @@
-"""The Model Context Protocol: the library's functions as tools of an agent, over files in one folder."""
+"""Tools for agents by the Model Context Protocol: the library's functions over files in one folder."""

@@ -1,4 +1,4 @@
-"""Arguments of an agent's tools: files of its one folder, and requests of the library as the contract states them."""
+"""Arguments of agents' tools: files within the one folder, robots, requests as the contract states them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The server of the protocol: tools as it lists them, calls as threads that report progress and can be cancelled."""
+"""The protocol server: lists tools, calls them in threads, reports progress, cancels."""
 
 from __future__ import annotations
 

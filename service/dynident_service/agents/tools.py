@@ -1,4 +1,4 @@
-"""The tools: each calls one function of the library, and answers with the view that the service gives of its result."""
+"""The tools (`inspect`, `identify`, `diagnose`, `design`, …): each calls the library and answers a view."""
 
 from __future__ import annotations
 

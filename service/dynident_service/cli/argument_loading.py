@@ -1,4 +1,4 @@
-"""Robots, recordings, days of a series, effects, models and diagnoses from what a user types."""
+"""Load what a user names on the command line: robots, recordings, days, effects, models, diagnoses."""
 
 from __future__ import annotations
 

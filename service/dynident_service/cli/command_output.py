@@ -1,4 +1,4 @@
-"""What comes out of a command: into a file where one is named, as JSON for scripts, or in words."""
+"""Output of a command: to a file, as JSON, or printed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals, trajectories and day-by-day parameters as CSV or Parquet files."""
+"""Write comparisons, trajectories and series as CSV or Parquet; the file endings that are accepted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `dynident design` and `dynident simulate` read and print.
+"""Read limits, surroundings, effects and motions from files for `design` and `simulate`, and print their results.
 
 For designs: limits and surroundings from files, the result. For virtual robots: their effects and their motion.
 """

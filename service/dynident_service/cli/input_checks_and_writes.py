@@ -1,4 +1,4 @@
-"""Files of the command line: check inputs before anything slow is imported, write outputs atomically."""
+"""Check input files before anything slow is imported; write output files atomically."""
 
 from __future__ import annotations
 

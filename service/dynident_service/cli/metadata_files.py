@@ -1,4 +1,4 @@
-"""Metadata files: what `dynident inspect --out` proposes for a recording, and what `--metadata` reads."""
+"""Read `--metadata` files, and write what `dynident inspect --out` proposes, with answers to its questions."""
 
 from __future__ import annotations
 

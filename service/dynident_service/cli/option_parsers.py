@@ -1,4 +1,4 @@
-"""Parsers of option values: numbers, pairs, windows, drive gains, filters."""
+"""Parse option texts: `a=b` pairs, windows, drive gains, locked joints, vectors, filters."""
 
 from __future__ import annotations
 

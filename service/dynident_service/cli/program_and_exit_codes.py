@@ -1,4 +1,4 @@
-"""The program: it registers all commands and turns their errors into messages and exit codes."""
+"""Assemble the program: the list of commands, and errors as messages with exit codes (2, 130)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of stored resources: whether this service can show them, and whether their files can be read.
+"""For `dynident doctor`: check in a child process that stored resources can be read and shown.
 
 Files are read in a child process, so that one that kills or blocks its reader is reported like any other.
 """

@@ -1,4 +1,4 @@
-"""Options of the command line, derived from the request dataclasses of the library, and the way back.
+"""Derive options from request dataclasses (names, types, help), and build requests from what is typed.
 
 A request (for example `IdentificationChoices`) states its fields with units, ranges and sentences once.
 `spread_options` turns these fields into typer options; `TypedValues.build_request` builds the request from what the

@@ -1,4 +1,4 @@
-"""Options and arguments that several commands share, alone and in groups.
+"""Options and arguments that several commands share (`--robot`, recordings, metadata, output), in groups.
 
 The dataclasses here are groups of options: a command takes one as a parameter, and `spread_options` spreads it.
 """

@@ -1,4 +1,4 @@
-"""What people see: progress and tables on stderr and stdout; what scripts see: JSON on stdout."""
+"""Consoles: progress and messages on stderr, tables and JSON on stdout."""
 
 from __future__ import annotations
 

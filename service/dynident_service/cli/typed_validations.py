@@ -1,4 +1,4 @@
-"""Validations of a model on measurements in files: methods as they are typed, and results as tables."""
+"""Run validations for `dynident validate`: parse methods, read files, print results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The demonstration from beginning to end, with the texts and tables that it prints."""
+"""`dynident demo` from beginning to end, with the texts and tables that it prints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The demonstration: the robot, an effect hidden where it can be found, and the plan of the experiment."""
+"""The robot, hidden effect and plan of the demonstration; how visible an effect must be."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The experiment of the demonstration: designed, recorded from the virtual robot, and analysed as by any user."""
+"""The steps of the demonstration: design, record by the virtual robot, identify, diagnose."""
 
 from __future__ import annotations
 

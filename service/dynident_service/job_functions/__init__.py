@@ -1,4 +1,4 @@
-"""Functions of jobs: they read the inputs, call the science and return the results. Child processes import them ahead.
+"""The functions that jobs run, in child processes: read stored inputs, call the library, return results.
 
 The queue stores these functions as "module:name". A function or module that is renamed must stay importable by its old
 name while a database may hold jobs with it.

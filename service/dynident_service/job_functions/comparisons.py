@@ -1,4 +1,4 @@
-"""Jobs that compare a model with a measurement."""
+"""Job: compare a model with a measurement."""
 
 from __future__ import annotations
 

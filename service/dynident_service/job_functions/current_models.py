@@ -1,4 +1,4 @@
-"""Jobs that identify currents."""
+"""Job: identify a model in units of current."""
 
 from __future__ import annotations
 

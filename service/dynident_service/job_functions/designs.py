@@ -1,4 +1,4 @@
-"""Jobs that design an experiment."""
+"""Job: design an experiment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs that find which effects a model lacks."""
+"""Job: diagnose a model."""
 
 from __future__ import annotations
 

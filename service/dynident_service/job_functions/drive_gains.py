@@ -1,4 +1,4 @@
-"""Jobs that identify drive gains."""
+"""Job: identify drive gains."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs that identify a model, extend it by effects or remove effects, and record which revisions of files it used."""
+"""Jobs: identify, extend, remove effects; which revisions of measurements were used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Computations that requests wait for, verdicts on models among them: plain values in and out, as they cross a pipe."""
+"""Short computations that a request waits for: verdict of a model, inspection, upload checks, raw signals, exports.
+
+They run in a child process; values in and out are plain.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs that write a report."""
+"""Job: write a report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs that monitor a robot over many days."""
+"""Job: monitor a robot over many days."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs that simulate measurements of a virtual robot."""
+"""Job: simulate measurements of a virtual robot."""
 
 from __future__ import annotations
 

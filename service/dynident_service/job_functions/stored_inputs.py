@@ -1,4 +1,4 @@
-"""Stored robots, recordings and models: read as inputs of jobs, or to see whether this version can read them."""
+"""Read stored robots, recordings and models as inputs of jobs."""
 
 from __future__ import annotations
 

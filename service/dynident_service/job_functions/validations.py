@@ -1,4 +1,4 @@
-"""Jobs that validate an identified model."""
+"""Job: validate a model."""
 
 from __future__ import annotations
 

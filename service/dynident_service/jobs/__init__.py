@@ -1,1 +1,1 @@
-"""Jobs: a queue in the database, an engine that hands jobs out, and child processes that do them."""
+"""Execution of jobs: the engine that claims them, child processes that run them, Dask workers."""

@@ -1,4 +1,4 @@
-"""Messages to and from child processes: jobs and their ends, and calls of functions with their answers."""
+"""Messages between the service and its child processes: jobs, calls, answers, heartbeats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Child processes: the fork server that starts them, and a pool of warm ones.
+"""The fork server and the pool of warm child processes; memory after which one is replaced (2 GB).
 
 A child of the pool is started ahead, used for one job at a time, killed as a group and replaced. What runs in the fork
 server's process is in `fork_server_main`; it is kept apart so that what children do is not imported here.

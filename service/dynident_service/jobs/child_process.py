@@ -1,4 +1,4 @@
-"""The child process: waits on its pipe for jobs and calls, and does one at a time.
+"""The main loop of a child process: runs jobs and calls, reports progress and heartbeats.
 
 A process of its own can be stopped even inside a solver: its process group is killed.
 """

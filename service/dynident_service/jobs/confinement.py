@@ -1,4 +1,6 @@
-"""Limits for child processes: memory, processor time, file sizes, and the folders that they may read and write.
+"""Limits of child processes by the kernel: memory, time, file sizes, folders, network (Landlock).
+
+Holds the numbers.
 
 The kernel enforces all of them, the folders by Landlock. A library that a malicious file misleads can then neither
 read other files nor reach the network, and if it uses too many resources only its own process ends.

@@ -1,4 +1,4 @@
-"""Jobs on a Dask cluster, given by its address: the service's connection to it, and the code of its workers.
+"""Run jobs on the workers of a Dask cluster.
 
 A worker has a pool of child processes, for jobs and for parts of jobs.
 """

@@ -1,4 +1,4 @@
-"""Sharing of large computations on a cluster: other workers compute parts of a job, and its own child does the rest.
+"""Share parts of one job among other workers; from which size on it is worth it.
 
 The child process is a client of the scheduler for this. Whatever fails on the way, be it a worker, the scheduler or the
 network, the child computes those parts itself. A worker accepts parts only while it has nothing else to do, so jobs

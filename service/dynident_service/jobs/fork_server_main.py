@@ -1,4 +1,4 @@
-"""The process that child processes are forked from: it has imported the science once, so a new child starts at once.
+"""Main program of the fork server, and the modules that it imports ahead.
 
 It is single-threaded (except for Arrow's own thread, which Arrow handles at a fork) and does nothing else: it forks on
 request and reports how a child ended. `pool` starts it and talks to it.

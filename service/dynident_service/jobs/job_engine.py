@@ -1,4 +1,4 @@
-"""The engine: claims jobs from the queue while slots are free, and hands them out.
+"""The engine: claims queued jobs while slots are free and starts them; how often it looks.
 
 Jobs run in child processes of this process, each supervised by a thread, or of the workers of a Dask cluster whose
 address is a setting. A local Dask cluster for the same purpose took more of the interpreter that answers requests than

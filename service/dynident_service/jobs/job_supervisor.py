@@ -1,4 +1,6 @@
-"""Supervision of a job: a child process does it while a thread renews its lease, and kills the child to stop it.
+"""Supervise one running job: renew its lease, cancel it, detect a child that hangs or died.
+
+Holds the times.
 
 A process that hangs is recognised by its heartbeat or by the processor time that it uses.
 """

@@ -1,4 +1,4 @@
-"""Input and output of a job's function, and parts of a job that another worker computes."""
+"""Fetch a job's inputs and store its outputs; parts of a job on another worker."""
 
 from __future__ import annotations
 

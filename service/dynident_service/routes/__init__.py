@@ -1,4 +1,4 @@
-"""The routes, one module a resource.
+"""HTTP routes, a module for each kind of resource; the order of routers.
 
 They import the science where they use it, not at their top: it takes seconds to load, and the service answers before.
 """

@@ -1,4 +1,4 @@
-"""Batches: many identifications in one request, all of them accepted or none."""
+"""Routes under /v1/identifications/batch: many identifications in one request, all or none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Comparisons: measured against predicted torque."""
+"""Routes of comparisons: create, signals, residual map, spectra, autocorrelation."""
 
 from __future__ import annotations
 

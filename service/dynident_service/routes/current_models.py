@@ -1,4 +1,4 @@
-"""Currents told by parameters in units of current: no drive gain is needed."""
+"""Routes of models in units of current."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Designs of experiments."""
+"""Routes of designs: create, trajectory as file, clearances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Diagnoses: what is missing in a model."""
+"""Routes of diagnoses: create, evidence figures."""
 
 from __future__ import annotations
 

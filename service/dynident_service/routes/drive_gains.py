@@ -1,4 +1,4 @@
-"""Drive gains from runs without and with a load of known mass."""
+"""Routes of drive gains."""
 
 from __future__ import annotations
 

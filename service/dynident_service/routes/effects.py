@@ -1,4 +1,4 @@
-"""The catalogue of effects."""
+"""Route of the catalogue of effects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Is it there, is it ready, what does it do."""
+"""Routes `/healthz`, `/readyz` and `/metrics`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Identifications: identify, add effects, look back, take the model along."""
+"""Routes of identifications: create, extend, remove effects, ladder, tables, export."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Imports: a file is looked at and kept for a day, so that it need not be uploaded again to be used."""
+"""Routes of imports: inspect an uploaded file that is kept for a day."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs: list, look, follow, cancel."""
+"""Routes of jobs: list, show, follow (event stream), cancel."""
 
 from __future__ import annotations
 

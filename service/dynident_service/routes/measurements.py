@@ -1,4 +1,4 @@
-"""Measurements: upload with checks, look, fetch what was uploaded or some signals of it, revise, delete.
+"""Routes of measurements: upload with checks, original file, raw signals, standstills, revision.
 
 A revision changes the metadata of the same file, and nothing is uploaded.
 """

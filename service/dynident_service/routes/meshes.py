@@ -1,4 +1,4 @@
-"""The meshes of robots: uploaded, never fetched; for collisions of designs and for pictures."""
+"""Routes of a robot's meshes and geometry: upload, geometry, poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""How sure an identified model is: its essential parameters, what the motion determines only together, its verdict."""
+"""Routes that judge a model: essential parameters, correlation, verdict; refusal of models that must not be used.
+
+The verdict is computed in job_functions/interactive.py.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Queries of lists in pages, idempotent retries, JSON bodies, and answers that show stored or computed resources."""
+"""Pages of lists (50 by default), idempotency keys (retries answer the first result), JSON bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reports."""
+"""Routes of reports: create, content."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Resources that a request names: they must exist, have succeeded, and fit each other."""
+"""Check the resources that a request names: they exist, have succeeded, fit each other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The routes that all kinds of resources share: create by a job, list, show, label, delete."""
+"""Routes that all resources share: list, show, label, delete, and creation by a job."""
 
 from __future__ import annotations
 

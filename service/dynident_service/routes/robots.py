@@ -1,4 +1,4 @@
-"""Robots, and all that belongs to one in one file, for another service."""
+"""Routes of robots: create, change hardware, known robots, bundle of one robot."""
 
 from __future__ import annotations
 

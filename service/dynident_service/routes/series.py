@@ -1,4 +1,4 @@
-"""Series of days: what has changed in a robot, and since when."""
+"""Routes of series over days."""
 
 from __future__ import annotations
 

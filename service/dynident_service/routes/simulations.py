@@ -1,4 +1,4 @@
-"""Simulations: virtual robots that are measured."""
+"""Routes of simulations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Uploads: forms whose files are received in the data directory, whether there is room for them, and what they are."""
+"""Receive multipart uploads into the data directory: space, media type, hash."""
 
 from __future__ import annotations
 

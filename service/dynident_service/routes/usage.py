@@ -1,4 +1,4 @@
-"""What is used of the quotas."""
+"""Route of what keys use of their quotas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Validations: is an identified model to be trusted."""
+"""Routes of validations."""
 
 from __future__ import annotations
 

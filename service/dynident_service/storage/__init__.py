@@ -1,1 +1,1 @@
-"""Storage of the service: a database for small values and rows, an object store for large files."""
+"""Storage: database, job queue, object store, backups."""

@@ -1,4 +1,4 @@
-"""Archive format of stored data: table rows as JSON lines and objects under their hashes, in a folder or a ZIP.
+"""Format of backups and bundles: rows as JSON lines, objects by hash, in a folder or ZIP; its version and limits.
 
     manifest.json                   content, version of the writer, and folder of the tables
     tables-<number>/resources.jsonl one row per line, by column name

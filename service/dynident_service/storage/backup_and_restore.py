@@ -1,4 +1,4 @@
-"""Backup of all stored data while the service runs, and its restoration after a loss."""
+"""Back up all stored data while the service runs, and restore it."""
 
 from __future__ import annotations
 

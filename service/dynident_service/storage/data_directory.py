@@ -1,4 +1,4 @@
-"""The data directory: private to its owner, writable, locked while a service uses it, and with room on its disk."""
+"""The data directory: created private, locked, checked for disk space."""
 
 from __future__ import annotations
 

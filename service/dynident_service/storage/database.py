@@ -1,4 +1,4 @@
-"""Connection to the database (an SQLite file by default, PostgreSQL by URL), and its migration to these tables."""
+"""Connect to SQLite or PostgreSQL (timeouts, pool) and migrate its tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of the database.
+"""Definitions of all database tables and their column types.
 
 Every resource consists of a request, its result, the objects that it owns and its dependencies. One table therefore
 holds the resources of all kinds, and deleting, listing and retrying work alike for all of them.

@@ -1,4 +1,4 @@
-"""Deletion: of objects by tombstones, so that nobody loses one that is owned again; and of data that expires.
+"""Delete expired data, unused imports (after a day) and objects that nobody owns (tombstones).
 
 Objects are stored under the hash of their bytes, so two resources may own the same one, and one resource may be deleted
 in the moment in which the other is created. Three rules protect owned objects:

@@ -1,4 +1,4 @@
-"""Integrity check of all stored data: what is missing, damaged, unreadable or owned by nobody."""
+"""Find missing, damaged, unreadable and unowned data, and repair some of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The queue of jobs in the database: what is to be computed, by whom, until when, and how far it is.
+"""The job queue: claims, leases and their length, lost workers, progress, checkpoints.
 
 A worker holds a job by a lease. Every write of a worker names the job and the attempt, so a worker that was taken for
 dead and comes back cannot overwrite what its successor writes. A long job saves checkpoints, from which the next

@@ -1,4 +1,4 @@
-"""State transitions of a job: it is added, claimed, kept, given back and ended, by a few statements in a transaction.
+"""SQL statements of a job's state changes: add, claim, renew, requeue, finish, cancel.
 
 The statements use SQLAlchemy's Core and are compiled once: SQLite has a single writer, for which all others wait.
 """

@@ -1,4 +1,4 @@
-"""The object store: contents under their SHA-256, in a local folder or in S3."""
+"""Store files by their SHA-256 in a folder or S3."""
 
 from __future__ import annotations
 

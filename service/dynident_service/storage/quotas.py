@@ -1,4 +1,4 @@
-"""Quotas: limits for what one API key may store and compute at a time.
+"""Quotas of an API key: what it stores and computes, and the check before a row is added.
 
 A request acts for an account, which is the name of its key; without keys there is no account, and nothing is counted.
 The use of an account is summed over its own rows through an index, and only if it has a limit. A transaction that adds

@@ -1,4 +1,4 @@
-"""Plain values that the repositories take and return, independent of tables and of the wire format, and identifiers."""
+"""Types that the repository takes and returns (`Resource`, `Job`, …), and new identifiers by kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The repository of resources: create, get, list and delete, for all kinds alike."""
+"""`Resources`: create, get, list, label and delete resources; refuses to delete what others need."""
 
 from __future__ import annotations
 

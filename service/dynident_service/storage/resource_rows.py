@@ -1,4 +1,6 @@
-"""Rows of resources: read, or inserted all or nothing, with their dependencies, objects, jobs and retry keys.
+"""SQL that reads and inserts rows of resources with dependencies, objects, jobs and retry keys.
+
+Called by `resource_repository`; the tables are in `database_tables`.
 
 Written and read table by table with SQLAlchemy's Core, as nearly every request needs them: a thousand resources take
 hardly more statements than one, and the stored resources are known without being read again.

@@ -1,4 +1,4 @@
-"""Retries while a database or an object store is away for a moment."""
+"""Repeat calls while the database or object store is away; which errors count as that."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bundle of one robot for another service: writing, reading, and the check of rows from outside."""
+"""Write and read the bundle of one robot, and check its rows."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The contract: what requests and answers look like."""
+"""Types of HTTP bodies and answers: the contract."""

@@ -1,4 +1,4 @@
-"""Comparisons on the wire."""
+"""Bodies and answers of comparisons."""
 
 from __future__ import annotations
 

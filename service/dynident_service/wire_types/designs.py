@@ -1,4 +1,4 @@
-"""Designs of experiments, and simulations of them by virtual robots, on the wire."""
+"""Bodies and answers of designs and simulations."""
 
 from __future__ import annotations
 

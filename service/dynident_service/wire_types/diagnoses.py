@@ -1,4 +1,4 @@
-"""Diagnoses, and series of days, on the wire."""
+"""Bodies and answers of diagnoses and series."""
 
 from __future__ import annotations
 

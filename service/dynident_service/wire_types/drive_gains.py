@@ -1,4 +1,4 @@
-"""Drive gains on the wire, and models of currents, for which no drive gain is needed."""
+"""Bodies and answers of drive gains and models of currents."""
 
 from __future__ import annotations
 

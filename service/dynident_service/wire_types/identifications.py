@@ -1,4 +1,4 @@
-"""Identifications, and batches of them, on the wire."""
+"""Bodies and answers of identifications and batches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs on the wire, and what keys have stored and under way."""
+"""Answers of jobs and of usage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measurements on the wire: metadata and revisions, signals as they were recorded, inspected files."""
+"""Bodies and answers of measurements and imports."""
 
 from __future__ import annotations
 

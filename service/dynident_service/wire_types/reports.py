@@ -1,4 +1,4 @@
-"""Reports on the wire."""
+"""Bodies and answers of reports."""
 
 from __future__ import annotations
 

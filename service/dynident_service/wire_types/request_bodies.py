@@ -1,4 +1,4 @@
-"""Bodies of the contract, derived from request dataclasses of the library: fields, words, units, ranges, defaults."""
+"""Derive HTTP bodies and queries from request dataclasses: types, words, ranges, defaults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots on the wire, and where their links are: enough to draw a robot in any posture."""
+"""Bodies and answers of robots, their geometry and poses."""
 
 from __future__ import annotations
 

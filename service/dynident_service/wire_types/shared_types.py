@@ -1,4 +1,4 @@
-"""What requests and answers have in common, tables of figures for people among it."""
+"""Base classes and types that many bodies share: pages, labels, tables, effects; the longest lists (1,000)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Validations on the wire."""
+"""Bodies and answers of validations."""
 
 from __future__ import annotations
 

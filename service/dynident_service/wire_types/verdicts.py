@@ -1,4 +1,4 @@
-"""Verdicts of models on the wire."""
+"""Answers of verdicts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The workbench: a page at `/` of static files, which uses the public API as any other program does.
+"""Serve the workbench (the page at `/`): static files with hashed paths.
 
 The files are read once at the start. Their paths hold the hash of their contents, so browsers may keep them for good.
 """

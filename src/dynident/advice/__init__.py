@@ -1,4 +1,4 @@
-"""The experiment that would decide what the data could not."""
+"""The experiment that would decide what a diagnosis leaves open."""
 
 from __future__ import annotations
 

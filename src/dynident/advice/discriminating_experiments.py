@@ -1,4 +1,7 @@
-"""Kinds of experiments that tell effects apart, which of them decides between two effects, and the proposal of one."""
+"""Catalogue of experiments that tell two effects apart, and the choice of the one that decides between them.
+
+Holds the speeds of the proposed motions, which experiment an effect asks for, and the types of a proposal.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""How far data at hand, and a proposed motion, tell two effects apart."""
+"""Compute how far recorded data, or a rehearsed motion, tell two effects apart (their separation).
+
+Holds how many samples are taken from the data and from a motion.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Propose the next experiment, which decides what the data leave open, and attach it to a diagnosis."""
+"""Propose the next experiment for a diagnosis, with a design request, and attach it (`advise`).
+
+Holds when two rivals count as decided, and how much smaller a standard deviation has to become for a run to be worth
+it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of the arguments of this package's functions: what each has to be, stated once by its name."""
+"""Check the types of arguments of the notebook functions by their names: what `robot`, `runs`, `model`, … may be."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The changes of a robot between two sets of recordings, or over many days."""
+"""`dynident.changes` and `dynident.series`: their results as tables and plots.
+
+What counts as a change is decided in diagnosis/.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effects as arguments: texts, choices and diagnoses become choices of effects; a user's own effects are registered."""
+"""Turn texts, choices and diagnoses into effect choices; register a user's own effects (`register`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drawings that notebooks show and files hold."""
+"""Figures that notebooks show and that are saved as SVG, PNG or PDF."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An identified model together with the recordings that it was identified from."""
+"""`Model`: an identified model with its recordings, from which it is extended, reduced, validated and exported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Diagnosis: what a model lacks."""
+"""`dynident.diagnose`: the diagnosis of a model, as a table that prints, plots and gives the next step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Identification of models from recordings, and reading of models from files."""
+"""`dynident.identify` and `load_model`: models from recordings, and from files."""
 
 from __future__ import annotations
 

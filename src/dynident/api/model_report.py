@@ -1,4 +1,4 @@
-"""The report on a model as one file, HTML or PDF."""
+"""`dynident.report`: the report on a model as one file, HTML or PDF."""
 
 from __future__ import annotations
 

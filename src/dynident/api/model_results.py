@@ -1,4 +1,4 @@
-"""Results of an identification that need no recordings: parameters, their uncertainty, predicted torque, exports."""
+"""Results of a model that need no recordings: parameters, their uncertainty, predicted torque, exports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Validation of models."""
+"""`dynident.validate`: run validations of a model and show their verdicts as a table."""
 
 from __future__ import annotations
 

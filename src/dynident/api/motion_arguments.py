@@ -1,4 +1,7 @@
-"""Checks of states, motions and probabilities that are given as arguments."""
+"""Read states (q, dq, ddq), motions, times and confidence levels that are given as arguments.
+
+Holds the checks of shapes and of degrees instead of radians.
+"""
 
 from __future__ import annotations
 

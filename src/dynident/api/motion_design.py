@@ -1,4 +1,4 @@
-"""Design of exciting trajectories."""
+"""`dynident.design`: design an exciting trajectory, show it, save it as CSV, Parquet, YAML or JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of identified parameters and of errors joint by joint."""
+"""Tables and data frames of identified parameters, and of errors by joint; how many rows are shown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collections of checked recordings and their findings."""
+"""`Recordings`: checked recordings as a list with their findings; holds how many are shown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings from files: inspection of a file, and reading."""
+"""`dynident.inspect`, `read_recordings` and `revise`: look at a file, read files, correct metadata."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings in memory: arrays, dictionaries of columns, and data frames, stored as files that can be read."""
+"""Recordings from arrays, dictionaries and data frames; they are written to temporary files and read like any file."""
 
 from __future__ import annotations
 

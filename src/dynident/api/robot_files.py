@@ -1,4 +1,4 @@
-"""Reading of robots from files of any supported format, or from the library of well-known arms."""
+"""`dynident.load_robot` (any format, xacro, or the name of a known arm) and `set_drive_gains`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measured torque compared with predicted torque."""
+"""`dynident.compare`: measured against predicted torque of recordings, as tables and plots."""
 
 from __future__ import annotations
 

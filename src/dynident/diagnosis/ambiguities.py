@@ -1,4 +1,6 @@
-"""What a diagnosis leaves open or gets wrong: findings that may be another effect, effects that could not have shown.
+"""List what a diagnosis leaves open: rivals of findings, misnamed findings, effects that these data cannot show.
+
+Holds how many rivals a question names.
 
 A wrong name is an effect that leaves more than it explains, or that another function of the position replaces. Findings
 that were made beside such a name, and would not have been made without it, go with it.

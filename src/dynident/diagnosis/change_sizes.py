@@ -1,4 +1,7 @@
-"""Estimate how large a change is: the values of its parameters, with intervals."""
+"""Estimate how large each change between two sets of recordings is: values before and after, with intervals.
+
+Holds the smallest share that counts as a change (5 %), and the reservations in words.
+"""
 
 from __future__ import annotations
 

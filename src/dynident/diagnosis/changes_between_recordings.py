@@ -1,4 +1,7 @@
-"""What differs between two sets of recordings of the same robot: findings and friction, with their intervals."""
+"""Compare an earlier and a later set of recordings: identify on both, list changes and differences of friction.
+
+How large each change is, is in `change_sizes`; changes over more than two days are in `monitoring`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The conclusion of a diagnosis: something is missing, nothing above the limits is, or these data cannot tell."""
+"""The conclusion of a diagnosis: something is missing, nothing above the limits is, or the data cannot tell."""
 
 from __future__ import annotations
 

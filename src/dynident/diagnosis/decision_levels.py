@@ -1,4 +1,7 @@
-"""All levels of the decision: what a candidate has to reach to be a finding, each with its meaning and its reason."""
+"""Every threshold that a candidate has to pass to be a finding, with its meaning and reason.
+
+Only the default significance level is elsewhere (`diagnosis/candidates/significance.py`).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Diagnose a model: rank every effect by its prediction of held-out data, and recommend those that pass."""
+"""`diagnose`: run a whole diagnosis, from recordings and a model to ranked effects and recommended ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Request of a diagnosis."""
+"""The request of a diagnosis: its fields with their ranges, and the default level and number of effects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Result types of a diagnosis."""
+"""Result types of a diagnosis: ranked effects, changes, detection limits, conclusion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Word a diagnosis for a robotics engineer: ranking, verdict and summary."""
+"""The texts of a diagnosis: its summary in sentences, the verdict of a ranked effect, questions about rivals."""
 
 from __future__ import annotations
 

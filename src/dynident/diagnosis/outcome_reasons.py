@@ -1,4 +1,4 @@
-"""Why a candidate is a finding or not: a code with values, and the one place where these become a sentence."""
+"""The reason why a candidate is or is not a finding: its code and values, and the sentence for each code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Data for the figure of each ranked effect: the residual over what the effect depends on, with the fitted effect."""
+"""Figure data of each ranked effect: the residual over the variable that the effect depends on, and the fitted effect.
+
+Holds how many effects have a figure (12), and how many bins it has (48).
+"""
 
 from __future__ import annotations
 

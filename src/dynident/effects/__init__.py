@@ -1,4 +1,4 @@
-"""Effects: the physical causes of joint torque. One module a family, and one catalogue of all."""
+"""Effects: the physical causes of joint torque, a module for each family, and one catalogue of all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The catalogue of all effects: our own in an order for readers, other modules of this package, then plug-ins.
+"""The catalogue: the ordered list of all built-in effects, plug-ins by entry points, and look-up by id.
 
 Effects of other distributions need one Python file and one entry point each:
 

@@ -1,4 +1,4 @@
-"""Machines with dependent joints: motion of the tree from that of the driven joints, and its torque back to them.
+"""Torque of a machine with passive joints: columns of its tree, projected onto the driven joints.
 
 Γ = Gᵀ Γ_tree with G = ∂q/∂q_a. Columns are built from the signals of the tree, as for any robot, and then projected to
 the driven joints. Effects on a driven joint depend on the load and motor torque of that driven joint.

@@ -1,4 +1,4 @@
-"""The base class of effects: a named block of columns of the observation matrix, with parameters, units, sources."""
+"""Base class of effects: columns, parameters; which values, and changes between identifications, are plausible."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choices of effects by name, and the default ones; the effects themselves are not loaded for them."""
+"""`EffectChoice` (effect, joints, shape constants, runs) and the default effects; loads no effect."""
 
 from __future__ import annotations
 

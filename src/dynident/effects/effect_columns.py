@@ -1,4 +1,4 @@
-"""Chosen effects on a robot: the joints that they act on, their shape constants and their columns.
+"""From chosen effects and a robot to columns: the joints that they act on, and their shape constants, checked.
 
 On machines with dependent joints, also the signals of the tree that carries the links.
 """

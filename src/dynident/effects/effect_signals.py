@@ -1,4 +1,4 @@
-"""Signals along a recording that effects depend on, and the operators of those that depend on the path so far.
+"""Signals that columns are made of (q, load, temperature, time since start), and operators with memory (Dahl, stop).
 
 Operators update a state along a joint's path; hysteresis and friction after a halt depend on such states. A new
 operator is a subclass of `Operator` that is passed to `MemorySignal`; nothing else has to be changed.

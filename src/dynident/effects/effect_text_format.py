@@ -1,4 +1,4 @@
-"""Text form of chosen effects: `effect`, `effect@joint`, `effect@joint+joint:constant=value`."""
+"""Parse and write effects as text: `effect@joint+joint:constant=value`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Friction without memory: functions of velocity, load, position, temperature and time."""
+"""Friction without memory: Coulomb, viscous, Stribeck, by load, position, temperature, warm-up."""
 
 from __future__ import annotations
 

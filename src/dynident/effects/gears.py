@@ -1,4 +1,4 @@
-"""Backlash and elasticity of gears, by first-order sensitivity of the predicted torque."""
+"""Gear effects: backlash and joint elasticity, linearised about the predicted torque; holds the usual stiffness."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hysteresis states along a joint's path, for whole recordings or one step at a time, and their gradients.
+"""Evaluate hysteresis operators along a whole path or step by step, with gradients.
 
 The operators depend on the path alone, not on its speed, so between two reversals they have a closed form in the
 distance travelled since the last one. A run is therefore evaluated from reversal to reversal, not sample by sample.

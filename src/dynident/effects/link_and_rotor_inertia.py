@@ -1,4 +1,7 @@
-"""Inertia of the links and the rotors."""
+"""Effects `rigid_body` and `rotor_inertia`: the inertial columns of links and rotors.
+
+Also the base wrench and the stored energy of the links.
+"""
 
 from __future__ import annotations
 

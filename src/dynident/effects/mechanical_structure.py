@@ -1,7 +1,4 @@
-"""Effects of the mechanical structure.
-
-Offsets, springs, ripple of gears, a tilted base, joints that share a motor, and errors of the described geometry.
-"""
+"""Effects of offsets, joint springs, torque ripple, a tilted base, coupled motors, encoder and geometry errors."""
 
 from __future__ import annotations
 

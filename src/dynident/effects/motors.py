@@ -1,4 +1,4 @@
-"""Effects of motors and amplifiers: wrong or saturating gains, delayed torque, rotors that other links carry."""
+"""Effects of motors and amplifiers: gain errors, saturation, torque delay, rotors carried by other links."""
 
 from __future__ import annotations
 

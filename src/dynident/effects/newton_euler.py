@@ -1,4 +1,4 @@
-"""Inverse dynamics for given standard inertial parameters, by the recursion of Newton and Euler (chapter 9).
+"""Inverse dynamics with given inertial parameters, by the recursion of Newton and Euler, as CasADi expressions.
 
 The rows of the dynamic model times the parameters give the same torque; the recursion needs about half of the
 instructions, also where it is differentiated (UR10: 683 and 1,218; Panda: 810 and 2,138).

@@ -1,4 +1,4 @@
-"""Effects from outside the robot: a payload in some runs, a contact, a vibrating base."""
+"""Effects from outside: a payload in some runs, a contact force on a link, a vibrating base."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Torque that the model so far predicts, as expressions: load torque, its derivatives, torque of the motors.
+"""Expressions of the torque that the model so far predicts, for effects that depend on load or motor torque.
 
 Effects that depend on torque use the predicted one, never the measured one, whose noise would get into W.
 """

@@ -1,4 +1,4 @@
-"""Rigid-body mechanics of a robot as CasADi expressions, linear in the standard inertial parameters.
+"""Rows of rigid-body mechanics as CasADi expressions: dynamic model, energy and base wrench [12.18], [12.33].
 
 There are two independent derivations: the rows of the dynamic model [12.18] by a velocity recursion (short, used in the
 hot path), and the rows of the kinetic and potential energy [12.33]-[12.34] (the single source of the filtered, energy

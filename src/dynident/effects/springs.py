@@ -1,4 +1,4 @@
-"""Springs of the arm itself: a balancing spring on a crank, a cable or hose between two links."""
+"""Effects of springs between links: a balancing spring on a crank, a cable or hose; their search grids."""
 
 from __future__ import annotations
 

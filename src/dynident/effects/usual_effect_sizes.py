@@ -1,4 +1,4 @@
-"""Usual sizes on the joints of real arms: torque, speed, and the effects as shares of the largest torque.
+"""Usual sizes of effects by a joint's limits: speed and torque scales, friction and inertia as shares of them.
 
 The shares follow the sources that the catalogue names for each effect, and recordings of real arms; they are not those
 of any particular robot.

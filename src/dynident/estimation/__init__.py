@@ -1,4 +1,4 @@
-"""y = W χ: solvers and statistics on triangular factors. Knows nothing of robots."""
+"""Solvers and statistics of Y = W χ + ρ on triangular factors; knows nothing of robots."""
 
 from dynident.estimation.backward_elimination import Elimination, EliminationPath, eliminate_parameters
 from dynident.estimation.block_bootstrap import Bootstrap, Drawing, bootstrap_estimates

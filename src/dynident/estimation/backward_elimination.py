@@ -1,4 +1,6 @@
-"""Essential parameters: the few that the data show, by backward elimination [Pham and Gautier 1991].
+"""Essential parameters: remove the least significant parameter until all are well determined.
+
+Holds the ratio of standard deviations (10) and the significance level (0.05) at which it ends.
 
 The parameter with the largest relative standard deviation is set to zero and the others are estimated again. This
 repeats until the relative standard deviations are within a factor of ten of one another (the chapter's rule for a well

@@ -1,4 +1,6 @@
-"""Bootstrap of the estimates over blocks of time: a check of the standard deviations that formulas give.
+"""Bootstrap of the estimates over blocks of time, to check the computed standard deviations.
+
+Holds the number of draws (999), and from how many blocks pairs are drawn (30).
 
 Few blocks (below thirty) are best drawn by the wild cluster bootstrap: the residuals of each block keep their place and
 take a random weight, one per block across all equations (Cameron, Gelbach and Miller 2008), of six values (Webb

@@ -1,4 +1,4 @@
-"""Least squares under physical constraints: bounds, equations and positive semidefinite matrices.
+"""Least squares under bounds, equations and positive semidefinite matrices.
 
 Solved with Clarabel, an interior-point method for cones (Goulart and Chen 2024).
 """

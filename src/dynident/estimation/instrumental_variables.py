@@ -1,4 +1,4 @@
-"""Instrumental variables: estimates that noise in W does not bias, from triangular factors.
+"""Solve W χ = Y with instruments Z from factors, so that noise in W does not bias; holds how weak instruments may be.
 
 Least squares takes W as exact. Positions carry noise and are differentiated twice, so W carries noise too, and what it
 shares with the residual biases [12.5]. Instruments Z that correlate with W but not with its noise remove the bias:

@@ -1,4 +1,6 @@
-"""Extended Kalman filter whose state holds the parameters as well as the motion (§12.8), one sample at a time.
+"""One extended Kalman filter over motion and parameters (§12.8): its state, steps and noise.
+
+How it is used to identify a robot is in identification/estimators/kalman.py.
 
 The state is [q, v, χ], χ constant. The motion is driven by its acceleration a, which is known roughly; the position and
 the torque are measured. Positions and velocities are staggered by half a period T (leapfrog): with v half a period

@@ -1,4 +1,7 @@
-"""Least-squares solutions of Y = W χ + ρ, [12.5], from triangular factors."""
+"""Ordinary and weighted least squares from factors [12.5], condition numbers, rank checks, noise of each equation.
+
+Holds the most rounds of weighting, and when weights count as settled.
+"""
 
 from __future__ import annotations
 

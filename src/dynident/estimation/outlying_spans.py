@@ -1,4 +1,6 @@
-"""Spans of time in which the equations do not hold: their residual is far above that of all other rows.
+"""Find spans of time whose residual is far above that of all other rows, by leaving each out in turn.
+
+Holds the ratio that counts as disturbed (25), and how much may be left out.
 
 Least squares spreads a disturbance of a few seconds over all parameters and rows, so that its residual stands out
 nowhere. So every span is left out in turn and the parameters are solved from the other rows. The drop of the residual

@@ -1,4 +1,4 @@
-"""Collinearity: parameters that the data determine only together, and directions that they hardly determine."""
+"""Pairs of estimates that are strongly correlated (above 0.9), and directions that data hardly determine."""
 
 from __future__ import annotations
 

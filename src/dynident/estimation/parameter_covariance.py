@@ -1,4 +1,6 @@
-"""Uncertainty of the estimates, [12.6]-[12.10], for residuals that are correlated in time and between equations.
+"""Covariance, standard deviations and confidence intervals of estimates with correlated residuals [12.6]-[12.10].
+
+Cluster-robust (jackknife over blocks); holds the fewest blocks (5), and when a prior dominates a parameter.
 
 [12.6] assumes independent residuals. Rows that passed a low-pass filter are not, and model errors even less: counting
 them all would promise standard deviations several times too small. There are three covariances, as in regression

@@ -1,4 +1,4 @@
-"""Prior knowledge of parameters: from earlier steps, separate experiments or a robot description."""
+"""Prior knowledge as information rows that are added to factors: values with a covariance, earlier steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""QR decomposition and whitening: triangular factors that stand for any number of rows, and uncorrelated columns."""
+"""Compute, join and pad triangular factors (QR), and whiten columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Inflation factors: by how much the rows of correlated residuals overstate the information in them."""
+"""By what factor correlated residuals overstate the number of rows; the effective number of rows of an equation.
+
+Only this factor: covariances are in `parameter_covariance`, autocorrelation figures in diagnosis/comparison/.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well parameters explain a data set: which rows count, and what an error is.
+"""Errors of given parameters on reduced data, in all and by group of rows; which rows count, and Student's t.
 
 The rows of an equation form groups (`row_groups`). The residual of a row in the fit is its error. The error of an
 interval row is the distance of the measured value to its interval. Every row that was counted by itself has an interval

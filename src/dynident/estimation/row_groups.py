@@ -1,4 +1,6 @@
-"""Groups of rows of an equation that are weighted or counted by themselves, and rows that state an interval.
+"""Groups of rows with a weight of their own (reversals), and interval rows (a joint at rest): types, accumulation.
+
+Holds how many interval rows are kept of an equation (1,000).
 
 Which rows form a group, and why, is known to whoever makes the rows. There are three kinds. *Weighted* rows take part
 in the fit with a weight of their own, because their noise is not that of the others: a few noisy rows could outweigh

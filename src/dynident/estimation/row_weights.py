@@ -1,4 +1,4 @@
-"""Weights of rows: of outliers in robust regression, and of a group of rows by its noise.
+"""Robust weights (Huber, Tukey) with a robust scale, and weights of a group of rows by its noise.
 
 Robust regression has weight functions by Huber and Tukey, and a scale that ignores outliers.
 Huber's function has one minimum whatever the first estimate, but a gross outlier still pulls with a constant force.

@@ -1,4 +1,4 @@
-"""Uncertainty of shape constants, on which the columns of W depend: the equations linearised about the estimate.
+"""Joint covariance of shape constants and parameters, from columns linearised about the estimate.
 
 Y = W(θ) χ + ρ is linear in χ, not in θ. About an estimate the columns ∂(W χ)/∂θ are added to W for a change of θ, and
 everything that is known of linear estimates holds for both together: the covariance of θ takes that of χ into account,

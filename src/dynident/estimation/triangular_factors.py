@@ -1,4 +1,4 @@
-"""W and Y reduced to triangular factors, one per equation and block of time: all that later steps need.
+"""`Reduction`: W and Y as one triangular factor an equation and block of time; its accumulator and joining.
 
 The QR factor R of [W | Y] keeps every inner product of the columns without squaring their condition number, so
 solving, weighting an equation, leaving a block out and choosing fewer columns are all small algebra on R.

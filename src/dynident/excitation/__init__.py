@@ -1,4 +1,4 @@
-"""Design of exciting experiments: criteria, the trajectories that are best by them, and whole sets of runs."""
+"""Design of exciting experiments: criteria, trajectories that minimise them, and sets of runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A design as a table, a file, a JSON document, and a ROS 2 message (trajectory_msgs/JointTrajectory, in YAML)."""
+"""Write a designed trajectory as CSV, Parquet, JSON or ROS 2 JointTrajectory (YAML)."""
 
 from __future__ import annotations
 

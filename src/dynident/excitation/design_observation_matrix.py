@@ -1,4 +1,4 @@
-"""Observation matrix of a design: the columns of chosen effects on a robot, as far as a motion determines them.
+"""W of a planned motion with its gradient by q, dq, ddq; locked joints and the parameters that they leave.
 
 With locked joints (§12.3.4.2) there are fewer parameters and fewer equations. At a fixed number of samples, a reverse
 sweep leads from ∂/∂W back to ∂/∂(q, q̇, q̈).

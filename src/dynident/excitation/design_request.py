@@ -1,4 +1,7 @@
-"""Request for the design of an experiment, and the formats of its trajectory."""
+"""The request of a design: kinds, sets and trajectory families, their fields, defaults and ranges; file formats.
+
+Holds the default number of starts (4), speeds and amplitudes.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Result of a design, and the clearance along its motion, body by body, for a picture of it."""
+"""The result of a design (runs, margins, notes on what is unchecked), and the clearances along its motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of the identification models whose rows a criterion can be computed from."""
+"""Names of the equation types for which a design criterion can be computed."""
 
 from __future__ import annotations
 

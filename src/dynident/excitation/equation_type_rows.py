@@ -1,4 +1,4 @@
-"""Rows of the four identification models on one period of a design (§12.4-§12.6), with exact gradients.
+"""Rows of dynamic, filtered, power and energy models over one period of a design, with gradients (§12.4-§12.6).
 
 Over a whole number of periods every linear operation in time, a filter or an integral, acts on the N samples of one
 period as a circulant matrix. So each model's rows are that matrix times the rows of the dynamic model, which the power

@@ -1,4 +1,4 @@
-"""Torque that an identified model predicts for a motion, at the outer end of its 95 % interval."""
+"""Upper bound of the torque that an identified model predicts for a planned motion (95 % interval)."""
 
 from __future__ import annotations
 

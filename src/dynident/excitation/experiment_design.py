@@ -1,4 +1,4 @@
-"""Design of an experiment: from a checked request for a robot to a motion that keeps every limit.
+"""`design_experiment`: from a checked request to a motion that keeps all limits; quick rehearsals of a design.
 
 A rehearsal is the motion of a design without verification, which predicts what the design is worth.
 """

@@ -1,4 +1,4 @@
-"""Sequences of rest-to-rest moves through intermediate points (§12.3.4.1), their criterion values, and their search.
+"""Sequences of moves between points: draw them at random, evaluate their criterion, improve them by variations.
 
 The criterion is not smooth in the points: a move's path changes where another joint or limit becomes the slowest. So
 random sequences are tried, then the best of them are improved by accepted variations.

@@ -1,4 +1,4 @@
-"""Export of identified models to other programs: URDF, MJCF, C and C++ code, CasADi functions, JSON."""
+"""Export of identified models: URDF, MJCF, C and C++, CasADi functions, JSON, load files of controllers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write the identified inverse dynamic model as one C99 file that needs only a C compiler and its math library.
+"""Write the inverse dynamic model as one C99 file; also the translation of CasADi expressions to C statements.
 
 The file declares and defines one function that computes the torque of a sample, and where the model has hysteresis a
 state with a function that relaxes it. Compile the file as it is; to get the declarations alone, define

@@ -1,4 +1,4 @@
-"""Write the terms of the identified equation of motion as one header, for controllers in C99 or C++17.
+"""Write M, C, g, friction and a momentum observer of a model as one C or C++ header for controllers.
 
 The header needs only a compiler and its math library. It allocates no memory, throws nothing and has no state of its
 own: parameters, load and hysteresis states are structures of the caller. The C++ header is the C header with a class

@@ -1,4 +1,4 @@
-"""The torque of an identified model as one CasADi expression of the motion, and as a function."""
+"""The torque of a model as a CasADi expression and as a serialised function."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Texts about the model for exported files, and names and comments that are safe in them."""
+"""Texts on a model's origin and effects for exported files, and names and comments that are safe in C and XML."""
 
 from __future__ import annotations
 

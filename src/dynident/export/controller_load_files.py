@@ -1,4 +1,4 @@
-"""Write an identified load in the forms that makers' controllers take: URScript, Franka, KUKA, and a URDF link.
+"""Write an identified payload for controllers: URScript, Franka, KUKA, and a URDF link.
 
 The load is that of the effect `payload`: ten inertial parameters of its link's frame. Controllers want its mass, the
 centre of mass, and the inertia about that centre.

@@ -1,4 +1,4 @@
-"""Request for an export: format and options."""
+"""The request of an export: the formats that are offered, their file endings and options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Complete base parameters to all standard parameters of bodies that can exist, for programs that know only links.
+"""Choose all ten parameters of every link for given base parameters, with positive definite inertias.
 
 The base parameters determine the torque, but a file of links needs all ten parameters of each link. Among all sets that
 give the identified base parameters, with positive definite pseudo-inertias (Wensing, Kim and Slotine 2018) and rotors

@@ -1,4 +1,7 @@
-"""Files for other programs, and the feasible links and joints that URDF and MJCF are written from."""
+"""Links and joints that URDF and MJCF are written from, and how much error feasibility costs.
+
+Holds the error ratio up to which feasible bodies count as equally good (1.05), and that of a warning (1.25).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write the identified model as MJCF, the format of MuJoCo.
+"""Write the model as MJCF for MuJoCo; holds the time step and the settings of its friction.
 
 Friction is MuJoCo's `frictionloss`, a soft constraint. The solver parameters here make it follow sign(q̇) wherever the
 speed is above a thousandth of a second times the acceleration.

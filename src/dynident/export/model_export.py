@@ -1,4 +1,4 @@
-"""Export an identified model in any of the formats."""
+"""`export_model`: the table of writers, one for each format."""
 
 from __future__ import annotations
 

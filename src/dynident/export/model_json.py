@@ -1,4 +1,4 @@
-"""Write the identified model as JSON with everything that its prediction needs, and read it back."""
+"""A model as a JSON document from which its prediction is computed again: written and read."""
 
 from __future__ import annotations
 

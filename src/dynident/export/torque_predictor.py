@@ -1,4 +1,4 @@
-"""Prediction of torque by an identified model, along a whole motion or step by step."""
+"""Predict torque by a model along a motion, or step by step with hysteresis states."""
 
 from __future__ import annotations
 

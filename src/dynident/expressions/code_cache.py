@@ -1,4 +1,4 @@
-"""Machine code cached on disk, so that the regressors of a robot are compiled once on a machine.
+"""The cache of compiled code on disk: its folder (`DYNIDENT_CACHE_DIR`) and its largest size (256 MB).
 
 The cache is a folder of the user's own: the operating system's folder for caches, or `DYNIDENT_CACHE_DIR` (empty:
 nothing is cached). Code that cannot be cached or read is compiled; this is no error.

@@ -1,4 +1,4 @@
-"""Evaluation of CasADi expressions at many samples, in machine code that LLVM makes while the program runs.
+"""Compile CasADi functions by LLVM and evaluate them at many samples.
 
 CasADi's virtual machine walks its list of instructions once a sample, through memory. Translated, the same list works
 in registers on several samples at once: some 25 times faster, and made in tens of milliseconds without a C compiler.

@@ -1,4 +1,4 @@
-"""CasADi's list of instructions in LLVM's language, several samples side by side in one register."""
+"""Translate CasADi's instructions to LLVM assembly, four samples side by side."""
 
 from __future__ import annotations
 

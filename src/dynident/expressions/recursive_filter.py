@@ -1,4 +1,7 @@
-"""A recursive filter in second-order sections as machine code, for all columns of a recording at once."""
+"""Second-order-section filter (as `scipy.signal.sosfilt`) compiled to machine code, for all columns at once.
+
+Runs the position and torque filters; their cut-offs are chosen in recordings/preprocessing.py.
+"""
 
 from __future__ import annotations
 

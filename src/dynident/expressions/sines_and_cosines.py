@@ -1,4 +1,4 @@
-"""Sines and cosines of angles as separate expressions, where they are known before the angle is."""
+"""Joint angles with cosines and sines as expressions of their own, where those are known first (passive joints)."""
 
 from __future__ import annotations
 

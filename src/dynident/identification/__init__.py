@@ -1,4 +1,4 @@
-"""The strategies: from recordings to an identified model."""
+"""Identification: from recordings and a robot to an identified model."""
 
 from __future__ import annotations
 

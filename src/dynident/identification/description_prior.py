@@ -1,4 +1,6 @@
-"""Prior on a model's parameters: the inertias of the robot's description, as a normal prior or an entropic one.
+"""Priors from the robot's description: a normal prior on inertial parameters, or an entropic one on bodies.
+
+Holds when a description is impossible or a placeholder, so that it gives no prior.
 
 From the normal prior on standard parameters follows one on base parameters.
 

@@ -1,4 +1,4 @@
-"""The problem that an estimator solves, and the fit that comes out of it."""
+"""What an estimator gets (`Problem`: reduced data, priors, weights) and what it returns (`Fit`)."""
 
 from __future__ import annotations
 

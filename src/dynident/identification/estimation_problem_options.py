@@ -1,4 +1,4 @@
-"""Options of an estimation problem: of the rows that are made of recordings, and of the prior.
+"""Options of an estimation problem that concern rows and prior: types without numerics.
 
 They follow from the choices of an identification, and what makes equations and priors knows nothing else of these. Like
 the choices they load no numerics.

@@ -1,4 +1,7 @@
-"""The choices of an identification: effects, model, strategy, estimator and preprocessing, with their options."""
+"""The request of an identification: effects, equation type, strategy, estimator, prior, covariance, preprocessing.
+
+Holds which choices exclude each other, and what is chosen by default.
+"""
 
 from __future__ import annotations
 

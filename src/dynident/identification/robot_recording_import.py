@@ -1,4 +1,7 @@
-"""Import a user's file as a recording of a robot, and check it against the robot's dynamics."""
+"""Import a file for a robot: columns, conditioning, all checks and faults by dynamics; import it with cures.
+
+Holds how many faults are cured one after the other (5).
+"""
 
 from __future__ import annotations
 

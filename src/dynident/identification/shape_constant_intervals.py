@@ -1,4 +1,4 @@
-"""Uncertainty of a model's shape constants: values and intervals, or a reason why there is none."""
+"""Values and intervals of a model's shape constants, or why there is none (end of the range, no information)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Move shape constants from near the smallest squared error to it, all of them together (Gauss and Newton).
+"""Refine all shape constants together by Gauss-Newton steps; their derivatives as columns.
+
+Holds rounds and when a step is small enough.
 
 The columns are the derivatives of torque by shape constants, which other linearised estimates use as well.
 """

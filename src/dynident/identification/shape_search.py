@@ -1,4 +1,4 @@
-"""Search of shape constants inside an effect's columns: on the effect's grid, then finer (variable projection)."""
+"""Find shape constants that nobody gave: first on the effect's grid, then finer (variable projection)."""
 
 from __future__ import annotations
 

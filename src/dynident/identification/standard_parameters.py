@@ -1,4 +1,4 @@
-"""Standard parameters of an identified model with their uncertainty, and the test of its inertia matrix (§12.7)."""
+"""Standard parameters of a model's links with uncertainty, and the smallest eigenvalue of its inertia matrix."""
 
 from __future__ import annotations
 

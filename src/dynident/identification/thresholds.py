@@ -1,4 +1,4 @@
-"""Thresholds of good, doubtful and hopeless, the same in every warning and verdict; the judgement of a parameter."""
+"""All thresholds by which a model is called good or bad: errors, condition numbers, determined parameters."""
 
 from __future__ import annotations
 

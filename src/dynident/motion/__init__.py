@@ -1,4 +1,4 @@
-"""Motions that a robot can make: trajectories, limits, surroundings, and moves from rest to rest within them."""
+"""Motions that a robot can make: trajectories, limits, obstacles, and moves from rest to rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Collision-free paths between postures, home postures, and the moves between home and the exciting motion.
+"""Find collision-free paths between postures, a home posture, and the moves from and to it.
+
+Holds how many postures are tried on the way (60, then 300).
 
 A path is straight, or leads through a few postures around the obstacle.
 """

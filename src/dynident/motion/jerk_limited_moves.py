@@ -1,4 +1,4 @@
-"""Jerk-limited moves from rest to rest, by Ruckig (Berscheid and Kröger 2021), as polynomials evaluated in numpy.
+"""Jerk-limited moves from rest to rest (by Ruckig), slowed down until torque limits hold.
 
 Ruckig plans the covered share of a straight path between two states only: its intermediate positions are
 computed by a network service, and its position limits are silently ignored, so extreme positions are checked

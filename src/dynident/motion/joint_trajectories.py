@@ -1,4 +1,4 @@
-"""Motion of all joints over time: pieces, sequences of them, and families of periodic trajectories.
+"""Motion of all joints: families of periodic trajectories, rest, sequences of pieces; the most samples.
 
 Periodic exciting trajectories start and end at rest: Fourier series (Swevers et al. 1997) and B-splines.
 """

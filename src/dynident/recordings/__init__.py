@@ -1,4 +1,4 @@
-"""Measured data: read, check, filter, differentiate, decimate."""
+"""Measured data: read, repair, check, filter, differentiate, decimate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run all checks of a recording, and decide what their findings mean for the file as a whole."""
+"""Run all checks of a recording without a robot's dynamics, and decide whether it can be used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arrow at the border: files read in a stream, and columns as numpy arrays and back.
+"""Conversion between Arrow tables and numpy arrays, and streamed reading of Parquet.
 
 Arrow's own conversion takes a detour over pandas where that is installed, which costs a second and 40 MB in every
 process that reads a recording.

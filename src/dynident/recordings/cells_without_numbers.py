@@ -1,4 +1,4 @@
-"""Cells that hold no number: lists, times that are written as text, names of joints that tell what numbers are of."""
+"""Read cells that are no numbers: lists in a cell, times as text, names of joints; expand them to columns."""
 
 from __future__ import annotations
 

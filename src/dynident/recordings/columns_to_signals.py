@@ -1,4 +1,4 @@
-"""Match the columns of a file with the signals of the robot's joints, and give their conversion to SI."""
+"""Assign a file's columns to signals of joints, by names and metadata, with conversion to SI units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dialects of CSV: separator, decimal sign, names and units, told from the first lines of a file."""
+"""Detect separator, decimal sign, header and units of a CSV file from its first lines."""
 
 from __future__ import annotations
 

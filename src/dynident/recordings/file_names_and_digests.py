@@ -1,4 +1,4 @@
-"""Names, parts and digests of the files of recordings, and archives of them."""
+"""Names, extensions and digests of recording files, and archives of several; the most files of a recording (64)."""
 
 from __future__ import annotations
 

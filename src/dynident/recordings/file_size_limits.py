@@ -1,4 +1,4 @@
-"""Limits on what a stranger's file may demand, checked before anything of that size is read or unpacked.
+"""Limits against hostile files, for all formats: columns, chunks, messages, nesting, unpacked size.
 
 The limits stand here for all formats, each with its reason. They bound memory and disk; a file within all of them can
 still be slow.

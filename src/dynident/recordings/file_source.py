@@ -1,4 +1,7 @@
-"""A user's file as it is, whatever its format: named columns in blocks of rows, and a sample of them for checks."""
+"""The interface of all readers: a file as named columns in blocks of rows (`FileSource`), and a sample of its rows.
+
+Holds how many rows a sample has (262,144).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Phases of joints: when each moves, reverses or stands still, decided once from the raw positions.
+"""Decide for each joint when it moves, reverses or stands still, from raw positions.
+
+Holds the speeds and travels that count as standstill.
 
 Dry friction has a sign only while a joint moves. Where it stands or sticks, its torque is whatever holds it, anything
 up to its static friction, and `Fc sign(q̇)` says nothing. Where it turns round without sticking, the sign changes

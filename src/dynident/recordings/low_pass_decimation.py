@@ -1,4 +1,4 @@
-"""The parallel filter: low-pass and decimate the columns of W and Y alike (§12.4), on a stream of rows."""
+"""The parallel filter of §12.4: low-pass and decimate columns of W and Y alike; stop band 50 dB."""
 
 from __future__ import annotations
 

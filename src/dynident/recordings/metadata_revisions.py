@@ -1,4 +1,4 @@
-"""Revise the metadata of a file: other windows, another order, a sign, a unit; the file itself stays as it is."""
+"""Apply revisions and cures to a file's metadata (windows, order, sign, unit); the file stays as it is."""
 
 from __future__ import annotations
 

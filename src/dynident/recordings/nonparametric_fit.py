@@ -1,4 +1,6 @@
-"""Relate torque to motion without a model of the robot: the basis of the checks of torque.
+"""Fit torque by smooth functions of the motion, without a robot model: sign, ownership and delay of each torque.
+
+Used by the torque checks.
 
 Each joint's torque is explained by smooth functions of all positions (gravity), all accelerations (inertia) and the
 friction of its own joint. It is no model to predict with; it is enough to see a torque that belongs to another joint,

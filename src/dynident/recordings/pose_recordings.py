@@ -1,4 +1,4 @@
-"""Recordings of poses: each row is a pose at which the robot stands, seconds apart, as for calibrating gravity.
+"""Files of poses at rest: recognise, read and write them; the fewest (4) and most poses (20,000).
 
 Nothing can be filtered or differentiated across them: every row is a segment of its own.
 """

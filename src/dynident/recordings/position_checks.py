@@ -1,4 +1,7 @@
-"""Checks of positions: standstill, joints that never moved, units, limits, quantisation, agreement with velocities."""
+"""Checks of positions: units, limits, quantisation, joints that never moved, agreement with velocities.
+
+Holds their thresholds, such as the fewest encoder steps (100).
+"""
 
 from __future__ import annotations
 

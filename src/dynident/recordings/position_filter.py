@@ -1,4 +1,4 @@
-"""Filter positions and differentiate them, block by block, to velocities and accelerations (§12.3.5)."""
+"""Zero-phase filter and differentiation of positions, block by block (§12.3.5)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Preprocessing of a recording for the equations: cut-offs, order and decimation, stated or chosen from the data."""
+"""Choose cut-offs, filter order and decimation from the data, or take them from a request.
+
+Holds the rules of the automatic choice.
+"""
 
 from __future__ import annotations
 

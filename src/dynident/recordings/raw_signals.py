@@ -1,4 +1,7 @@
-"""Raw signals of a user's file: not filtered, repaired or resampled; all rows, or a reduced set."""
+"""Signals of a file as they were logged, for plots: all rows, or extremes of fewer rows.
+
+Nothing is filtered or repaired; the HTTP path `/v1/measurements/{id}/raw` shows them.
+"""
 
 from __future__ import annotations
 

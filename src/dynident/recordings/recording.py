@@ -1,4 +1,4 @@
-"""A checked recording and its parts: SI units, joints in the robot's order, an even clock in every segment."""
+"""`Recording`: signals in SI units by joint, in segments of even sampling; where its samples come from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Import a recording, from a file or from arrays, into the canonical form: one streamed pass after the time column."""
+"""Import a file or arrays as a `Recording`: time, columns, repair, resampling and storage in one pass."""
 
 from __future__ import annotations
 

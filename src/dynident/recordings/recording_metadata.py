@@ -1,4 +1,4 @@
-"""Metadata of a recording's file, as the user states them, revisions of them, and the findings that propose these.
+"""Metadata of a recording, its revisions, and checks (`Check`) with their cures: types and request fields.
 
 They are in one module because each needs the next: impossible metadata raise a `RecordingError`, which carries the
 checks that led to it; a check carries the revision that would cure it; and a revision changes the metadata.

@@ -1,4 +1,4 @@
-"""Where the rows of a recording are written to and read from: the canonical Parquet file, or arrays."""
+"""Write and read a recording's canonical Parquet file, or keep its rows in arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hashes of samples: which samples of one recording are in another one, whatever windows either has."""
+"""Hash samples to find recordings that share data; holds the share that counts (1 %)."""
 
 from __future__ import annotations
 

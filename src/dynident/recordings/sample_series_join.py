@@ -1,4 +1,4 @@
-"""Series of samples with clocks of their own, in tables of sparse rows too: joined on the time of one of them."""
+"""Join series with clocks of their own, and sparse rows, on the time of one of them."""
 
 from __future__ import annotations
 

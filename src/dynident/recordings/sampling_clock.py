@@ -1,4 +1,7 @@
-"""The time column: nominal rate, jitter, gaps, repeated and unsorted stamps, and whether its clock is even."""
+"""Examine the time column: rate, jitter, gaps, repeated or reversed stamps.
+
+Holds what a gap is (5 periods), and when a clock is hopeless.
+"""
 
 from __future__ import annotations
 

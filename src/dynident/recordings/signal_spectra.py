@@ -1,4 +1,4 @@
-"""Power spectra of velocity, position noise and torque, averaged over parts of a recording (Welch)."""
+"""Power spectra of velocity, position noise and torque (Welch), on which cut-offs are chosen."""
 
 from __future__ import annotations
 

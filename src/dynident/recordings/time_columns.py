@@ -1,4 +1,4 @@
-"""Columns of time: written as text, joined from seconds and nanoseconds, made from a stated rate, or starting again."""
+"""Read time columns: text, seconds with nanoseconds, a stated rate, clocks that start again."""
 
 from __future__ import annotations
 

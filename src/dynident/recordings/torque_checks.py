@@ -1,4 +1,4 @@
-"""Checks of torque: saturation, constancy, sign and order against the motion, alignment in time."""
+"""Checks of torque without a robot model: saturation, constancy, sign, order, delay; holds their thresholds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turn conditioned rows into uniformly sampled segments: split at gaps, resampled within."""
+"""Split repaired rows at gaps and resample them to even segments; the shortest segment (8 samples)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Units that recordings come in, and their conversion to SI."""
+"""Units of recordings, by their spellings, and their conversion to SI."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base parameters: the smallest set that determines the model, and how the standard parameters group into it.
+"""Base parameters: group standard parameters by QR on random states; the tolerance of a dependent column (2e-5).
 
 Numerical method of the chapter's appendix 5 (QR on a random observation matrix): a column that depends on columns
 already kept is regrouped into them. Columns are taken from the base to the tool, so that the parameters that vanish

@@ -1,4 +1,4 @@
-"""The equations of the identification models: one part of them is differentiated in time, the other is not.
+"""The form d/dt(S χ) + D χ = y of the filtered, power, energy and wrench models: S, D and y as expressions.
 
 Every model of the chapter is d/dt(S χ) + D χ = y, with S and D free of accelerations wherever a column has an energy:
 

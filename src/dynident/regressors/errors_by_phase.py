@@ -1,4 +1,4 @@
-"""How well parameters explain recordings, by what the joint of a row does.
+"""Errors of a model on recordings by phase: moving, reversing, standing; which errors judge a model.
 
 Every row of every joint's equation is of one kind. Where the joint *moves*, its row is an equation, and its residual is
 the error. At a *reversal* it is one as well, but dry friction changes its sign there. A model in which it jumps is

@@ -1,4 +1,7 @@
-"""The equations of all models but the dynamic one: differentiated, filtered or integrated in streams, accumulated."""
+"""Rows of the filtered, energy, power and wrench models: differentiated, filtered, integrated, accumulated.
+
+Holds the length of the energy model's intervals.
+"""
 
 from __future__ import annotations
 

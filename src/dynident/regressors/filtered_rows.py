@@ -1,4 +1,4 @@
-"""From recordings to rows of W and Y: evaluated at the full rate, filtered and decimated alike, in blocks (§12.4)."""
+"""Rows of the dynamic model: W evaluated at the full rate, then filtered and decimated like Y (§12.4)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The model that is to be identified: effects on a robot, their base parameters, and the observation matrix W."""
+"""`Model`: effects on a robot with their columns, base parameters and W; built and extended."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The observation matrix W of [12.4] for chosen columns: its signals, its symbolic form, its evaluation in blocks."""
+"""W of chosen columns [12.4]: its inputs, its compiled expression, its evaluation in blocks."""
 
 from __future__ import annotations
 

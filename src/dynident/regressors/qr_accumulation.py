@@ -1,4 +1,4 @@
-"""Accumulate the equations of recordings in triangular factors as they come: one for each equation and time block."""
+"""Accumulate rows of recordings into triangular factors, one an equation and block of time; length of blocks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Filtered rows of W cached in memory, so that a model with more columns needs only the new ones to be evaluated."""
+"""Keep filtered rows of W in memory, so that an extension evaluates only new columns; the most values kept."""
 
 from __future__ import annotations
 

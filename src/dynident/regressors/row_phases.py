@@ -1,4 +1,6 @@
-"""Which rows of which joint's equation count, and what a joint at rest may hold.
+"""Decide which rows of each joint's equation are fitted, and which interval a joint at rest may hold.
+
+Phases come from recordings/joint_phases.py, widened by the filters.
 
 A joint's phases (moving, reversing, standing) come from the recording; here they are widened by what the filters smear,
 and interpreted for the friction columns of one observation matrix.

@@ -1,4 +1,4 @@
-"""The report of an identification as one self-contained HTML file."""
+"""The report as one self-contained HTML file: which sections it has, in which order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of effects, joints and steps of the ladder as people read them."""
+"""Names of effects, joints, shape constants and ladder steps, and words of judgements, as people read them."""
 
 from __future__ import annotations
 

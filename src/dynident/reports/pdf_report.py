@@ -1,4 +1,4 @@
-"""Reports as PDF files, typeset by Typst.
+"""The PDF of a report: its HTML is converted to Typst and typeset.
 
 The HTML page is parsed to a tree of elements, which is converted to Typst code. Every text becomes a Typst string, in
 which no character is markup.

@@ -1,4 +1,4 @@
-"""The request for a report."""
+"""The request of a report: its format (HTML, PDF) and options."""
 
 from __future__ import annotations
 

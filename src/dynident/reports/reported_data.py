@@ -1,4 +1,4 @@
-"""What a report shows: its sections, and recordings and validations in them."""
+"""What a report is made from: the list of its sections, and types of reported recordings and validations."""
 
 from __future__ import annotations
 

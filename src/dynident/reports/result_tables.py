@@ -1,4 +1,7 @@
-"""Results as rows of text: candidates, changes, detection limits, identified parameters, shape constants."""
+"""Tables as rows of text: candidates, changes, detection limits, parameters, shape constants; columns and row order.
+
+Used by the command line, reports and page.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of text with marks and exact values, for the command line, reports, HTTP and the page."""
+"""Types of tables with marks and exact values, from which terminal, report, HTTP and page print."""
 
 from __future__ import annotations
 

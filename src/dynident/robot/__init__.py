@@ -1,4 +1,4 @@
-"""Robots: joints on a tree, limits, drive chains; read from URDF, MJCF or a modified Denavit-Hartenberg table."""
+"""Robots: joints on a tree, limits, drive chains; read from URDF, MJCF or Denavit-Hartenberg tables."""
 
 from __future__ import annotations
 

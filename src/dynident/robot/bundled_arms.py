@@ -1,4 +1,4 @@
-"""Well-known arms that come with the package."""
+"""Descriptions of well-known arms that are part of the package, by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read the triangles of a scene in a DAE file (COLLADA 1.4 and 1.5), in metres."""
+"""Reader of COLLADA (.dae) meshes: triangles in metres."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collision geometry of a robot's description, in the frames of its joints."""
+"""Read collision geometry of a URDF or MJCF: shapes and meshes in the frames of joints; what is left unchecked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shapes of links for collision checks, and capsules that enclose them."""
+"""Shapes for collision checks (capsule, cylinder, block, hull), and capsules that enclose them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cut joints: two frames of a tree that must coincide, the gap between them as an expression, and errors of loops."""
+"""A cut joint of a closed loop: two frames that must coincide, the gap between them, and errors about loops."""
 
 from __future__ import annotations
 

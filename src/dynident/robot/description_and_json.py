@@ -1,4 +1,4 @@
-"""Read a robot from a description in any format, and convert a robot to JSON values and back, as stored models need."""
+"""Read a robot from a description of any format; convert a robot to JSON and back for stored models."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The formats of robot descriptions; this module loads no reader of any of them."""
+"""Names of the formats of robot descriptions; loads no reader."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of Denavit-Hartenberg parameters as they stand in papers and manuals: pasted as text, classical or modified.
+"""Read a pasted text table of Denavit-Hartenberg parameters, classical or modified.
 
 The first line says the convention and the columns; the others are a joint each::
 

@@ -1,4 +1,4 @@
-"""Forward kinematics in numpy, for whole blocks of configurations at once."""
+"""Forward kinematics in numpy for many postures: frames of joints, path of the tool."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A joint of a robot: its kind, its place in the tree, its axis and its limits. Names of many joints in few words."""
+"""`Joint`: kind, parent, axis, limits; short texts that name many joints."""
 
 from __future__ import annotations
 

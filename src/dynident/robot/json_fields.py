@@ -1,4 +1,4 @@
-"""Read fields of a JSON value, with errors that point at them by JSON pointers (RFC 6901)."""
+"""Read fields of JSON with errors that point to their place (JSON pointers); limits on depth and names."""
 
 from __future__ import annotations
 

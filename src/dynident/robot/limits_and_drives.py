@@ -1,4 +1,4 @@
-"""Limits and drive chains of joints, and parts of the robot, as users state them beside its description."""
+"""Limits and drive chains of joints that users state beside the description; parts of a closed machine."""
 
 from __future__ import annotations
 

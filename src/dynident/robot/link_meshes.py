@@ -1,4 +1,4 @@
-"""Surfaces of links as triangles: find their mesh files, read them, simplify them, enclose them by convex pieces.
+"""Meshes of links: find files (package://), simplify them, and split them into convex pieces.
 
 Names with package:// and $(find …) are looked for in the folders of ROS packages on this machine.
 """

@@ -1,4 +1,4 @@
-"""Machines with dependent joints: which joints of the tree are driven, and how the others follow them.
+"""Build machines with passive joints: which joints are driven, and how the others follow.
 
 Data, drives and limits are those of the driven joints q_a (n,). The links hang on the tree's joints q (N,), which
 follow from them: q = f(q_a), q̇ = G q̇_a with G = ∂f/∂q_a, and the torques of the driven joints are Γ = Gᵀ Γ_tree.

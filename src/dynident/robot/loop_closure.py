@@ -1,4 +1,4 @@
-"""Closed loops of a machine, with the passive positions as expressions of the driven ones.
+"""Closed loops with passive positions as expressions of driven ones, checked against recorded positions.
 
 The positions x of the passive joints are found by Newton's method from a first guess near the branch that the
 description starts on. The guess is a polynomial that is fitted to positions which were followed from the start. The

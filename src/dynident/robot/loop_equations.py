@@ -1,4 +1,4 @@
-"""Equations of closed loops: cut joints whose two frames coincide, and the joints that this determines (chapter 10).
+"""Constraint equations of closed loops, their Jacobian, and when a posture is singular.
 
 With the loops cut open, the machine is a tree. Its free coordinates are those of the driven joints, q_a, and of the
 passive ones, x; φ(q_a, x) = 0 holds the cut frames together, so that ẋ = -(∂φ/∂x)⁻¹ (∂φ/∂q_a) q̇_a, and once more for ẍ.

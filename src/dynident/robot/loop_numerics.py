@@ -1,4 +1,4 @@
-"""Numerics of closed loops: condition of a posture, terms of polynomials, groups of equations, sparse elimination.
+"""Numerical helpers of closed loops: condition numbers, polynomial terms, sparse elimination with chosen pivots.
 
 Elimination solves small sparse systems of expressions in an order that is chosen once on numbers. CasADi's own `solve`
 of expressions knows no numbers, so it must make every pivot safe by an orthogonalisation, which takes several times as

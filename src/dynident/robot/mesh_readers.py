@@ -1,4 +1,4 @@
-"""Read meshes in STL, OBJ, PLY and DAE as triangles. A file is read by itself: nothing that it names is opened.
+"""Readers of STL, OBJ and PLY meshes, and the choice of reader; the largest file (100 MB).
 
 Mesh libraries are not used on purpose. They read some fifty formats, detect them by content, open the buffers,
 materials and archives that a file names, and some damaged files end the process. Mesh files come from strangers.

@@ -1,4 +1,4 @@
-"""Read robots from MJCF, compiled by MuJoCo: the tree of joints, and the ties and loops that `equality` makes.
+"""Read a robot from MJCF, compiled by MuJoCo; ties and loops from `equality`.
 
 From ties and cut loops follows which joints are driven.
 """

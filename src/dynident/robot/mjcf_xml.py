@@ -1,4 +1,4 @@
-"""Read the XML of an MJCF with line numbers, reduced to what the dynamics need: no visuals, contacts or files."""
+"""Check and reduce the XML of an MJCF before MuJoCo compiles it: no files, visuals or contacts; the most bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read robots from a table of modified Denavit-Hartenberg parameters, in the notation of Khalil and Kleinfinger (1986).
+"""Read a robot from a JSON table of modified Denavit-Hartenberg parameters (Khalil and Kleinfinger).
 
 The table is JSON: a list of rows, one a joint, or an object with that list and, if wanted, gravity::
 

@@ -1,4 +1,4 @@
-"""Passive positions as expressions of the driven ones: in closed form, or a polynomial guess with exact corrections.
+"""Solve passive positions of closed loops: triangles in closed form, else a polynomial guess with corrections.
 
 Where every loop is a triangle (a dyad: two passive joints of a planar loop), it is solved in closed form. The two
 equations are u + R(y₁) v + R(y₂) w = 0 with vectors u, v, w in the plane that the driven joints alone determine, and

@@ -1,4 +1,4 @@
-"""Convert between Pinocchio models and `Robot`, and mend constants that were rounded in a description.
+"""Convert between Pinocchio models and `Robot`; snap rounded constants; the most joints (100).
 
 A URDF writes a right angle as 1.57079632679, whose cosine is 5e-12 where 0 was meant. Such entries cost instructions in
 every symbolic expression and add parameters that no measurement could see. Entries within `ROUNDING_TOLERANCE` of 0,

@@ -1,4 +1,4 @@
-"""Inertia of a link: its pseudo-inertia, positive semidefinite for bodies that can exist, and usual uncertainties.
+"""Pseudo-inertia of a link and its smallest eigenvalue; usual uncertainties of described inertias (20 %).
 
 With Σ = ∫ r rᵀ dm, the second moments of the mass about the frame's origin, J = [[Σ, MS], [MSᵀ, M]] is the second
 moment of the mass in homogeneous coordinates. It is positive semidefinite if and only if some distribution of mass that

@@ -1,4 +1,4 @@
-"""The robot: joints on a tree, with drive chains, the coupling of motors (§12.3.6, chapter 9), and dependent joints."""
+"""`Robot` and its parts: joints, drive chains, coupling of motors, ties and cut joints."""
 
 from __future__ import annotations
 

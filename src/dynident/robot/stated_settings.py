@@ -1,4 +1,4 @@
-"""Settings that a user states beside the description: limits, drive chains, locked joints, gravity."""
+"""Settings that a user states beside the description: limits, drives, locked joints, gravity (default -9.81 m/s²)."""
 
 from __future__ import annotations
 

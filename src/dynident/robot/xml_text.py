@@ -1,4 +1,4 @@
-"""Read XML with line numbers, and write it for people or for other programs."""
+"""Read XML safely with line numbers (limits on size and depth), and write it."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Fields of requests, described once, and registries of what a request may name."""
+"""Request fields with their description, and registries of classes that a request can name."""

@@ -1,4 +1,4 @@
-"""Fields of requests with their description: words, unit, range, default.
+"""`declare_field` and `Request`: a request field's words, unit, range and default, stated once; their checks.
 
 A request is a frozen dataclass of the kind `Request`. The description of each field stands beside the code that uses
 the field. It makes the bodies of the HTTP contract, the options of the command line with their help, the client's

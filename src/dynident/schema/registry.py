@@ -1,4 +1,4 @@
-"""Registries of interchangeable classes, such as estimators, of which a request names one.
+"""`Registry`: classes that a request names (estimators, strategies, …), with options as fields.
 
 Each class is a frozen dataclass, with its description and its options as fields.
 """

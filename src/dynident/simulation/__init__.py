@@ -1,4 +1,4 @@
-"""A virtual robot with any chosen effects, sensors and noise."""
+"""A virtual robot with any effects, sensors and noise, that is moved and recorded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reference motion that a virtual robot has to follow."""
+"""The motion that a virtual robot follows, and the course of its temperature."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sensors of a virtual robot: quantisation, noise, sampling instants, and effects of the measurement.
+"""Sensors of a virtual robot: quantisation, noise, sampling jitter, and effects on the measurement (gains, delays).
 
 Such effects are drive gains, delayed torque and positions that are not those of the links. They do not change the
 motion. A sensor shows the torque of the motors and what these effects add to it at the measured position. Delayed

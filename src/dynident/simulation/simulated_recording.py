@@ -1,4 +1,4 @@
-"""Recordings of a virtual robot, and their files."""
+"""Recordings of a virtual robot with the true parameters, and their Parquet files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals of effects as a simulator has them: inside a step, and where a sensor sees the torque."""
+"""Signals that effects read inside a simulation step and at the sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turn a request for a virtual robot into the simulation of one robot, run by run."""
+"""From a request and a robot to its simulated runs (`simulate`)."""
 
 from __future__ import annotations
 

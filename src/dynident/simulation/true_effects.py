@@ -1,4 +1,4 @@
-"""Effects of a virtual robot: effects of the catalogue with values, stated ones or sizes typical of real arms.
+"""True effects of a virtual robot: stated values, or sizes typical of real arms; the size of unknown effects.
 
 An effect without a known usual size gets parameters that give a chosen torque.
 """

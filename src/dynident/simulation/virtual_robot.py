@@ -1,4 +1,4 @@
-"""Virtual robot, which is moved under joint control and measured like a real one.
+"""`VirtualRobot`: controller, feed forward and time stepping; the longest step (0.25 ms), and when it is lost.
 
 The controller feeds torque forward; its gains follow from the inertia.
 """

@@ -1,4 +1,4 @@
-"""Dynamics of a virtual robot: its equation of motion, sorted by what determines each torque, and one step in time.
+"""Equation of motion of a virtual robot and one time step, with dry friction solved exactly.
 
 The step is explicit in the positions and implicit in the velocities, and exact for dry friction.
 

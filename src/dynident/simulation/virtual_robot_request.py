@@ -1,4 +1,4 @@
-"""Request for a virtual robot, before robot and motion are known."""
+"""The request of a simulation: effects, sensors, noise, temperature, sessions; fields and defaults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conformance check of an effect: everything that code which uses effects relies on."""
+"""`check_effect`: test that an effect of another package keeps all rules."""
 
 from __future__ import annotations
 

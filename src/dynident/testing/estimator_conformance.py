@@ -1,4 +1,4 @@
-"""Conformance check of an estimator: everything that strategies, diagnoses and exports rely on."""
+"""`check_estimator`: test that an estimator of another package keeps all rules."""
 
 from __future__ import annotations
 

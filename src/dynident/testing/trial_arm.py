@@ -1,4 +1,4 @@
-"""A small arm with recordings, on which effects and estimators are checked, and the error of failed checks."""
+"""A small arm with simulated recordings for conformance checks, and their error."""
 
 from __future__ import annotations
 

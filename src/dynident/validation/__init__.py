@@ -1,4 +1,4 @@
-"""Validate an identified model (§12.7): each validation ends with a verdict and its reason."""
+"""Validations of a model (§12.7); pass levels stand in each module, shared ones in identification/thresholds.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compare computed standard deviations with those of a bootstrap over blocks of time (the bootstrap over clusters).
+"""Validation by bootstrap: do computed standard deviations agree with drawn ones? Holds its pass levels.
 
 The standard deviations of an identification are computed, not drawn: by the jackknife over blocks, with the weights of
 the equations and the columns of shape constants as they are at the estimate. Draws weigh the equations anew. Both are

@@ -1,4 +1,7 @@
-"""Direct validation on the recordings of the identification, cross validation on others (§12.7)."""
+"""Direct and cross validation: prediction errors on recordings of the fit and on others (§12.7).
+
+They pass by identification/thresholds.py.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Choose filter parameters by simulating the identification with the recording's noise (§12.7).
+"""Validation of filters: simulate the identification with other cut-offs, and find better ones (§12.7).
+
+Holds the cut-offs that are tried, and when another one is worth it.
 
 A robot with the identified parameters makes the recorded motion and is measured with the recording's noise. Its
 parameters are known, so the error that a choice of filters leaves in them can be seen: the bias of derivatives that

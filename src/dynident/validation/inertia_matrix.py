@@ -1,4 +1,4 @@
-"""Is the inertia matrix positive definite over the whole joint range (§12.7, [Yoshida 00])?
+"""Validation of the inertia matrix: search the posture with its smallest eigenvalue (§12.7).
 
 A search for the worst posture, not a few samples: minima of the smallest eigenvalue are sought from the worst of many
 random postures, with the exact gradient. The eigenvalue λ of S(q) v = λ v, ||v|| = 1, changes with the posture by

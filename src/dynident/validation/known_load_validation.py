@@ -1,4 +1,4 @@
-"""Validate a model with a known load: do runs without and with it give the load's mass (§12.7)?"""
+"""Validation by a known load: does the model give its mass? Passes within 5 % or its interval."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Validate a model by simulation: the response against the recorded one (§12.7), and the drift without a controller.
+"""Validation by simulation: response under control, and drift without a controller, against recorded motion (§12.7).
 
 A simulator that follows a recorded motion under joint control hides what its model lacks: the controller makes up for
 it. Started from a measured state under the measured torque alone, the error of the torque becomes one of the position.

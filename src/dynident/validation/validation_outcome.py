@@ -1,4 +1,4 @@
-"""How a validation ends: verdict and reason."""
+"""The outcome of a validation (pass, fail, not evaluated; with reason), and how several are combined."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Requests of validations, each kind with the fields that it alone takes, and the methods of identification.
+"""Requests of validations: kinds with their fields, and methods that are compared (equation type to prior).
 
 A method is an equation type, a strategy, an estimator and a prior.
 """

@@ -1,4 +1,4 @@
-"""State what a model is fit for, what not, and what to do about it."""
+"""Verdicts: what a model is fit for, what not, and what to do next."""
 
 from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlaps
 from dynident.verdict.detectable_loads import DetectableForce

@@ -1,4 +1,6 @@
-"""What a residual can hide at the tool: the force of a collision, and the mass of a load.
+"""The smallest collision force and load mass at the tool that a residual does not hide.
+
+Holds the false alarms that are allowed (1 an hour) and the fewest data.
 
 A force F at the tool adds Jᵀ F to the torques. It is seen where it lifts a joint's residual above a threshold that the
 residual itself crosses seldom. Residuals are correlated in time, so thresholds come from the largest values in

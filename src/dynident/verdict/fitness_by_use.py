@@ -1,4 +1,4 @@
-"""Judge a model for each use by findings for and against it: feed forward, collision detection, loads, simulation."""
+"""Judge a model for each use (simulation, feed forward, collision detection, payload): findings and their words."""
 
 from __future__ import annotations
 

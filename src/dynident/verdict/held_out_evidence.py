@@ -1,4 +1,4 @@
-"""The data that a verdict rests on: the residual on held-out recordings, and how validations ended."""
+"""Errors on held-out recordings and outcomes of validations, collected for a verdict; the longest time looked at."""
 
 from __future__ import annotations
 

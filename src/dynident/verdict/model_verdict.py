@@ -1,4 +1,4 @@
-"""The verdict of a model and its data: fit for what, why not, whether to stop, and what to do next."""
+"""`verdict`: join the judgements of all uses, decide whether to stop, and name the next step."""
 
 from __future__ import annotations
 

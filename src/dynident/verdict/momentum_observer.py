@@ -1,4 +1,4 @@
-"""Contacts from the generalised momentum: which force at the tool shows, how fast, at which rate of false alarms.
+"""Momentum observer: the smallest contact force that it detects, its delay and false alarms; its gain (30/s).
 
 The observer of De Luca and Mattone (2003) needs positions and motor torques, but no accelerations: the momentum
 p = M q̇ changes by τ - friction + ∂T/∂q - g + the torque of contacts, and what the model does not explain of the change,

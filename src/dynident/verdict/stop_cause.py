@@ -1,4 +1,4 @@
-"""The most probable cause of a gross fault: why a model is not to be used at all."""
+"""Find the most probable cause where a model is not to be used at all (wrong columns, signs, units, …)."""
 
 from __future__ import annotations
 

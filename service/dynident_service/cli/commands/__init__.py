@@ -1,1 +1,1 @@
-"""The commands, alone or with their relatives: their options, and what they do with them."""
+"""The commands of `dynident`, a module for one or a few: their options and what they do."""

@@ -1,4 +1,4 @@
-"""`dynident backup` and `dynident restore`, `dynident export-robot` and `dynident import-robot`, `dynident doctor`."""
+"""`dynident backup`, `restore`, `export-robot`, `import-robot` and `doctor` (integrity check, exit code 1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`dynident compare`."""
+"""`dynident compare`: measured against predicted torque."""
 
 from __future__ import annotations
 

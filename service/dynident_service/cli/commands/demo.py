@@ -1,4 +1,4 @@
-"""`dynident demo`."""
+"""`dynident demo`: find a hidden effect in a virtual robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`dynident design`."""
+"""`dynident design` and `dynident simulate`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`dynident diagnose`, `dynident changes` and `dynident series`."""
+"""`dynident diagnose`, `changes` (two sets of recordings) and `series` (many days)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`dynident effects`."""
+"""`dynident effects`: the catalogue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`dynident export`."""
+"""`dynident export`: a model as URDF, MJCF, C, …."""
 
 from __future__ import annotations
 

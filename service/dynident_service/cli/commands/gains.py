@@ -1,4 +1,4 @@
-"""`dynident gains`, and `dynident currents`, which needs no drive gains."""
+"""`dynident gains` (drive gains by a known payload) and `dynident currents` (without gains)."""
 
 from __future__ import annotations
 

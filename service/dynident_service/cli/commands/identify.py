@@ -1,4 +1,4 @@
-"""`dynident identify`, and what goes on from a model: `extend`, `remove`, `essential` and `ladder`."""
+"""`dynident identify`, `extend`, `remove`, `essential` and `ladder`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`dynident inspect`."""
+"""`dynident inspect`: propose what a file's columns are."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`dynident report`."""
+"""`dynident report`: HTML or PDF."""
 
 from __future__ import annotations
 

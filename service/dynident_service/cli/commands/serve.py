@@ -1,4 +1,4 @@
-"""`dynident serve` and `dynident mcp`."""
+"""`dynident serve` (the service) and `dynident mcp` (tools for agents)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`dynident validate`."""
+"""`dynident validate`: run validations of a model."""
 
 from __future__ import annotations
 

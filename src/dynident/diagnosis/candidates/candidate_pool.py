@@ -1,4 +1,7 @@
-"""Build the pool of candidates: every effect of the catalogue, joint by joint and on all, for every shape constant."""
+"""Build the pool of candidates: every effect of the catalogue, joint by joint and on all, for every shape constant.
+
+Holds why an effect is not tried (too short a session, too narrow for the filters, no suitable joint).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Fit the model on some blocks of time, and candidates beside it, in batches of equally many columns."""
+"""Solve the model, and the model with one candidate more, on all blocks but those of a fold, in batches.
+
+Linear algebra alone: no threshold of the decision is here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""How much better a model with one more effect predicts data that it was not fitted to: small algebra on factors.
+"""Score candidates: how much smaller the squared error on the blocks left out becomes with one more effect.
+
+Uses `fold_fit`; which score counts as significant is in `significance`.
 
 All candidates are projected on the complement of the model (Frisch, Waugh and Lovell) within every fold, so that the
 model's own parameters adapt to each of them; the squared error of every block of time that was left out follows from

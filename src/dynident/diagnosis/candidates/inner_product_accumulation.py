@@ -1,4 +1,6 @@
-"""Collect inner products from filtered rows, separately for rows where a joint moves and where it reverses.
+"""Accumulate inner products of W, candidates and Y from recordings, block by block and by phase of the joint.
+
+Holds how long the blocks of time of the folds are, and how many there are at most.
 
 A motion that is repeated shows the same again: whatever differs from the truth does so at the same place of every
 period, and a function that is wrong but flexible predicts it in one period as well as in the next. So all that is at

@@ -1,4 +1,7 @@
-"""Inner products of all columns and Y by block of time, from which every score is computed, and folds of blocks."""
+"""Inner products of columns and Y by block of time, and the folds of these blocks over which candidates are scored.
+
+Holds the number of folds (5, and 10 parts), and when whole runs can be left out.
+"""
 
 from __future__ import annotations
 

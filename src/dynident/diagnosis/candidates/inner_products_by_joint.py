@@ -1,4 +1,4 @@
-"""What a round of scores needs, taken out of all there is once: the model, and candidates with it.
+"""Select from all inner products, joint by joint, those that one round of scores needs.
 
 Products of two candidates with each other are never needed, and there are very many of them.
 """
@@ -345,10 +345,7 @@ class RowBlock:
 
 
 class RowErrors:
-    """One joint's squared errors in blocks, for a fit on others.
-
-    A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
-    """
+    """What `ProductErrors` are, from the rows themselves."""
 
     def __init__(self, block: RowBlock, fit: FoldFit) -> None:
         self._block, self._projection = block, fit.projection[block.have]
@@ -366,8 +363,7 @@ class RowErrors:
         """Return the squared errors (g, s) with each candidate, portion by portion."""
         # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
         with np.errstate(over="ignore", invalid="ignore"):
-            # Beside a candidate the model's own parameters are other ones; both changes are subtracted from what the
-            # model leaves.
+            # The model's own parameters are other ones beside a candidate.
             residuals = amplitudes.model_adjustments[:, self._block.have] @ self._block.w
             residuals += self._rest
             # Most candidates have columns of their own on few joints.
@@ -474,8 +470,7 @@ class JointBlocks:
         xx = np.zeros(sum(portion.columns.size * portion.width for portion in self.portions))
         for block, sigma in zip(self.joints, noise, strict=True):
             # Rows of a joint count by the inverse of the variance of its noise, as in the fit of the model.
-            weight = 1.0 / sigma**2
-            own = block.sum_products()
+            weight, own = 1.0 / sigma**2, block.sum_products()
             has = np.flatnonzero(block.place < len(own.xy))
             ww[np.ix_(block.have, block.have)] += own.ww * weight
             wx[np.ix_(block.have, has)] += own.wx * weight

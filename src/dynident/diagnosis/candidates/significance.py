@@ -1,4 +1,6 @@
-"""When an improvement on held-out data counts as a finding, and when two explanations count as equal.
+"""Decide when a gain on held-out data is significant, and when two explanations count as equal.
+
+Familywise sign-flip test over all candidates, 2,000 draws; the default level is `ALPHA`.
 
 One test covers all candidates together: could a gain as even as this be chance, with so many tried? A candidate that
 explains nothing gains and loses alike on blocks of time that it was not fitted to: flipping the signs of whole blocks

@@ -1,4 +1,4 @@
-"""Store comparisons in Parquet files, a column for each signal of each joint, and read figures from them."""
+"""Comparisons as Parquet files, a column a signal and joint; figures, residual maps and spectra are read from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Find what held-out data have in common with those of the fit: the same samples, or the same motion again."""
+"""Find held-out recordings that share samples or a repeated motion with those of the fit.
+
+Holds the correlation that tells a copy, and the share that is reported.
+"""
 
 from __future__ import annotations
 

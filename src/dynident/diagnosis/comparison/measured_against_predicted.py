@@ -1,4 +1,7 @@
-"""Compare measured with predicted torque along a recording: where the model fails, joint by joint."""
+"""Compare measured with predicted torque along a recording, joint by joint, and list the worst intervals.
+
+Holds how long an interval is (0.5 s), and how many are reported (12).
+"""
 
 from __future__ import annotations
 

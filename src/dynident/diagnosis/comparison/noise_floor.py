@@ -1,4 +1,6 @@
-"""Estimate the noise floor, which no model of a motion can explain, and assess a comparison's residual against it.
+"""Estimate the noise floor (from repetitions or the sensor) and judge whether a residual is above it.
+
+Holds the significance of the lack-of-fit test, and the ratio above which something is missing.
 
 The floor follows from repetitions of the motion or from the sensor.
 """

@@ -1,4 +1,7 @@
-"""Find where a motion is repeated: torque differences there are noise, whatever the model (§12.7)."""
+"""Find the intervals in which a motion repeats an earlier one, in its own run or in another one (§12.7).
+
+Holds how near two positions must be to count as the same, and how many runs are compared.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Autocorrelation and spectra of the residual, and the number of independent samples that it is worth.
+"""Autocorrelation of the residual, and its spectra over time and over a joint's angle, as figures show them.
+
+Holds the longest lag (5 s), the highest frequency over an angle, and when a line of a spectrum is marked.
 
 Spectra over time show vibration; spectra over a joint's own angle show its gears.
 """

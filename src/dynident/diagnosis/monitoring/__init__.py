@@ -1,4 +1,4 @@
-"""Monitor a robot over many days: each parameter day by day, and the day from which something differs."""
+"""Monitoring of a robot over many days: each parameter day by day, and the day from which something differs."""
 
 from dynident.diagnosis.monitoring.changes_over_days import monitor_days
 from dynident.diagnosis.monitoring.parameter_tracks import ParameterTrack, Series, SeriesChange

@@ -1,4 +1,7 @@
-"""Monitor a robot over many days: what changed, from which day on, and every parameter day by day."""
+"""Decide what changed over a series of days, and from which day on (`monitor_days`).
+
+Holds the fewest days (2) and the most changes (12) of a series; tests each change for every first day.
+"""
 
 from __future__ import annotations
 

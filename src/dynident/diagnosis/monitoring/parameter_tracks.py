@@ -1,4 +1,6 @@
-"""Estimate every parameter day by day, and widen the intervals of changes by the variance between days.
+"""Estimate each parameter day by day, and widen the intervals of changes by the variance between days.
+
+Holds the types of a series, and columns that start on some day.
 
 Columns that start on some day need no copies of the data: products of earlier days count as zero.
 """

@@ -1,4 +1,4 @@
-"""Reduce the recordings of one day to the columns of the model and of everything that may change, and store them.
+"""Reduce one day's recordings to inner products of the model and all possible changes, and store them.
 
 The file of stored days makes one more day cost its own recordings alone.
 """

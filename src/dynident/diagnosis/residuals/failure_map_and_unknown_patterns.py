@@ -1,4 +1,6 @@
-"""What a residual depends on: the bins where it is largest, and dependences that no effect explains.
+"""The map of where the residual is largest, and dependences of the residual that no effect explains.
+
+Holds the bins of the map, and when one or two variables are named.
 
 Dependences are bin means over a variable, learnt on some blocks of time and tried on the others; of the residual itself
 and, since friction changes sign with the direction, of the residual times the sign of the velocity.

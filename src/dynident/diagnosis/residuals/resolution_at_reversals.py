@@ -1,4 +1,4 @@
-"""What filtered positions can still resolve where a joint reverses."""
+"""How narrow a speed or distance filtered positions still resolve near reversals: limits for shape constants."""
 
 from __future__ import annotations
 

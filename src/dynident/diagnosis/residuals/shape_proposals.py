@@ -1,4 +1,7 @@
-"""Propose where to look for effects that no grid can offer: lines in the residual's spectra, bursts, groups of runs."""
+"""Collect shape constants and groups of runs to try that no grid offers: spectral peaks, bursts, attached payloads.
+
+Holds how many groups of runs are tried (16); the peaks are found in `spectral_peaks`.
+"""
 
 from __future__ import annotations
 

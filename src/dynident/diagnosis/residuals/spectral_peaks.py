@@ -1,4 +1,7 @@
-"""Peaks in the residual's spectra: over a joint's angle, over time, and those of a shaking base."""
+"""Find peaks in the residual's spectra: over a joint's angle, over time, and of a shaking base.
+
+Holds when a peak stands out (24 times its surroundings), and how many lines a joint may have (2).
+"""
 
 from __future__ import annotations
 

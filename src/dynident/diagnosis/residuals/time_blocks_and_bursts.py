@@ -1,4 +1,7 @@
-"""Intervals of time: blocks that are long against a residual's correlation, and bursts far above the rest."""
+"""Number blocks of time that are long against the residual's correlation, and find bursts far above the rest.
+
+Holds into how many blocks the recordings are cut (30).
+"""
 
 from __future__ import annotations
 

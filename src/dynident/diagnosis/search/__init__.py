@@ -1,1 +1,1 @@
-"""The search for what is missing: candidates are added, refined, and taken out again where superfluous."""
+"""The search for missing effects: candidates are added, refined, compared with rivals, and removed if superfluous."""

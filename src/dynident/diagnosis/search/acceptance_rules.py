@@ -1,4 +1,6 @@
-"""The rules that a candidate has to pass, each of which gives its reason; and stable selection.
+"""The rules that a candidate must pass to become a finding, each with its reason, and stability selection.
+
+Holds the number of resamplings (200); the levels of the rules are in `decision_levels`.
 
 Stability: the same name is found where blocks of time are drawn anew, and where each run is left out.
 """

@@ -1,4 +1,4 @@
-"""What became of every candidate: each is scored once more beside all findings, and given the reason of its fate."""
+"""Decide after the search which reason each rejected candidate gets: all are scored once more beside the findings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Compare names that take much of the same error, once more and on equal terms.
+"""Compare a found effect with effects that explain much the same error, each with its shape constants refined.
+
+Holds from how many values of the grid the constants are refined (6).
 
 On the coarse grid a name can win for want of its rival's constants: a spring of a balancer between two angles of the
 grid lost to a cable's polynomial. And what is about rows where joints turn or start has more rows to gain on: wide

@@ -1,4 +1,6 @@
-"""The smallest size of each effect that the recordings would have shown.
+"""Compute the smallest size of each effect that these recordings would have shown, in units of its usual size.
+
+Holds the largest and the smallest size that is looked for.
 
 An effect of a known size is planted into the products that the search has: its torque beside the model is Z β, with Z
 what the model leaves of its columns. What the model leaves of the torque stays as it is, with the signs of whole blocks

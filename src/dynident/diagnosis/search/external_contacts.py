@@ -1,4 +1,6 @@
-"""Find contacts: intervals of time far above the rest that a force on a link explains.
+"""Find contacts: intervals far above the rest whose residual a force on one link explains.
+
+Holds how long a contact has to last, in widths of the filter.
 
 It cannot be held out, since it happens once. What speaks for it instead is that the few numbers of one wrench explain
 the residual of all joints at all times of the interval, as noise or a missing function of the motion would not.

@@ -1,4 +1,4 @@
-"""Refine findings: the links that they are on, their shape constants and joints, and the products for them.
+"""Refine findings: the link that they are on, their shape constants (a joint's own or common), alike ones merged.
 
 Joints of a group may have shape constants of their own: no two gears of an arm are alike.
 """

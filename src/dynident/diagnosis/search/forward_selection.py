@@ -1,4 +1,6 @@
-"""The search for what is missing: add the best effect that passes the decision rules, until none does.
+"""Forward selection: add the best candidate that passes the rules until none does; revise and merge earlier findings.
+
+Holds which two findings become one effect on several joints.
 
 Later findings lead back to earlier ones: waves get another name, and two findings become one effect.
 """

@@ -1,4 +1,4 @@
-"""Whether the motion determines the model, and which effects the data could not have shown."""
+"""Test whether a candidate's parameters are determined beside the model, and list effects that could not be seen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Select which of the candidates that pass is added: the simplest that explains as much, on the joints that gain."""
+"""Choose which candidate that passes is added: the simplest that explains as much, on the joints that gain."""
 
 from __future__ import annotations
 

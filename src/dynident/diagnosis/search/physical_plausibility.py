@@ -1,4 +1,6 @@
-"""Whether a candidate is physically possible with the amplitudes that the data ask for.
+"""Test whether the fitted values of a candidate are physically possible: signs, and friction that takes energy.
+
+What each effect allows is stated in effects/effect.py.
 
 Friction takes energy, a mass or a compliance is above zero.
 """

@@ -1,4 +1,4 @@
-"""Remove what later findings have made superfluous, whole effects and joints of groups, and findings that do harm."""
+"""Remove findings, or joints of them, that later findings make superfluous, and findings that do harm."""
 
 from __future__ import annotations
 

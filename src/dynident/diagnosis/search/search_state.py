@@ -1,4 +1,4 @@
-"""State of a search, and the score of every candidate beside the model so far."""
+"""The state of a search (findings so far, residual noise), and the scores of all candidates beside it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Find static friction above Coulomb friction by what holds joints at rest.
+"""Find static friction above Coulomb friction by the torque that holds joints during halts.
+
+Holds how much a halt must hold beyond the model, over noise and by chance.
 
 A peak of friction that is narrower than the filter hardly shows where a joint moves. But a joint at rest is held by
 all of it, and its equations at rest are no part of the fit: what the moving joint's model cannot hold is seen there.

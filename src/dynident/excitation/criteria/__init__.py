@@ -1,1 +1,1 @@
-"""Criteria of how exciting a motion is, and the uncertainty of every parameter to be expected."""
+"""Criteria of how exciting a motion is, and the expected uncertainty of each parameter."""

@@ -1,4 +1,4 @@
-"""Choice of a criterion by its name."""
+"""The criteria by name, as a request chooses them, with their options and checks; computes nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Criterion of a design: which columns of W it is about, with weights, a-priori values and earlier information."""
+"""Build a design's criterion: its parameters, weights, a-priori values, rivals and earlier information.
+
+Holds what replaces an unknown a-priori value.
+"""
 
 from __future__ import annotations
 

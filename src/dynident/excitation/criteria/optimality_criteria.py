@@ -1,4 +1,4 @@
-"""Criteria of a motion (§12.3.4.1): values, smooth forms with exact gradients, and the baseline of random motions.
+"""Condition number, D-, A- and E-optimality of W (§12.3.4.1) with gradients, and the baseline of random motions.
 
 Each smooth criterion is a function of the eigenvalues of M = WᵀW / N (N samples), so that neither the number of samples
 nor the sampling rate changes its value. Extreme singular values are not differentiable where they cross: the Schatten

@@ -1,4 +1,4 @@
-"""Variances of parameters: as a criterion, with its gradient, and as expected after an experiment.
+"""Variances of chosen parameters as a criterion with gradient, and the standard deviations to expect from a design.
 
 A variance is an entry of the diagonal of M⁻¹, all other columns present. For two rival effects A and B in one model
 [base | A | B], 1 / (M⁻¹)aa is the squared distance of the contribution of A from the best that base and B can do

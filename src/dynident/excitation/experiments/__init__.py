@@ -1,1 +1,1 @@
-"""Kinds of experiments, one module each: from the request to a motion from home to home that keeps every limit."""
+"""Kinds of experiments: each turns a request into a motion from home to home that keeps all limits."""

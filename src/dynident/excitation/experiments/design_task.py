@@ -1,4 +1,6 @@
-"""Task of a design, which all kinds of experiments share: request, model, limits, earlier runs and verification.
+"""What all kinds of experiments share: model, limits, rows of earlier runs, and verification on a fine grid.
+
+Holds how many points are verified for each sample, and the speed that counts as standstill.
 
 The next experiment complements the information of earlier runs about the parameters.
 """

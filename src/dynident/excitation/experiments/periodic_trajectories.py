@@ -1,4 +1,7 @@
-"""Experiments that move all joints at once: periodic trajectories, random or optimised, at one pace or at several."""
+"""Experiments with all joints at once: Fourier or spline trajectories, random or optimised, at one or several paces.
+
+Holds the share of the time for random trajectories.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Experiments that go from point to point, at rest in each (§12.3.4.1): random, or with optimised points."""
+"""Experiments of moves from point to point, at rest in each (§12.3.4.1): random or with optimised points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Search for the motion of one run of a set, which adds the most information to the runs before it.
+"""Search one run of a set: the motion that adds most information to the runs before it (D-optimality).
 
 With locked joints a run shows only some parameters, and no criterion of its W alone would be finite. What counts at
 first is log det of the information of all runs up to this one, D-optimality, beginning with a little information about

@@ -1,4 +1,4 @@
-"""Design of sets of special test motions (§12.3.4.2), run one after the other and combined in one global system."""
+"""Design a whole set of test motions, run after run, and combine their information (§12.3.4.2)."""
 
 from __future__ import annotations
 

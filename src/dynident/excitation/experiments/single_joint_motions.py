@@ -1,4 +1,4 @@
-"""Motions of one joint at a time (§12.3.3, §12.3.4.2): at constant speeds, slowly over the range, back and forth."""
+"""Motions of one joint at a time: constant speeds, slow sweeps, back and forth (§12.3.3); free of obstacles."""
 
 from __future__ import annotations
 

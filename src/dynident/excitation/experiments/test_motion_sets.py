@@ -1,4 +1,4 @@
-"""Sets of special test motions (§12.3.4.2): which joints move in each run, and how, while the others are locked."""
+"""The plans of the sets of test motions (§12.3.4.2): which joints move in each run, which are locked, and how."""
 
 from __future__ import annotations
 

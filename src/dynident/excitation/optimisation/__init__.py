@@ -1,1 +1,1 @@
-"""Search for the best periodic trajectory: random candidates, then improvement of the best of them."""
+"""Optimisation of periodic trajectories: the smooth problem, and its solver."""

@@ -1,4 +1,6 @@
-"""Optimised periodic trajectories: augmented Lagrangian and L-BFGS with exact gradients, from several starts.
+"""Solver of trajectory designs: augmented Lagrangian with L-BFGS from several starts, and its checkpoints.
+
+Holds penalties, iterations and when a start has settled.
 
 A third of a start's iterations bring it most of the way and show what it is worth. Starts are therefore processed in
 heats: all of a heat go that far, then they are finished in the order of what they have reached. As many run at a

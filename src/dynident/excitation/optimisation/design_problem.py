@@ -1,4 +1,6 @@
-"""Optimisation problem of a design: criterion and limits as one smooth function of the coefficients.
+"""A trajectory design as an optimisation problem: criterion and limits as functions of coefficients, with gradients.
+
+Holds the time budget, samples of a period, and the random trajectories that a search starts from.
 
 The budget of the search, the sampling of a period during the design, and the random trajectories that the search starts
 from belong to it.

@@ -1,4 +1,4 @@
-"""Inference of the columns of an unknown file: guesses with reasons, and questions where the data do not decide."""
+"""Inference of the columns of an unknown file (`inspect`): guesses with reasons, and questions to the user."""
 
 from dynident.identification.column_inference.file_inspection import Inspection, inspect_file
 from dynident.identification.column_inference.metadata_proposal import Guess, Proposal, Question

@@ -1,4 +1,4 @@
-"""Group the columns of one signal, one for each joint, by their names; find joints that lack a column."""
+"""Group a file's columns by signal, one column a joint; find joints that lack a column, and duplicates."""
 
 from __future__ import annotations
 

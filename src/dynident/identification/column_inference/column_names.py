@@ -1,4 +1,4 @@
-"""Read the names of columns: the kind of signal, the joint, the unit, and whether it was measured."""
+"""Read what a column's name says: signal, joint, unit, measured or commanded; the vocabulary of loggers and makers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Properties of a sample's columns: which is a clock, which changes, which is the slope of which."""
+"""Statistics of a sample's columns: which is a clock, which changes, which is the slope of which."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Fit a robot's dynamics to the columns of a sample, and check them as the import of the whole file will.
+"""Fit the robot's dynamics to a sample with guessed columns, to confirm or question the guesses.
+
+Holds the fewest rows for a motion (200) and the fewest poses for a gravity fit (10).
 
 The results become guesses and questions of the proposal.
 """

@@ -1,4 +1,4 @@
-"""Inspect a file: its format, what it most probably holds, and its first rows."""
+"""`inspect_file`: a file's format, proposed columns and first rows; holds how many rows are shown (20)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Propose the metadata of a file from a sample of its columns: names are checked against the data."""
+"""`propose`: from a sample of a file to proposed metadata; runs the other modules here in their order."""
 
 from __future__ import annotations
 
@@ -491,8 +491,8 @@ class _ColumnInference(WorkingProposal):
         guesses, questions = dynamics_fits.check_against_dynamics(
             self.described_robot, self.fits, q, tau, (positions, torques), in_si=in_si, silent=self.silent
         )
-        # Only where much is unexplained: else the guess about the dynamics stands with the others.
-        first = [guess for guess in guesses[:1] if guess.confidence < of_units.SURE and guess.value.endswith("left")]
+        # Only if much is unexplained: otherwise the guess about the dynamics is among the others.
+        first = [g for g in guesses[:1] if g.confidence < of_units.SURE and g.value.endswith("unexplained")]
         self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
         if any(question.field == "units/tau" for question in questions):
             # A question that says by how much the torques are off replaces the one that only says the unit is unknown.

@@ -1,4 +1,4 @@
-"""The proposal of a file's metadata, which the user has to confirm: guesses and questions."""
+"""Types of a proposal: guesses with their certainty and reason, questions with their choices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A proposal of what a file's columns are, while it is being made: guesses so far, and questions."""
+"""The mutable state of a proposal while it is made: columns assigned so far, guesses and questions."""
 
 from __future__ import annotations
 

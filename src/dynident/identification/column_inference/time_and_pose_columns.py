@@ -1,4 +1,4 @@
-"""Guess the time column of a file, and the columns of files of poses at rest."""
+"""Guess the time column, and whether a file holds poses at rest instead of a motion."""
 
 from __future__ import annotations
 

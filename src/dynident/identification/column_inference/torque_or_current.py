@@ -1,4 +1,7 @@
-"""Classify a column of effort: torque or current, measured or commanded; ask for drive gains where they are needed."""
+"""Decide whether a column of effort is torque or current, measured or commanded, and ask for drive gains.
+
+Holds the plausible ranges of currents, torques and gains.
+"""
 
 from __future__ import annotations
 

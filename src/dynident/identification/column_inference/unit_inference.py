@@ -1,4 +1,7 @@
-"""Guess the unit of a signal, encoder counts included: by its name, by what a robot can do, by its slope, by a fit."""
+"""Guess the unit of each signal, encoder counts included, from names, a robot's range, slopes and a dynamics fit.
+
+Holds the counts a turn that are tried, and when a unit is ruled out.
+"""
 
 from __future__ import annotations
 

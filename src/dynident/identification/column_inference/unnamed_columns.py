@@ -1,4 +1,4 @@
-"""Identify columns whose names say nothing: their signal by their content, and their joint."""
+"""Identify columns whose names say nothing, by smoothness, slopes and a fit: signal and joint."""
 
 from __future__ import annotations
 

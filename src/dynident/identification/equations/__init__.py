@@ -1,1 +1,1 @@
-"""Equations that an identification is solved from, reduced from recordings, and their checks."""
+"""Equations that an identification solves, reduced from recordings, and their checks."""

@@ -1,4 +1,6 @@
-"""Constants and equations of the filtered, energy, power and base-wrench models.
+"""Build the equations of the filtered, energy, power and base-wrench models from recordings, and their constants.
+
+Holds how the pole of F(s) and the intervals are chosen; their rows are computed in regressors/.
 
 Parameters that are in the equations of the base's wrench but of no interest are removed (marginalised).
 """

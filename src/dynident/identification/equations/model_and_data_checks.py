@@ -1,4 +1,4 @@
-"""Check that effects, recordings and reduced data fit together, and find the parameters that data do not determine."""
+"""Check that effects, recordings and reduced data fit together: temperature, runs, wrench, undetermined parameters."""
 
 from __future__ import annotations
 

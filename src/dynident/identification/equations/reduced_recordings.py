@@ -1,4 +1,4 @@
-"""Recordings reduced to the columns of one model: what an identification is solved from, and what later steps use."""
+"""Recordings reduced to the columns of one model (`ReducedData`), of the fit and held-out."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Algorithms of the estimators that need more than a least-squares solution: one module for each."""
+"""Algorithms of the estimators that need more than one least-squares solution, a module for each."""

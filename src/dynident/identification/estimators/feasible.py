@@ -1,4 +1,6 @@
-"""Physically feasible parameters: those of bodies that can exist, nearest to the data (Wensing, Kim and Slotine 2018).
+"""Feasible parameters: fit positive definite pseudo-inertias, and find the feasible ones nearest to an estimate.
+
+Holds how far feasible parameters may raise the error (1.02).
 
 The standard parameters φ are the unknowns and the base parameters are β = G φ. So the data are fitted as well as by any
 parameters that a real robot could have: the pseudo-inertia of every link and payload has no negative eigenvalue, and no

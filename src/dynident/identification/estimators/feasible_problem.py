@@ -1,4 +1,4 @@
-"""The constrained least-squares problem over all standard parameters that a real robot can have."""
+"""Pose the constrained problem of `feasible`: all standard parameters, bounds on bodies and friction, the prior."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""A simulator of the robot with identified parameters, and the motions that it follows under joint control.
+"""Simulate a robot with identified parameters along a recorded motion under joint control.
+
+Holds the bandwidth of that control (15 Hz) and the step; used by IDIM-IV, DIDIM and validations.
 
 Estimators and validations simulate an identified model on the same virtual robot, with its equation of motion, its
 friction at standstill and its controller. They choose only the step and the stiffness of the controller. Estimators

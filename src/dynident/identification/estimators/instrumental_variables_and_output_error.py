@@ -1,4 +1,6 @@
-"""Estimators whose regressors come from a simulation of the identified robot: IDIM-IV and DIDIM.
+"""IDIM-IV and DIDIM: estimators whose instruments or regressors come from a simulation of the identified robot.
+
+Holds when instruments are too weak.
 
 The simulated robot follows the motion of the recordings under closed loop (Gautier, Janot and Vandanjon 2013), so that
 its positions are near the true ones and free of the encoders' noise. Where a recording has no commanded motion, the

@@ -1,4 +1,4 @@
-"""Identification by an extended Kalman filter with the parameters as states (§12.8, [Guglielmi 87], [Poignet 00]).
+"""The Kalman-filter estimator (§12.8): run the filter over recordings, choose its noise and its start, find divergence.
 
 The filter passes through the recordings once, and linearises the torque function at every sample.
 """

@@ -1,4 +1,6 @@
-"""Robust regression by iteratively reweighted least squares: rows that nothing explains lose their weight.
+"""The robust estimator: reweighted least squares with Huber's or Tukey's weights.
+
+Holds its rounds, and when a row counts as given up.
 
 A contact or a glitch of the torque is no noise: squared, a hundredth of the rows can outweigh all others. Every row of
 every joint's torque gets a weight from its own residual (`estimation.row_weights`), from Huber's function to

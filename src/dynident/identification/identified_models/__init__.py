@@ -1,1 +1,1 @@
-"""Workflows of an identification: identify a model, extend it, remove effects, solve it again, store it."""
+"""Operations on identified models: identify, extend, remove effects, solve again, predict, store."""

@@ -1,4 +1,4 @@
-"""Add effects to an identified model, on the data that it was identified from."""
+"""Add effects to a model (`extend`): new columns are evaluated on the recordings, and the model is solved again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Identifiability of an identified model's parameters: the essential ones, and those determined only together."""
+"""Essential parameters of a model and its strongly correlated ones, as results with sentences.
+
+The algorithms and their thresholds are in estimation/.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The equation of motion of an identified model, term by term, as CasADi expressions for controllers and observers.
+"""M, C, g, friction and other effects of a model as CasADi expressions, for controllers and observers.
 
 M(q) q̈ + C(q, q̇) q̇ + g(q) + friction + other effects = τ. Links are those of the base parameters: a base parameter
 is the value of its own standard parameter where all standard parameters that are grouped into it are zero, so that the

@@ -1,4 +1,4 @@
-"""Fit the parameters of a model that is built already, judge the result, and put it together with its warnings."""
+"""Fit a built model to reduced data and make the result, with its warnings (poor fit, few equations, …)."""
 
 from __future__ import annotations
 

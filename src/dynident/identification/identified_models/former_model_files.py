@@ -1,4 +1,4 @@
-"""Model files of every format that was ever written, as the arrays of the present one.
+"""Read model files of every earlier format (1 to 4).
 
 Format 1
     One model; the one below it on the ladder is a file inside it. Triangular factors are whole matrices. The base

@@ -1,4 +1,7 @@
-"""Decide whether what was added to a model helps on data that no parameter saw."""
+"""Decide whether an added effect helps on held-out data, which step of the ladder is best, and the warnings.
+
+Holds by how much a joint may become worse.
+"""
 
 from __future__ import annotations
 

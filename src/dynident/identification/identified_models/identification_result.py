@@ -1,4 +1,4 @@
-"""The result of an identification: parameters with their uncertainty, errors, and the reduced data for further steps.
+"""Result types: `Estimate` (parameters, covariance), `Identification` (with data, errors, warnings, ladder step).
 
 An estimate is enough to predict torque without any data. Reduced data are the recordings as factors, all that later
 steps need instead of the recordings.

@@ -1,4 +1,6 @@
-"""Identify a model from recordings: find what the choices leave open, solve, and narrow the filters if need be.
+"""`identify`: from recordings and choices to a model; narrows filters where the fit is poor.
+
+Holds from which error on (20 %), and when a motion is too slow.
 
 A soft joint or a belt between encoder and link, and a clock with jitter, spoil accelerations above some frequency. A
 spectrum cannot tell that from motion. A model can: it explains the torque below that frequency and not above it.

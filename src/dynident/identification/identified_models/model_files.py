@@ -1,4 +1,4 @@
-"""Store an identified model in one file: its choices, its values, and the reduced data for further steps."""
+"""Write and read the file of a model in the present format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solve an identified model again without some effects, or with other choices: no recording is read again.
+"""Remove effects, or solve again with other choices, from reduced data alone; no recording is read.
 
 Effects are removed by algebra on the reduced data.
 """

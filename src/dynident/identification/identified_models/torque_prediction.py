@@ -1,4 +1,4 @@
-"""Predict the torque of an identified model, with its interval, and its parts: gravity, mass matrix, friction.
+"""Predict torque with its interval, and gravity, mass matrix, Coriolis matrix and friction at given states.
 
 Gravity, mass matrix and Coriolis matrix are evaluations of the observation matrix, whose torque is linear in the base
 parameters: no link needs a mass of its own, which the torque does not determine.

@@ -1,1 +1,1 @@
-"""Known loads: drive gains from runs with a known payload, payload masses, and models in units of current."""
+"""Known loads: drive gains and payload masses from runs with a payload; models in units of current."""

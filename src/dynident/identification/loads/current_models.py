@@ -1,4 +1,4 @@
-"""Identification without drive gains [Khalil 93], [Gautier 94] (§12.3.6): parameters in units of current.
+"""Identify a model in units of motor current, joint by joint, without drive gains (§12.3.6).
 
 Divided by its unknown gain, the equation of one joint is u_j = Φ_j (χ / g_j): the current is as linear in χ / g_j as
 the torque is in χ. Every joint then has parameters of its own, those that its equation tells apart, and predicts its

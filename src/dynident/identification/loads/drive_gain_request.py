@@ -1,4 +1,4 @@
-"""The known load that a request for drive gains states."""
+"""The request field of a known load: its mass, centre and inertia."""
 
 from __future__ import annotations
 

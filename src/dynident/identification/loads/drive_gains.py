@@ -1,4 +1,6 @@
-"""Drive gains [12.17] from runs without and with a known payload: by total least squares (§12.3.6).
+"""Identify drive gains from runs without and with a known payload [12.17], by total least squares.
+
+Holds when a gain counts as not identifiable (10 %).
 
 In g_j u_j = W_j χ + w_j, with u the recorded currents and w the torque of the known payload, gains and parameters are
 found together [Gautier & Briot 2011]; only the known payload gives them a scale. The errors are those of the currents.

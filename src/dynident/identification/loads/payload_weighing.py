@@ -1,4 +1,4 @@
-"""Decide whether a payload can be weighed by runs without and with it, and weigh it.
+"""Estimate a payload's mass from runs without and with it, and decide whether that can be trusted.
 
 The standard deviation of the mass covers noise only. What misleads is something else: friction and offsets that are not
 the same in both runs, after a pause, warmer, on another day. Where the motion shows the payload well, the mass hardly

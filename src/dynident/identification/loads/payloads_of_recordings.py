@@ -1,4 +1,4 @@
-"""Payloads of recordings: known ones by their metadata, and reduced data with columns for unknown ones."""
+"""Which payload each recording carries, by its metadata; reduced data with columns for unknown payloads."""
 
 from __future__ import annotations
 

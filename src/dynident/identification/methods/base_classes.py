@@ -1,4 +1,4 @@
-"""Base classes of estimators, strategies, models and priors, and the registries of all of them by name."""
+"""Base classes of estimators, strategies, equation types and priors, and their registries by name."""
 
 from __future__ import annotations
 

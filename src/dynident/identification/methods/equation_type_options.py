@@ -1,4 +1,4 @@
-"""Equation types: rows of the dynamic, filtered, energy, power and base-wrench models."""
+"""The equation types that can be chosen (dynamic, filtered, power, energy, base wrench), with their options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Priors from the robot's description: its inertias, or its bodies, the same in every frame."""
+"""The priors that can be chosen: inertias of the description, or entropic distance of bodies, with their options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Strategies: all parameters at once, link after link [12.22]-[12.24], or friction first."""
+"""The strategies that can be chosen: global, sequential [12.22]-[12.24], friction first, with their options."""
 
 from __future__ import annotations
 

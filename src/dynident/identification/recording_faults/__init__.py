@@ -1,4 +1,4 @@
-"""Gross faults of a recording, found by the robot's own dynamics: columns in another order, signs turned round."""
+"""Gross faults of a recording, found by the robot's dynamics: exchanged columns, wrong signs, units or delays."""
 
 from dynident.identification.recording_faults.column_faults import ColumnFault
 from dynident.identification.recording_faults.fault_checks import (

@@ -1,4 +1,7 @@
-"""Faults of a recording's columns, each with the change of the signals that mends it, and the delay of its torque."""
+"""The faults that are tried (swapped, reversed, scaled or delayed columns), each with its cure.
+
+Holds the factors of scales, and when a delay is certain.
+"""
 
 from __future__ import annotations
 

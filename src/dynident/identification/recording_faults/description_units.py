@@ -1,4 +1,4 @@
-"""Units of a description's masses, centres of mass and inertias, found from its own numbers."""
+"""Find the units of a description's masses, lengths and inertias (kg, g, mm) from its own numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of a recording against its robot's dynamics: gross faults, each with its cure."""
+"""Turn found faults into checks of a recording, with cures as revisions; which forbid its use (vetoes)."""
 
 from __future__ import annotations
 

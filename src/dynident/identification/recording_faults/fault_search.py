@@ -1,4 +1,7 @@
-"""Search for faults of the columns: those without which the robot's own dynamics explain the torque clearly better."""
+"""Search the column faults without which the dynamics explain the torque clearly better.
+
+Holds how much better (levels), and the limits: 12 joints, three faults.
+"""
 
 from __future__ import annotations
 
@@ -251,7 +254,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         if best.kind != "torque scaled" and unexplained.against >= now.against and len(best.joints) < robot.n:
             unexplained_alone = judge.measure_unexplained(silence_others(motion, best.joints))
             if now.compute_fall_to(unexplained_alone) > _APART * now.compute_fall_to(unexplained):
-                break
+                return None
         if described.refutes(best):
             continue
         near = [trial for trial in trials if trial[1].score - unexplained.score < ALIKE]

@@ -1,4 +1,7 @@
-"""Decide whether gravity is in a torque, alone or not, and in which direction it pulls, by the robot's dynamics."""
+"""Decide whether gravity is in the torque, was compensated, or points elsewhere (mounting), by the dynamics.
+
+Holds how much load, motion and fit that takes.
+"""
 
 from __future__ import annotations
 

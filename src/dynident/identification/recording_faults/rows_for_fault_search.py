@@ -1,4 +1,4 @@
-"""Filtered rows of a recording for the search of faults: filtered as for an identification, or narrower."""
+"""Filter and thin out a recording to the rows that faults are searched on (2,500)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Find torques in another unit, or with another gain, by the description's masses and by friction.
+"""Find torques in another unit or with another gain, from the description's load and from friction.
+
+Holds the factors from which on a torque is off (4 to 6).
 
 Friction tells the size of a torque where gravity and inertia do not, in first joints and wrists: drives of one robot
 are built alike, and lose a similar share of what they can give.

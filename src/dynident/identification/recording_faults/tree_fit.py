@@ -1,4 +1,7 @@
-"""Fit the links, rotors and friction of trees of a robot that share no parameter, with each block of time left out."""
+"""Fit links, rotors and friction to one kinematic tree, each of ten blocks of time left out in turn.
+
+The numerics under `fault_search`: holds the ridge, the blocks and which rows count as moving.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measure the torque of a motion that the dynamics leave unexplained: fitted ones, or those of the description."""
+"""The share of torque that fitted dynamics, or those of the description, leave unexplained, as one score a joint."""
 
 from __future__ import annotations
 

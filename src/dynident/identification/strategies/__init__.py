@@ -1,1 +1,1 @@
-"""Strategies decide which data and which parameters are solved for at a time: one module a strategy."""
+"""Algorithms of the strategies: which data and parameters are solved for at a time."""

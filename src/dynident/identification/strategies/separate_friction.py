@@ -1,4 +1,6 @@
-"""Identify friction first, joint by joint from runs of constant velocity, then the other parameters (§12.3.3 ii).
+"""Strategy "friction first": runs of constant velocity give friction, joint by joint, then the rest (§12.3.3 ii).
+
+Holds which runs count as such.
 
 Whatever the rest of the robot is, the torque of a joint that alone moves is the sum of its friction, a gravity torque
 of the form a + b cos q + c sin q (a constant on a sliding joint) and an inertia times its acceleration. These four

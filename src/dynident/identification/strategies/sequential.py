@@ -1,4 +1,6 @@
-"""The sequential strategy [12.22]-[12.24]: link by link from the terminal link, or the wrist and then the shoulder.
+"""Strategy "sequential" [12.22]-[12.24]: link by link from the terminal one, or the wrist and then the shoulder.
+
+Holds when a parameter is left to a later step.
 
 A step finds linear functions of the parameters: single parameters as a rule, combinations where its equations do not
 tell some parameters apart. As in [12.24], later steps do not correct the estimates of earlier ones. Two things keep

@@ -1,4 +1,4 @@
-"""Solve a problem by the chosen strategy and estimator, and add what the user has to know about the result."""
+"""Solve an estimation problem by the chosen strategy and estimator, and collect their notes."""
 
 from __future__ import annotations
 

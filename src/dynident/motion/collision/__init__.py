@@ -1,1 +1,1 @@
-"""Collision checks with the surroundings and the robot itself: what is stated, how near a motion comes, gradients."""
+"""Collision checks of motions with the surroundings and the robot itself."""

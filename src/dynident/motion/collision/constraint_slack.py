@@ -1,4 +1,4 @@
-"""Slack of constraints on a posture besides the ranges of the driven joints, combined for the optimiser.
+"""How far a posture is from limits of passive joints and from singular postures of closed loops, with derivatives.
 
 Follower joints have limits, and closed loops a distance to singular postures. Like the clearances of bodies, their
 slack is a function of the driven joints' posture alone, with exact derivatives.

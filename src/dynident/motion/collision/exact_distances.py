@@ -1,4 +1,4 @@
-"""Exact distances of a motion to itself and to its surroundings, by coal.
+"""Exact smallest distances along a motion (by coal), to verify it; holds their precision (0.5 mm).
 
 The distance of two bodies cannot change faster than the joints between them let their points travel. So a few samples
 prove for long intervals that nothing comes near there, and only the rest of a fine grid is evaluated. The distance of

@@ -1,4 +1,7 @@
-"""Collision-free space of a robot: which pairs are checked, and how near a motion comes to them."""
+"""Which pairs of bodies are checked, and how near a motion comes to each.
+
+Holds which pairs are left out, and when a smaller clearance is accepted.
+"""
 
 from __future__ import annotations
 

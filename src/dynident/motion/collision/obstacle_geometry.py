@@ -1,4 +1,6 @@
-"""Geometry of the surroundings: floor, walls, boxes and the tool's range, their checks, and an assumed floor.
+"""Turn stated surroundings into shapes and half-spaces, check them, and assume a floor where none is stated.
+
+Holds when a floor is assumed, and the notes on what is not checked.
 
 Where no surroundings were stated, the reach of a motion says how far it takes the arm.
 """

@@ -1,4 +1,4 @@
-"""Clearance of capsules from obstacles and each other, smooth enough for an optimiser, with its exact gradient.
+"""Smooth distances of capsules with gradients, for the optimiser; the exact ones are in `exact_distances`.
 
 Distances between segments, and from points to boxes, are computed many at once. Coordinates are the first axis (3, …):
 arrays then stay long where the work is done.

@@ -1,4 +1,4 @@
-"""Surroundings as a request states them."""
+"""Request fields of floor, walls, boxes and tool range, and the default clearance (0.02 m); geometry is elsewhere."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Limits of a motion: which they are, how to keep them, and how near a motion comes to each."""
+"""Limits of a motion: what they are, how to keep them, and the margin that is left."""

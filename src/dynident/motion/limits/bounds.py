@@ -1,4 +1,7 @@
-"""Limits that a motion must keep, with assumptions where none is known, and with locked joints (§12.3.4.2)."""
+"""The limits that a motion must keep: from the description and the request, assumed where unknown; locked joints.
+
+Holds the assumed acceleration and jerk per velocity.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Margins: how near a motion comes to every limit, and the amplitude at which a periodic trajectory keeps them."""
+"""How near a motion comes to each limit, and the largest amplitude that keeps all of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Postures within the limits: clear of all obstacles, and held by less torque than the limits."""
+"""Draw postures that are free of obstacles and held with less than 90 % of the torque; usual home postures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conditioning: what is repaired in a recording before anything else looks at it."""
+"""Repairs of a recording's rows before any check: corrupted and missing samples, wrapped angles, idle drives."""
 
 from dynident.recordings.conditioning.conditioning_steps import STEPS, Conditioning
 

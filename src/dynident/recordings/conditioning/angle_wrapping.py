@@ -1,4 +1,4 @@
-"""Wrapped angles (at half or whole turns), made continuous."""
+"""Unwrap angles that jump by half or whole turns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The conditioning stage that every recording passes before it is checked: its steps, one after the other."""
+"""The order of the repair steps that every recording passes, and the stage that runs them."""
 
 from __future__ import annotations
 

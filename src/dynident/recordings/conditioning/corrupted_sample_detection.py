@@ -1,4 +1,6 @@
-"""Find samples that leave the course of their signal and come back to it: they cannot have been measured.
+"""Detect single corrupted samples of one signal: blocks that leave its course and come back.
+
+Holds all thresholds: how far off, how long (12 samples), compared with the usual steps.
 
 A block of samples is off course if the signal goes on behind it as if nothing had been. How far off it has to be
 depends on the signal's usual steps, on the tails of its noise and on how often it swings like that by itself.

@@ -1,4 +1,6 @@
-"""Corrupted samples: values that leave the course of their signal and come back to it within a few samples.
+"""The repair step that removes corrupted samples, signal by signal; spares reversals and coarse encoders.
+
+Holds how far off a sample has to be to do harm; whether it is corrupted is decided in `corrupted_sample_detection`.
 
 A bus that loses a frame, or a driver that answers late, gives zeros, largest values or old ones in single rows. One of
 them in thousands is enough to spoil a model, since differentiation turns it into huge accelerations.

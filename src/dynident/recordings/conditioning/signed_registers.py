@@ -1,4 +1,4 @@
-"""Signed registers that a log has read as unsigned: the sign is a bit, or numbers below zero have wrapped."""
+"""Repair step for signed registers that were logged as unsigned numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readers of the files that robots and their loggers write, one module a format: named columns in blocks of rows."""
+"""Readers of log files, a module for each format; all give named columns in blocks of rows."""
 
 from dynident.recordings.formats.open_any_format import FORMATS, format_of, open_source
 

@@ -1,4 +1,4 @@
-"""Files that hold arrays by name (MAT, HDF5, NumPy): columns of one common length, read part by part, never whole."""
+"""What MAT, HDF5 and NumPy readers share: which arrays are columns, read part by part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bags of ROS 1 and ROS 2 and MCAP files as columns: topics of several rates, joined on the time of one of them.
+"""ROS 1, ROS 2 and MCAP bags as columns: which topics are read, and how their rates are joined.
 
 Messages that hold signals of joints become samples: a topic, times, names and values. The package that reads messages
 turns the definition of a type into a program, with arrays of fixed length written out. Here nothing but names of fields

@@ -1,4 +1,4 @@
-"""Tables: CSV in its dialects, and Parquet."""
+"""Readers of CSV (any dialect) and Parquet."""
 
 from __future__ import annotations
 

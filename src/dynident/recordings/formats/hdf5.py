@@ -1,4 +1,4 @@
-"""HDF5, and MAT files of version 7.3, which are HDF5 with the axes the other way round.
+"""Reader of HDF5 and MAT 7.3, with the checks of hostile files.
 
 The HDF5 library trusts what a file says of itself: it opens other files, allocates what a chunk is said to unpack to,
 and ends the process at some damages. A data set is therefore refused before a byte of it is read if it is not plainly

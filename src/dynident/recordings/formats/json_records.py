@@ -1,4 +1,4 @@
-"""Records in JSON: an object a line, an array of objects, or one object with an array for every signal.
+"""Reader of JSON: an object a line, an array of objects, or an object of arrays.
 
 Values within an object are columns by the way to them: `{"arm": {"q": [0.1, 0.2]}}` is arm.q1 and arm.q2.
 """

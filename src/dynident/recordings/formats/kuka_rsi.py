@@ -1,4 +1,4 @@
-"""Logs of KUKA's RobotSensorInterface (RSI): telegrams `<Rob …>…</Rob>`, each in a line or in several.
+"""Reader of KUKA RSI logs: XML telegrams `<Rob …>`, a row each.
 
 Attributes are columns (`AIPos.A1`), and so are elements that hold a number (`IPOC`). Whatever stands between the
 telegrams, stamps of a logger or the answers `<Sen …>`, is passed over.

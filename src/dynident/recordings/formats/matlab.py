@@ -1,4 +1,4 @@
-"""MAT files of version 5 to 7: arrays, and structures of arrays.
+"""Reader of MAT files, versions 5 to 7.
 
 SciPy reads these files too, but whole: a recording of 2 GB would take twice as much memory. Here it is only found out
 where their numbers lie ("MAT-File Format", The MathWorks, chapter 1).

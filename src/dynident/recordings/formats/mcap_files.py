@@ -1,4 +1,4 @@
-"""MCAP files: read chunk by chunk, none of which may unpack to more than it is said to."""
+"""Container of MCAP: messages chunk by chunk, with limits on what they unpack to."""
 
 from __future__ import annotations
 

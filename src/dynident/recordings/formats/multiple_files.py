@@ -1,4 +1,4 @@
-"""One recording in several text files, or in an archive of them: joined by their times or row by row."""
+"""One recording in several files or an archive, joined by time or row by row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""NumPy's own files: .npy, and .npz archives, read in parts wherever their arrays lie."""
+"""Reader of .npy and .npz."""
 
 from __future__ import annotations
 

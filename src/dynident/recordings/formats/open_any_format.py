@@ -1,4 +1,4 @@
-"""Open a file of any format: the format is told from its first bytes."""
+"""Detect a file's format from its first bytes and open it; the list of formats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of a bag in packed form, and fast reading of those alike: where numbers lie is learned from one of them.
+"""Fast reading of bag messages that are alike, and the message types that are known.
 
 All messages of a topic are usually of one length, with the same names in the same places. Such a message is written
 again by the package of its format twice, with numbers that mark their places; of all others only the numbers are read,

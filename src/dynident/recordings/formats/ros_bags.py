@@ -1,4 +1,4 @@
-"""Bags of ROS 1, read by a package, and of ROS 2, which are data bases of SQLite: nothing that a file defines is run.
+"""Containers of ROS 1 (.bag) and ROS 2 (SQLite) bags: their messages, read safely.
 
 A file of SQLite can hold views, triggers and computed columns, which are programs; some never end. A bag has none.
 """

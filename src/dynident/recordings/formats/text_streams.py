@@ -1,4 +1,4 @@
-"""The bytes of a text file: as they are, decompressed or rewritten on the way, with a bound on how many there are."""
+"""Bytes of a text file, decompressed or rewritten while they are read, with a limit."""
 
 from __future__ import annotations
 

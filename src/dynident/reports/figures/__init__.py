@@ -1,1 +1,1 @@
-"""The figures of reports: each function draws results as one inline SVG."""
+"""Figures of reports and notebooks, each one inline SVG."""

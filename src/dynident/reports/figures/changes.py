@@ -1,4 +1,4 @@
-"""The changes of a robot: every difference with its interval, and parameters day by day."""
+"""Figures of changes: each difference with its interval, and parameters day by day."""
 
 from __future__ import annotations
 

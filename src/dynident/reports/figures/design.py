@@ -1,4 +1,4 @@
-"""A designed trajectory: joints within their limits, velocity over position, and the path of the tool."""
+"""Figure of a designed trajectory: joints within their limits, velocity over position, path of the tool."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: the ranking of its candidates, the evidence for each, and the detection limits as a map."""
+"""Figures of a diagnosis: ranking of effects, evidence of each, detection limits as a map."""
 
 from __future__ import annotations
 

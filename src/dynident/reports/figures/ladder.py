@@ -1,4 +1,4 @@
-"""The ladder of models: the error of each model, in total and on every joint."""
+"""Figure of the ladder of models: error of each model, in total and by joint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The residual over velocity, position and load, and its spectra, which show the shape of missing physics."""
+"""Figures of the residual over velocity, position and load, and of its spectra."""
 
 from __future__ import annotations
 

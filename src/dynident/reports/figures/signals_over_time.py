@@ -1,4 +1,4 @@
-"""Signals over time, joint by joint: a recording as it was measured, and measured against predicted torque.
+"""Figures over time by joint: a recording as measured, measured against predicted torque; series are thinned.
 
 Long series are thinned for a figure: few points, all extremes, and gaps where nothing was measured.
 """

@@ -1,4 +1,4 @@
-"""Matplotlib figures as inline SVG: small, with real text, and with a description for screen readers."""
+"""Draw matplotlib figures as inline SVG: width, margins, colours of the ladder's steps, descriptions."""
 
 from __future__ import annotations
 

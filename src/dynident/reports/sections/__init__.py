@@ -1,1 +1,1 @@
-"""The sections of a report, one module each: they turn results into the content that a template shows."""
+"""Sections of a report, a module for one or a few: they turn results into a template's content."""

@@ -1,4 +1,4 @@
-"""The sections on how well the model predicts: errors per joint, residuals with their spectra, validations (§12.7)."""
+"""Report sections on accuracy: errors by joint, residuals with spectra, validations (§12.7)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The section on the recordings, their checks and their filters."""
+"""Report section on recordings, their checks and filters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The section on the experiment's design, and the one that compares its predictions with what was achieved."""
+"""Report sections on a design, and on its predictions against what was achieved (marked from a ratio of 3)."""
 
 from __future__ import annotations
 

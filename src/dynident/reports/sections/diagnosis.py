@@ -1,4 +1,4 @@
-"""The section on the diagnosis: what is missing, how sure that is, and what the data could not have shown."""
+"""Report section on a diagnosis: findings, their certainty, what could not be seen; words of its verdicts."""
 
 from __future__ import annotations
 

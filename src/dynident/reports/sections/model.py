@@ -1,4 +1,4 @@
-"""The sections on the robot, the effects of its model, its base parameters, and the ladder of models that led to it."""
+"""Report sections on the robot, effects, base parameters and the ladder of models."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The section on the origin of the report: versions, time, choices, hashes, and commands that make the model again."""
+"""Report section on the origin: versions, time, hashes, and commands that make the model again."""
 
 from __future__ import annotations
 

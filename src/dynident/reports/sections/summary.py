@@ -1,4 +1,4 @@
-"""The section that a reader needs first: how good the model is, and what is doubtful about it."""
+"""First report section: how good the model is, what is doubtful, what to do next."""
 
 from __future__ import annotations
 

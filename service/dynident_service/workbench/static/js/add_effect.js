@@ -1,4 +1,4 @@
-// Any effect of the catalogue by hand, on chosen joints.
+// Dialog: add any effect of the catalogue by hand, on chosen joints.
 
 import { aboutEffect } from "./catalogue.js";
 import { field, h, put, select } from "./dom.js";

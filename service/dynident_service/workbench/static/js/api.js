@@ -1,4 +1,4 @@
-// The public HTTP API, version 1. Errors are problems (RFC 9457); long work is a job whose events are followed.
+// Calls of the HTTP API: errors as problems (RFC 9457), retries, files, events of jobs.
 
 const KEY = "dynident.key";
 const RETRY = 1000;

@@ -1,4 +1,4 @@
-// The page: which view its address asks for, and what stands around it.
+// Start of the page: which view an address opens, navigation, and the API key.
 
 import { apiKey, get } from "./api.js";
 import { beginPage } from "./first_model.js";

@@ -1,4 +1,4 @@
-// The ranked effects of a diagnosis, each with its evidence and the figure that shows it.
+// Table of the ranked effects of a diagnosis, with evidence figures and buttons that add an effect.
 
 import { placeOf, shapeInWords, titleOf } from "./catalogue.js";
 import { figures, h, listed, numeric, put, right, row, table } from "./dom.js";

@@ -1,4 +1,4 @@
-// The catalogue of effects, read once; how effects and their places are named.
+// The catalogue of effects, read once; names of effects, joints and shape constants.
 
 import { get, once } from "./api.js";
 import { h } from "./dom.js";

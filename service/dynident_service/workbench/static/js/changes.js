@@ -1,4 +1,4 @@
-// What has changed in the robot between an earlier and a later set of measurements.
+// Form and table of the changes between an earlier and a later set of measurements.
 
 import { get } from "./api.js";
 import { placeOf, titleOf } from "./catalogue.js";

@@ -1,4 +1,4 @@
-// A robot over many days: what has changed since when, and every parameter's course.
+// Section on many days of a robot: changes with their first day, and parameters day by day.
 
 import { get, post } from "./api.js";
 import { changeRows } from "./changes.js";

@@ -1,4 +1,4 @@
-// What has changed in a robot since an earlier day, and over many days: of a model that is chosen here.
+// Page of changes: choose a model, compare two sets of measurements, or follow many days.
 
 import { changesForm, changesTable } from "./changes.js";
 import { get, post } from "./api.js";

@@ -1,4 +1,4 @@
-// What a model was made from and what it was tried on.
+// Section of the measurements that a model was fitted to and tested on.
 
 import { figures, h, listed, section } from "./dom.js";
 import { grouped, number, quantity } from "./format.js";

@@ -1,4 +1,4 @@
-// What the data of a diagnosis would have shown: a map of effects and joints.
+// Map of detection limits: effects by joints.
 
 import { titleOf } from "./catalogue.js";
 import { h, row, table } from "./dom.js";

@@ -1,4 +1,4 @@
-// Elements without a framework. Text is always set as text: no name that a user gave can become markup.
+// Helpers that make elements, tables and forms; text is never markup.
 
 const SVG = "http://www.w3.org/2000/svg";
 

@@ -1,4 +1,4 @@
-// Drive gains from runs without and with a load of known mass, and other loads weighed with them.
+// Panel of drive gains from runs with a known load, and of loads weighed with them.
 
 import { post } from "./api.js";
 import { announce, field, h, put } from "./dom.js";

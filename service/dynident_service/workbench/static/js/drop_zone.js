@@ -1,4 +1,4 @@
-// A place to drop files on, which is also a button that opens the file dialog.
+// Place to drop files on, which is a file button as well.
 
 import { h, newId } from "./dom.js";
 

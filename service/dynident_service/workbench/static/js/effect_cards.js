@@ -1,4 +1,4 @@
-// What a diagnosis found, a card an effect: the sentence, the figure that shows it, before and after, its rivals.
+// Cards of a diagnosis's findings: sentence, evidence figure, errors before and after, rivals.
 
 import { placeOf, shapeInWords, titleOf } from "./catalogue.js";
 import { addButton } from "./candidates.js";

@@ -1,4 +1,4 @@
-// The figure behind a ranked effect: the residual over what the effect depends on, and the fitted effect over it.
+// Evidence figure of an effect: the residual over its variable, with the fitted effect.
 
 import { get, lastAsked } from "./api.js";
 import { aboutEffect, titleOf } from "./catalogue.js";

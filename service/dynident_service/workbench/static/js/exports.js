@@ -1,4 +1,4 @@
-// The model as a file for other programs: where its format cannot hold it, the nearest that it can.
+// Export buttons of a model: formats, notes, and the nearest model that a format can hold.
 
 import { h } from "./dom.js";
 import { formatLinks, take } from "./save_file.js";

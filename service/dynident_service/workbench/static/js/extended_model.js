@@ -1,4 +1,4 @@
-// A model made from the one that is looked at: asked for, waited for, and gone to.
+// Extend or reduce the model on the page: send the request, wait for its job, open the new model.
 
 import { ahead, post } from "./api.js";
 import { awaited } from "./jobs.js";

@@ -1,4 +1,4 @@
-// How to come to a model: a robot, its measurements, an identification.
+// Page of the first steps: create a robot, upload measurements, identify.
 
 import { get, post } from "./api.js";
 import { pictureOf } from "./arm/picture.js";

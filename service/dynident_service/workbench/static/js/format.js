@@ -1,4 +1,4 @@
-// How figures are written for people: enough digits, always with a unit. The same rules as in the reports.
+// Numbers as text: digits, units, percentages, p-values (the rules of `number_format.py`).
 
 const SPACE = "\u202f";
 const SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹";

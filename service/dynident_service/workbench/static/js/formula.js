@@ -1,4 +1,4 @@
-// The catalogue's formulas, LaTeX in the little that they need of it, as MathML.
+// The catalogue's formulas: from LaTeX to MathML.
 
 const MATHML = "http://www.w3.org/1998/Math/MathML";
 const SYMBOLS = {

@@ -1,4 +1,4 @@
-// The mean residual over two signals, as a map.
+// Heat map of the mean residual over two signals.
 
 import { h, svg } from "./dom.js";
 import { number } from "./format.js";

@@ -1,4 +1,4 @@
-// Which measurements, which effects, which method; then Run.
+// Form of an identification: measurements, effects, method, and the button that runs it.
 
 import { post } from "./api.js";
 import { controls, said as saidBy } from "./request_controls.js";

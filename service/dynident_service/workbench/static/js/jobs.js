@@ -1,4 +1,4 @@
-// Jobs: followed by their events, shown while they run, stopped on demand.
+// Waiting for jobs: progress from their events, cancel buttons, the newest job of a kind.
 
 import { events, get, post, ProblemError } from "./api.js";
 import { h, put } from "./dom.js";

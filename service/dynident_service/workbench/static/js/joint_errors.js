@@ -1,4 +1,4 @@
-// The errors of a model, joint by joint.
+// Table of a model's errors by joint; which error a model is judged by.
 
 import { figures, h, jointButton, listed, numeric, put, right, section } from "./dom.js";
 import { number, percent, quantity } from "./format.js";

@@ -1,4 +1,4 @@
-// The ladder of models: what was added at each step, and the error falling, in total and on every joint.
+// Section of the ladder of models: what each step added, its errors in total and by joint.
 
 import { choiceInWords } from "./catalogue.js";
 import { figures, h, listed, numeric, put, right, unseen } from "./dom.js";

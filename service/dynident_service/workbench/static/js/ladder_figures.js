@@ -1,4 +1,4 @@
-// The ladder as a figure: the errors of all joints together, step by step.
+// Figure of one or several ladders: errors step by step; shared axes and grid.
 
 import { h, svg } from "./dom.js";
 import { judged } from "./joint_errors.js";

@@ -1,4 +1,4 @@
-// Whether a step of the ladder is one to keep: an error that falls in total may rise on one joint.
+// Decides whether a ladder step made joints worse (from 1.02 times), and which changes are noise.
 
 import { judged } from "./joint_errors.js";
 

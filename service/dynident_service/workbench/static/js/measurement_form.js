@@ -1,4 +1,4 @@
-// Recordings: those that are stored, and files that are dropped to become some.
+// Choice of recordings: stored ones, and files that are dropped to be uploaded.
 
 import { ask, get } from "./api.js";
 import { checksInWords, checksTable } from "./recording_checks.js";

@@ -1,4 +1,4 @@
-// What each of several measurements is used for.
+// Choice of what each measurement is used for (fit, held-out, earlier, later).
 
 import { h, put, select } from "./dom.js";
 

@@ -1,4 +1,4 @@
-// The ways to identify: what each choice is called, and what it is for, in a line; as the contract has them.
+// Names and descriptions of identification methods, from the contract.
 
 import { choicesOf, choicesOfQuery, fieldsOf } from "./schema.js";
 

@@ -1,4 +1,4 @@
-// What is missing in a model: the diagnosis, and adding what it recommends.
+// Section "what is missing": run a diagnosis and add what it recommends.
 
 import { get, patch, post } from "./api.js";
 import { addByHand } from "./add_effect.js";

@@ -1,4 +1,4 @@
-// The identified models, newest first, with their errors; those that are being computed, live.
+// List of identified models with errors, newest first, running ones live.
 
 import { get } from "./api.js";
 import { catalogue, titleOf } from "./catalogue.js";

@@ -1,4 +1,4 @@
-// One identified model: its errors, its ladder, where it fails, what is missing.
+// Page of one identified model: its sections in tabs.
 
 import { content, get, post, apiKey } from "./api.js";
 import { choiceInWords, placeOf, titleOf } from "./catalogue.js";

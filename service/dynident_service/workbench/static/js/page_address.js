@@ -1,4 +1,4 @@
-// What the page shows is in its address: it can be shared, reloaded, and gone back to.
+// The page's address: read it, change it, go to another view.
 
 const NAMES = [
   "view", "identification", "tab", "joint", "measurement", "robot", "design", "diagnosis", "pair", "sort", "filter", "archived", "from", "to",

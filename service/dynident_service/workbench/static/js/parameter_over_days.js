@@ -1,4 +1,4 @@
-// One parameter day by day, with its intervals.
+// Figure of one parameter day by day with its intervals, and the choice of the parameter.
 
 import { lastAsked } from "./api.js";
 import { h, select } from "./dom.js";

@@ -1,4 +1,4 @@
-// The base parameters of a model: how sure they are, what belongs together, which are essential.
+// Section of base parameters: uncertainty, groups, essential ones, correlations.
 
 import { get } from "./api.js";
 import { h, put, section } from "./dom.js";

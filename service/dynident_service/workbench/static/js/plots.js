@@ -1,4 +1,4 @@
-// What all uPlot figures have in common: colours of the page, axes with units, width of the room they have.
+// What all uPlot figures share: colours, axes, size.
 
 import uPlot from "../vendor/uplot/uPlot.esm.js";
 import { h, put } from "./dom.js";

@@ -1,4 +1,4 @@
-// A problem in words, next to what caused it.
+// Boxes and form messages of problems (errors of the API), and buttons that report them.
 
 import { h, put } from "./dom.js";
 import { checksTable } from "./recording_checks.js";

@@ -1,4 +1,4 @@
-// What was looked at in a recording, what was found, and what to do about it.
+// Table of a recording's checks: marks, messages and buttons that accept or cure.
 
 import { h, row, table } from "./dom.js";
 

@@ -1,4 +1,4 @@
-// Controls for the fields of a request, as the contract has them: what may be asked is shown here without being named.
+// Form controls built from the fields of a request in the contract (labels, choices, ranges).
 
 import { field, h, select } from "./dom.js";
 

@@ -1,4 +1,4 @@
-// The mean residual of a joint over one signal, with its spread: the shape of what is missing.
+// Figure of a joint's mean residual over one signal, with its spread.
 
 import { get } from "./api.js";
 import { put } from "./dom.js";

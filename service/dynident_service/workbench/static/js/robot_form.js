@@ -1,4 +1,4 @@
-// A robot from its description, with what that does not say: drive gains, locked joints, gravity.
+// Form of a robot: description, drive gains, locked joints, gravity.
 
 import { post } from "./api.js";
 import { field, h, put, select } from "./dom.js";

@@ -1,4 +1,4 @@
-// Files to be taken along.
+// Download links of files in several formats, with notes on what a format cannot hold.
 
 import { file } from "./api.js";
 import { announce, h, put } from "./dom.js";

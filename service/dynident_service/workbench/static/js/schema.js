@@ -1,4 +1,4 @@
-// What a request takes, as the contract says it: its fields, their words, and what each is one of.
+// Reads the contract: fields of a request, their words and choices.
 
 import { once, whole } from "./api.js";
 

@@ -1,4 +1,4 @@
-// The model that is looked at: what is known of it, and what is chosen on the page. Parts listen for changes.
+// State of the model on the page: its resource, comparisons, diagnosis, choices; sections listen for changes.
 
 import { get, post } from "./api.js";
 import { catalogue } from "./catalogue.js";

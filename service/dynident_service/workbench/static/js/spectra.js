@@ -1,4 +1,4 @@
-// Spectra of a joint's residual, over time and over its own angle, and its autocorrelation.
+// Figures of a joint's residual spectra (time, angle) and autocorrelation.
 
 import { get, lastAsked } from "./api.js";
 import { h, put, section } from "./dom.js";

@@ -1,4 +1,4 @@
-// Tables as the service puts them into words: the same as on the command line and in reports.
+// Shows tables that the service words (cells with marks), as on the command line.
 
 import { h, right, row, table } from "./dom.js";
 

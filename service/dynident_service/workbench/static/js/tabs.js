@@ -1,4 +1,4 @@
-// Tabs whose choice is in the address: what is in one is made when it is first opened, and stays.
+// Tabs whose choice is in the address; built when first opened.
 
 import { h, put } from "./dom.js";
 import { asked, go, remember } from "./page_address.js";

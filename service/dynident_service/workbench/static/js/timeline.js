@@ -1,4 +1,4 @@
-// From a series of the API to what can be drawn: time that always increases, and gaps where nothing was measured.
+// Turns a series of the API into plot data: increasing time, gaps.
 
 /**
  * Runs that overlap in time are set one after another (`shifted`). Gives { x, values: { name: array }, shifted,

@@ -1,4 +1,4 @@
-// Measured against predicted torque of all joints on the chosen measurement, and the worst intervals.
+// Section of measured against predicted torque, and the worst intervals.
 
 import { CompareStack } from "./compare/joint_stack.js";
 import { field, figures, h, jointButton, listed, put, section, select } from "./dom.js";

@@ -1,4 +1,4 @@
-// The ladders of two models of one robot beside each other: a figure of both, and their difference step by step.
+// Section that compares the ladders of two models, as figure and table.
 
 import { get, lastAsked } from "./api.js";
 import { choiceInWords } from "./catalogue.js";

@@ -1,4 +1,4 @@
-// Is the model to be trusted: the validations of the chapter, each with its verdict and the reason.
+// Section of validations: run them, show verdicts with reasons.
 
 import { get, post } from "./api.js";
 import { announce, h, put, section } from "./dom.js";

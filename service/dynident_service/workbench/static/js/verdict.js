@@ -1,4 +1,4 @@
-// What a model is fit for, in a sentence, and the next thing to do about it.
+// Section of the verdict: uses that a model is fit for, and the next step.
 
 import { get } from "./api.js";
 import { h, put, section } from "./dom.js";

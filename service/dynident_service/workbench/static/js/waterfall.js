@@ -1,4 +1,4 @@
-// Every joint's error from the first model to the last, step by step, down to what the sensor's noise leaves.
+// Figure of each joint's error from the first model to the last, with the noise floor.
 
 import { h, svg } from "./dom.js";
 import { percent } from "./format.js";

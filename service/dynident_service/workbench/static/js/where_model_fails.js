@@ -1,4 +1,4 @@
-// Where a model fails: its residual over velocity, position and load; over any two signals; the diagnosis's map.
+// Section on where a model fails: residual over one or two signals, and the diagnosis's map.
 
 import { get, lastAsked } from "./api.js";
 import { field, figures, h, listed, numeric, put, right, section, select } from "./dom.js";

@@ -1,4 +1,4 @@
-"""Estimators: how χ is solved for. Each class here, or in another file of this folder, is one; nothing else names it.
+"""The estimators that can be chosen, with names and options; a new one is a class here or in another file.
 
 The first ones solve by least squares: ordinary, weighted, robust and physically feasible. The others simulate the
 robot: instrumental variables, output error (DIDIM) and a Kalman filter.

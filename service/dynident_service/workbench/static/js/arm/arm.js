@@ -1,4 +1,4 @@
-// The arm in motion: drawn from the geometry that the API gives, turned by dragging, with a slider of time.
+// The moving arm on a canvas: turned by dragging, with a slider of time.
 
 import { get, post } from "../api.js";
 import { h, put } from "../dom.js";

@@ -1,4 +1,4 @@
-// The arm beside figures over time: where it was at the moment under their cursor. Loaded when it is opened.
+// The arm beside figures over time: its posture at the cursor; loaded when opened.
 
 import { h, put } from "../dom.js";
 import { problemBox } from "../problem.js";

@@ -1,4 +1,4 @@
-// What the links of a moving arm are nearest to: lines of an arm, and the nearest of them in words.
+// The nearest bodies to the links of a moving arm, as lines and in words.
 
 import { quantity } from "../format.js";
 import { BASE, placed } from "./kinematics.js";

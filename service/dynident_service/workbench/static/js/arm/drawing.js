@@ -1,4 +1,4 @@
-// An arm in parallel projection on a canvas: triangles, and segments with a radius, which are thick lines with round ends.
+// Projection and painting of an arm on a canvas: triangles, and thick lines for capsules.
 
 import { origin, placed } from "./kinematics.js";
 

@@ -1,4 +1,4 @@
-// What a robot is drawn of (GET /v1/robots/{id}/geometry) where its frames are (POST /v1/robots/{id}/poses).
+// Points, surfaces and segments of a robot from its geometry and poses, as the API gives them.
 
 /** A pose is 12 numbers, row by row: the rotation beside the origin. */
 export const BASE = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];

@@ -1,4 +1,4 @@
-// A robot as it is described: the arm, and the meshes that its description names.
+// A robot as described: the arm, and the upload of meshes that its description names.
 
 import { ask } from "../api.js";
 import { announce, h, put } from "../dom.js";

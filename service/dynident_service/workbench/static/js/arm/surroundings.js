@@ -1,4 +1,4 @@
-// What stands around an arm, as outlines: boxes by their edges, walls as squares of a grid.
+// Outlines of surroundings: edges of boxes, grids of walls.
 
 const LINES = [-1, -0.5, 0, 0.5, 1];
 

@@ -1,4 +1,4 @@
-// How much of an interval of residual the fitted curve of a ranked effect takes.
+// Compute how much of the residual in an interval the curve of a ranked effect explains.
 
 const SIGNALS = { position: "q", velocity: "dq", acceleration: "ddq", load: "load", time: null };
 

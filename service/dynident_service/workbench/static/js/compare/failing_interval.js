@@ -1,4 +1,4 @@
-// What the arm did in an interval where the model fails: pose, speed, load, and the effects that would explain it.
+// Panel about one interval of a comparison: pose, speed, load, and effects that would explain the residual.
 
 import { get, lastAsked } from "../api.js";
 import { placeOf, shapeInWords, titleOf } from "../catalogue.js";

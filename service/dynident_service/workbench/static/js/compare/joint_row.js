@@ -1,4 +1,4 @@
-// One joint's figures in the stack: measured against predicted torque, and the residual with its band.
+// Figures of one joint in a comparison: measured and predicted torque, residual with its band.
 
 import { h, put } from "../dom.js";
 import { number, quantity } from "../format.js";

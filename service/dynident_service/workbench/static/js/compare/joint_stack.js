@@ -1,4 +1,4 @@
-// All joints of a comparison above one another, over one interval of time with one cursor.
+// All joints of a comparison above one another, with one time axis and cursor.
 
 import { armBeside } from "../arm/arm_beside_figures.js";
 import { announce, field, h, put, select } from "../dom.js";

@@ -1,4 +1,4 @@
-// The torque as it was recorded, before any filter, to stand behind what the model is held against.
+// Unfiltered torque, drawn behind the measured torque of a comparison.
 
 import { get, lastAsked } from "../api.js";
 

@@ -1,4 +1,4 @@
-// The signals of all joints of a comparison, for the interval that is on the screen.
+// Reads the signals of a comparison for the visible interval of time (1,200 points).
 
 import { get, lastAsked } from "../api.js";
 import { timeline } from "../timeline.js";

@@ -1,4 +1,4 @@
-// The criterion falling while a design is sought, beside the best of the random motions.
+// Figure of a running design: its criterion falling, beside the best random motion.
 
 import { events } from "../api.js";
 import { h } from "../dom.js";

@@ -1,4 +1,4 @@
-// What is asked of an experiment; its choices and words are those of the contract.
+// Form of a design request, by the contract's fields and choices.
 
 import { post } from "../api.js";
 import { controls, said as saidBy, sorted } from "../request_controls.js";

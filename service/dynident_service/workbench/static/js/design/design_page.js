@@ -1,4 +1,4 @@
-// The view that designs an experiment: what is wanted, how the search goes, what it found.
+// Page that designs an experiment: form, progress, result.
 
 import { get } from "../api.js";
 import { announce, field, figures, h, listed, put, select } from "../dom.js";

@@ -1,4 +1,4 @@
-// A design that is found: its worth, its motion with the arm, what it promises, and what to do with it.
+// Result of a design: criterion, motion, margins, expected uncertainties, downloads.
 
 import { get } from "../api.js";
 import { figures, h, listed, part, put, tiles } from "../dom.js";

@@ -1,4 +1,4 @@
-// The motion of each joint within its limits, and one line of time through all of them.
+// Figures of a designed motion: each joint within its limits, with a common cursor.
 
 import { h, put, select } from "../dom.js";
 import { axis, colour, onColours, plot } from "../plots.js";

@@ -1,4 +1,4 @@
-// The limits of the joints as a table: as the robot has them, to be tightened for this experiment.
+// Table of joint limits that can be tightened for one design.
 
 import { h, row, table } from "../dom.js";
 

@@ -1,4 +1,4 @@
-// What diagnoses propose as the next experiment for a robot.
+// Next experiments that diagnoses of a robot propose.
 
 import { get } from "../api.js";
 import { h } from "../dom.js";

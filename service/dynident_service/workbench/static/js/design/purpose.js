@@ -1,4 +1,4 @@
-// What an experiment is for, in words, and the criterion that follows from it.
+// The purpose of an experiment in words, and the criterion that follows from it.
 
 import { field, h, put, select } from "../dom.js";
 

@@ -1,4 +1,4 @@
-// A virtual robot makes the motion of a design; its recording goes straight to an identification.
+// Simulate a virtual robot on a designed motion, and identify its recording.
 
 import { post } from "../api.js";
 import { h, part, put } from "../dom.js";

@@ -1,4 +1,4 @@
-// Columns that the lists of resources have in common.
+// Columns that several lists of resources share.
 
 import { h } from "../dom.js";
 import { moment } from "../format.js";

@@ -1,4 +1,4 @@
-// All jobs: where they stand, what they said, and a button that stops them.
+// Page of all jobs: state, message, button that cancels.
 
 import { events } from "../api.js";
 import { h, put } from "../dom.js";

@@ -1,4 +1,4 @@
-// What a resource is called and filed under: rename, tag, archive, delete.
+// Edit labels of a resource: rename, tag, archive, delete.
 
 import { patch, remove } from "../api.js";
 import { announce, field, h, put } from "../dom.js";

@@ -1,4 +1,4 @@
-// Two models side by side: settings, errors, parameters with their intervals, exports; what differs is marked.
+// Page of two models side by side: settings, errors, parameters, exports; differences are marked.
 
 import { get } from "../api.js";
 import { catalogue, choiceInWords } from "../catalogue.js";

@@ -1,4 +1,4 @@
-// All identified models in one table; two that are ticked are compared.
+// Page of all identified models; two that are ticked are compared.
 
 import { get } from "../api.js";
 import { catalogue, choiceInWords, titleOf } from "../catalogue.js";

@@ -1,4 +1,4 @@
-// Whole lists, a part at a time: what has come is shown at once.
+// Reads whole lists from the API page by page (50 items), and names of robots.
 
 import { get } from "../api.js";
 

@@ -1,4 +1,4 @@
-// All recordings: of which robot, how long, and what their checks say.
+// Page of all recordings: robot, length, checks.
 
 import { h } from "../dom.js";
 import { grouped, number } from "../format.js";

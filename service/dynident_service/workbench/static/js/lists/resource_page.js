@@ -1,4 +1,4 @@
-// A page with one table of resources that have labels.
+// A list page of resources: table, labels, archive; used by the pages of lists.
 
 import { h, put } from "../dom.js";
 import { onJobs } from "../jobs.js";

@@ -1,4 +1,4 @@
-// All robots, and where to go with one.
+// Page of all robots.
 
 import { h } from "../dom.js";
 import { address } from "../page_address.js";

@@ -1,4 +1,4 @@
-// A table that is sorted by a click on a column's name and filtered by words; how, stands in the address.
+// Sortable and filterable table; its order stands in the address.
 
 import { field, h, put, unseen } from "../dom.js";
 import { counted } from "../format.js";

@@ -1,4 +1,4 @@
-// The torques that two models predict, over the same recording and the same time.
+// Figure of the torques that two models predict on one recording.
 
 import { Reader } from "../compare/signal_reader.js";
 import { field, h, part, put, select } from "../dom.js";

@@ -1,4 +1,4 @@
-// The first rows of a file, column by column, and what each column is: a drop-down filled with the guess.
+// Table of a file's first rows with a choice of what each column is.
 
 import { h, put, row, svg, table } from "../dom.js";
 import { counted, number } from "../format.js";

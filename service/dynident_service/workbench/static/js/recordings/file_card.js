@@ -1,4 +1,4 @@
-// One file on its way to be a recording: looked at, confirmed, stored. What is typed stays, whatever goes wrong.
+// Card of one dropped file: inspected, confirmed, stored; what is typed survives errors.
 
 import { ask, post, upload } from "../api.js";
 import { checksInWords, checksTable } from "../recording_checks.js";

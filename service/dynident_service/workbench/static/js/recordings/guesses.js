@@ -1,4 +1,4 @@
-// What a file seems to be, why, and how sure that is: units and the kind of torque can be chosen otherwise.
+// What a file seems to be, with reasons: unit and torque kind can be corrected.
 
 import { h, put, select } from "../dom.js";
 import { percent } from "../format.js";

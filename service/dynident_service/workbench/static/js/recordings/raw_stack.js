@@ -1,4 +1,4 @@
-// The signals of a recording as its file has them, joint above joint, with standstill and windows on them.
+// Raw signals of a recording, joint above joint, with standstills and windows.
 
 import { get, lastAsked } from "../api.js";
 import { armBeside } from "../arm/arm_beside_figures.js";

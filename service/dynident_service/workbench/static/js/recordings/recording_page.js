@@ -1,4 +1,4 @@
-// One recording: its signals as they were recorded, the windows on them, what the checks found, and what came of it.
+// Page of one recording: raw signals, windows, checks, revisions, models made from it.
 
 import { get } from "../api.js";
 import { checksInWords, checksTable } from "../recording_checks.js";

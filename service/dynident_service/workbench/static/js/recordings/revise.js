@@ -1,4 +1,4 @@
-// A revision of a recording: asked for, waited for, given up, and taken back.
+// Send a revision of a recording, wait for it, or take it back.
 
 import { ask, get, post } from "../api.js";
 import { announce, h, put } from "../dom.js";

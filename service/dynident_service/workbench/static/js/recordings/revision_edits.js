@@ -1,4 +1,4 @@
-// What is said anew of a recording's file: in words, and put together with what was said before.
+// Revisions of a recording in words, and merged with its metadata.
 
 import { number } from "../format.js";
 

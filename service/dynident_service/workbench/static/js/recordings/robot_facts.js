@@ -1,4 +1,4 @@
-// What a recording needs to know of the robot and its description does not say: drive gains, locked joints, gravity.
+// Fields that a recording needs of the robot: drive gains, locked joints, gravity.
 
 import { post } from "../api.js";
 import { announce, h, row, table } from "../dom.js";

@@ -1,4 +1,4 @@
-// The intervals of a recording that are used, and those left out: dragged by their ends in a figure, or typed.
+// Windows of a recording that are used or left out: dragged in a figure, or typed.
 
 import { h, put, row, select, table } from "../dom.js";
 import { colour } from "../plots.js";

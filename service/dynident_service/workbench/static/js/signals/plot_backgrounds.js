@@ -1,4 +1,4 @@
-// What is drawn beneath the lines of a figure: grounds where a joint stands, and lines with a time of their own.
+// Backgrounds of time figures: standstill shading, intervals, further lines.
 
 import { colour } from "../plots.js";
 

@@ -1,4 +1,4 @@
-// A figure over time that is linked with others: one interval, one cursor.
+// A figure over time, linked with others by one interval and cursor.
 
 import { plot } from "../plots.js";
 

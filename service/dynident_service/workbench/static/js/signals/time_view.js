@@ -1,4 +1,4 @@
-// The interval of time that linked figures show, and every way to change it: buttons, keys, wheel, dragging.
+// The interval of time that linked figures show, and its control by buttons, keys, wheel, dragging.
 
 import { h } from "../dom.js";
 import { asked, remember } from "../page_address.js";
