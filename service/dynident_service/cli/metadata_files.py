@@ -1,4 +1,7 @@
-"""Read `--metadata` files, and write what `dynident inspect --out` proposes, with answers to its questions."""
+"""Read `--metadata` files, and write what `dynident inspect --out` proposes, with answers to its questions.
+
+Holds which questions `--cure` leaves open: gravity and joint zeros.
+"""
 
 from __future__ import annotations
 

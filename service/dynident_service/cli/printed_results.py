@@ -1,4 +1,4 @@
-"""Print results on the terminal: which tables, columns and marks; the exit code of a stopped model (3)."""
+"""Print results other than validations: which tables, columns and marks; the exit code of a stopped model (3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run validations for `dynident validate`: parse methods, read files, print results."""
+"""Run validations for `dynident validate`: parse methods, read files, print the verdicts and their marks."""
 
 from __future__ import annotations
 

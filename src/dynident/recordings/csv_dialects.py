@@ -1,4 +1,4 @@
-"""Detect separator, decimal sign, header and units of a CSV file from its first lines."""
+"""Detect separator, decimal sign, header, units and words for empty cells of a CSV file from its first lines."""
 
 from __future__ import annotations
 

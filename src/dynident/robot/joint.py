@@ -1,4 +1,4 @@
-"""`Joint`: kind, parent, axis, limits; short texts that name many joints."""
+"""`Joint`: kind, parent, axis, limits, and from which range on these limit nothing; short texts for many joints."""
 
 from __future__ import annotations
 

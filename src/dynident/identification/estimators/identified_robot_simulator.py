@@ -1,6 +1,6 @@
 """Simulate a robot with identified parameters along a recorded motion under joint control.
 
-Holds the bandwidth of that control (15 Hz) and the step; used by IDIM-IV, DIDIM and validations.
+Holds the bandwidth of that control (15 Hz), and when a robot counts as following its commands (5 % off).
 
 Estimators and validations simulate an identified model on the same virtual robot, with its equation of motion, its
 friction at standstill and its controller. They choose only the step and the stiffness of the controller. Estimators

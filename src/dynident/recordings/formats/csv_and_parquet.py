@@ -1,4 +1,4 @@
-"""Readers of CSV (any dialect) and Parquet."""
+"""Readers of CSV (any dialect; which cells count as empty) and Parquet."""
 
 from __future__ import annotations
 
