@@ -184,8 +184,9 @@ def test_a_bad_file_is_refused_by_its_column(case: str, desk: Path, tmp_path: Pa
     [
         ('{"joints": [{"sigma": 4}]}', "bad.json: /joints/0/sigma: Expected 0 (revolute) or 1 (prismatic)."),
         ('{"description": {"format": "sdf"}}', "bad.json: /description/format: Expected urdf, mjcf, modified_dh, dh."),
+        ("t,q1", "bad.json: this looks like a recording: the robot's description comes first"),
         (
-            "t,q1",
+            "an arm",
             "bad.json: this is neither XML (URDF, MJCF) nor JSON; read as a Denavit-Hartenberg table:",
         ),
     ],

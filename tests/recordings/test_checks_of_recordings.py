@@ -139,7 +139,7 @@ def test_standstill_is_told_joint_by_joint_and_asks_for_no_windows(tmp_path):
     still["t"] = np.arange(4000) / 200
     check = found(tmp_path, still, "standstill")
     assert check.status == "ok"
-    told = dict(re.findall(r"(\w+) (\d+) %", check.detail))
+    told = dict(re.findall(r"(\w+) (\d+)\s%", check.detail))
     assert abs(float(told["shoulder"]) - 25) <= 2
     assert abs(float(told["elbow"]) - 50) <= 2
     assert "windows" not in check.detail.replace("No windows are needed", "")

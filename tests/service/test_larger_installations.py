@@ -267,7 +267,7 @@ def test_leases_are_by_the_clock_of_the_database(postgresql: str, monkeypatch: p
     migrate(database)
     ledger = JobQueue(database)
     job_id = ledger.enqueue(JOB)
-    for module in ("database", "tables"):
+    for module in ("database", "database_tables"):
         monkeypatch.setattr(f"dynident_service.storage.{module}.datetime", Early)
     claims = ledger.claim(1000)
     monkeypatch.undo()

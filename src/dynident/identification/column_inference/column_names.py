@@ -88,8 +88,8 @@ _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
 
 _BRACKET = re.compile(r"\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]\s*$")
 _ENDING = re.compile(
-    r"[_ .\-](mA|mNm|kNm|Nm|kgf?[.·*_]?cm|kgf[.·*_]?m|ozf?[.·*_]?in|lbf[.·*_]?(?:in|ft)|mrad|rpm|permille|promille|ms|"
-    r"us|ns|mm|cm)$",
+    r"[_ .\-](mA|mNm|kNm|Nm|kgf?[.·*_]?cm|kgf[.·*_]?m|ozf?[.·*_]?in|lbf[.·*_]?(?:in|ft)|kgf|lbf|mrad|rpm|permille|"
+    r"promille|ms|us|ns|mm|cm)$",
     re.IGNORECASE,
 )
 _STRANGE_UNIT = re.compile(

@@ -288,7 +288,8 @@ def _find_fault_by_masses(
         return None
     lowest, number = known[0]
     fault, unexplained = among[number]
-    if not described.may_demand(fault) or not described.surely_demands(fault):
+    # What the fit still leaves unexplained has another cause, which may have misled the masses too.
+    if unexplained.average_share > CURED or not described.may_demand(fault) or not described.surely_demands(fault):
         return None
     alike = tuple(among[other][0] for left, other in known[1:] if left < lowest + ALIKE)
     return _FaultStep(fault, alike, unexplained)
