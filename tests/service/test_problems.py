@@ -6,7 +6,8 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import app_of
 
-from dynident_service.problems import to_problem_fields
+from dynident.errors import DynidentError
+from dynident_service.problems import to_problem, to_problem_fields
 from dynident_service.settings import Settings
 
 
@@ -15,6 +16,23 @@ def test_a_path_that_is_not_there_gives_a_problem(client: TestClient) -> None:
     assert answer.status_code == 404
     assert answer.headers["content-type"] == "application/problem+json"
     assert answer.json()["status"] == 404
+
+
+@pytest.mark.parametrize(
+    ("parameter", "field"),
+    [
+        ("/recordings/1", "/measurement_ids/1"),
+        ("/validation", "/validation_ids"),
+        ("/effects/0/recordings", "/effects/0/recordings"),
+        ("q3", "q3"),
+        ("", ""),
+    ],
+)
+def test_a_parameter_of_the_library_is_the_field_of_the_request(parameter: str, field: str) -> None:
+    problem = to_problem(DynidentError("wrong", pointer=parameter))
+    assert [error.pointer for error in problem.errors or ()] == [field]
+    unchanged = to_problem(DynidentError("wrong", pointer=parameter), {})
+    assert [error.pointer for error in unchanged.errors or ()] == [parameter]
 
 
 def test_a_method_not_allowed_lists_all_that_are(client: TestClient) -> None:

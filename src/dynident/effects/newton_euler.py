@@ -56,7 +56,7 @@ def build_inverse_dynamics(
         N m or N.
     """
     if shift is None:
-        return _derive_torque(Tree.of(robot))(q, dq, ddq, gravity, inertia)
+        return _derive_torque(Tree.from_robot(robot))(q, dq, ddq, gravity, inertia)
     return _build_torque(robot, q, dq, ddq, gravity, inertia, shift)
 
 

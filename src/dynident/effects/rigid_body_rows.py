@@ -84,7 +84,7 @@ class Tree:
     robot: Robot = field(compare=False)
 
     @classmethod
-    def of(cls, robot: Robot) -> Tree:
+    def from_robot(cls, robot: Robot) -> Tree:
         """Return the tree of a robot."""
         joints = (
             (joint.kind, joint.parent, np.asarray(joint.axis, float).tobytes(), joint.placement.tobytes())
@@ -173,7 +173,7 @@ def build_dynamic_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: c
         Structurally zero where the torque of a joint cannot depend on a link. Columns are link by link in the order of
         `INERTIAL_NAMES`.
     """
-    return ca.sparsify(_derive_rows(Tree.of(robot), of_base=False)(q, dq, ddq, gravity))
+    return ca.sparsify(_derive_rows(Tree.from_robot(robot), of_base=False)(q, dq, ddq, gravity))
 
 
 def build_wrench_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) -> ca.SX:
@@ -196,7 +196,7 @@ def build_wrench_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca
         Force on the robot, then moment about the origin of the base frame, both along its axes. At rest the force
         carries the weight.
     """
-    return ca.sparsify(_derive_rows(Tree.of(robot), of_base=True)(q, dq, ddq, gravity))
+    return ca.sparsify(_derive_rows(Tree.from_robot(robot), of_base=True)(q, dq, ddq, gravity))
 
 
 @lru_cache(maxsize=32)
