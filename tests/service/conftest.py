@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from installations import installed
+from installations import installed, temporary_database
 from service_helpers import SCIENCE, TWO_JOINTS, app_of, free_port, wait_for
 from sqlalchemy import text
 
@@ -128,8 +128,15 @@ def live(
         yield client
 
 
+@pytest.fixture(scope="module")
+def postgresql(postgresql_server: str) -> Iterator[str]:
+    """The URL of an empty database for the tests of one module: what they leave there must not reach others."""
+    with temporary_database(postgresql_server) as url:
+        yield url
+
+
 @pytest.fixture(scope="session")
-def postgresql() -> Iterator[str]:
+def postgresql_server() -> Iterator[str]:
     if shutil.which("initdb") is None or shutil.which("postgres") is None:
         pytest.skip("PostgreSQL is not installed")
     # PostgreSQL refuses to run as root.

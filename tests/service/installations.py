@@ -26,7 +26,7 @@ INSTALLATIONS = (SMALLEST, *LARGER)
 def installed(name: str, folder: Path, postgresql: Callable[[], str]) -> Iterator[str]:
     """A service of one of the INSTALLATIONS that listens on a port of its own; gives its address.
 
-    `postgresql` gives the URL of a server, which is asked for a new database where one is needed.
+    `postgresql` gives the URL of an empty database.
     """
     here = Settings(data_dir=folder / "data", workers=2, port=0, log_level="warning")
     with ExitStack() as stack:
@@ -38,7 +38,7 @@ def installed(name: str, folder: Path, postgresql: Callable[[], str]) -> Iterato
                 patch.setenv(variable, value)
             more = {
                 "object_store_url": BUCKET,
-                "database_url": stack.enter_context(_new_database(postgresql(), f"{name}_{os.urandom(4).hex()}")),
+                "database_url": postgresql(),
             }
         if name == "postgresql_s3_and_cluster":
             cluster = Cluster(folder, SCIENCE)
@@ -52,7 +52,9 @@ def installed(name: str, folder: Path, postgresql: Callable[[], str]) -> Iterato
 
 
 @contextmanager
-def _new_database(server: str, name: str) -> Iterator[str]:
+def temporary_database(server: str) -> Iterator[str]:
+    """An empty database of a PostgreSQL server, dropped at the end; gives its URL."""
+    name = f"dynident_{os.urandom(4).hex()}"
     administration = Database(server)
     alone = administration.engine.execution_options(isolation_level="AUTOCOMMIT")
     try:
