@@ -27,7 +27,7 @@ from dynident.identification import Identification
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase
-from dynident.regressors.filtered_rows import FilteredSamples, stream_filtered_samples
+from dynident.regressors.dynamic_model_rows import FilteredSamples, stream_filtered_samples
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.row_phases import RowPhases, find_joints_with_friction

@@ -29,7 +29,7 @@ from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.identification.identified_models.fit_model import identify_model
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.observation_matrix import RegressorInputs
 
 PUSH = next(effect.id for effect in CATALOGUE.values() if effect.is_transient)

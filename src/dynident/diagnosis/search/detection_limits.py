@@ -23,9 +23,9 @@ from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
 from dynident.diagnosis.candidates.held_out_scores import compute_block_products
-from dynident.diagnosis.candidates.inner_products_and_folds import Products, split_data_folds
-from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, compute_least_t, standardise_size
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, split_data_folds
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.diagnosis.search.acceptance_rules import find_least_drops, get_least_gain

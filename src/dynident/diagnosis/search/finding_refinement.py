@@ -33,7 +33,7 @@ from dynident.identification import Identification
 from dynident.identification.shape_search import are_nearly_alike, refine_shapes
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, extend_model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot

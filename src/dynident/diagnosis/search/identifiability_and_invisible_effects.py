@@ -11,8 +11,8 @@ from dynident.array_types import BoolArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.held_out_scores import compute_fitted_errors, compute_held_out_errors
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
-from dynident.diagnosis.candidates.inner_products_and_folds import Products, find_present
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit, Invisible
 from dynident.diagnosis.search.search_state import State

@@ -16,9 +16,9 @@ from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Pool
 from dynident.diagnosis.candidates.held_out_scores import compute_deviations
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
-from dynident.diagnosis.candidates.inner_products_and_folds import Products, find_present
-from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.effects import Column, Estimate, get_effect, get_spec

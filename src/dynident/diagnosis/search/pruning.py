@@ -11,8 +11,8 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, select_columns_on
 from dynident.diagnosis.candidates.held_out_scores import compute_held_out_errors
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
-from dynident.diagnosis.candidates.inner_products_and_folds import can_leave_out_runs
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.candidates.time_blocks_and_folds import can_leave_out_runs
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.search.acceptance_rules import compute_gain_over_floor, get_least_gain, is_shadowed
 from dynident.diagnosis.search.physical_plausibility import is_physically_possible

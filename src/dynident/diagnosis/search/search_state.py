@@ -16,8 +16,7 @@ from dynident.diagnosis.candidates.held_out_scores import (
     score_blocks,
 )
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
-from dynident.diagnosis.candidates.inner_products_and_folds import Products
-from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import (
     ALPHA,
     BaselineErrors,
@@ -26,6 +25,7 @@ from dynident.diagnosis.candidates.significance import (
     combine_scores,
     run_familywise_test,
 )
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 from dynident.diagnosis.decision_levels import RULES, DecisionRules
 from dynident.effects import get_effect
 from dynident.estimation.least_squares import floor_noise
