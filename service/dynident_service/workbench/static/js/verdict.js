@@ -3,6 +3,7 @@
 import { get } from "./api.js";
 import { h, put, section } from "./dom.js";
 import { percent } from "./format.js";
+import { address } from "./page_address.js";
 import { orSay } from "./problem.js";
 import { goToTab } from "./tabs.js";
 
@@ -14,7 +15,7 @@ export function verdictSection(model, signal) {
   const showNext = () => put(next, found && nextClick(model, found));
   const judge = () => orSay(body, async () => {
     found = await get(`/identifications/${model.id}/verdict`, {}, signal);
-    put(body, judged(found));
+    put(body, judged(found, model.robot.id));
     showNext();
   }, signal, judge);
   model.addEventListener("diagnosis", showNext);
@@ -23,11 +24,11 @@ export function verdictSection(model, signal) {
   return section("fitness", "What it is fit for", body, next);
 }
 
-function judged(found) {
+function judged(found, robot) {
   const fit = !found.stop && found.uses.every((one) => one.state === "yes");
   return [
     h("div", { class: fit ? "box good" : "box warning", id: "fitness-summary" }, h("p", {}, found.summary)),
-    h("ul", { class: "verdicts", id: "uses" }, found.uses.map(useLine)),
+    h("ul", { class: "verdicts", id: "uses" }, found.uses.map((one) => useLine(one, robot))),
     found.drift ? driftTable(found.drift) : null,
     found.common.length ? h("ul", { class: "note" }, found.common.map((one) => h("li", {}, one.detail))) : null,
     found.next_steps.length ? h("details", { id: "next-steps" }, h("summary", {}, "What to do about the error"), h("ol", {}, found.next_steps.map((one) => h("li", {}, one)))) : null,
@@ -38,11 +39,20 @@ const STATES = {
   yes: ["pass", "✓ fit"], limited: ["not_evaluated", "! within limits"], no: ["fail", "✕ not fit"], not_judged: ["not_evaluated", "? not judged"],
 };
 
-function useLine({ use, state, reason, next_step }) {
+/** The tab, or the page, on which each next step is done. */
+const PLACES = { diagnose: "missing", check_gains: "trust", weigh_load: "trust" };
+const PAGES = { design: "design", identify_feasible: "new", identify_gains: "new" };
+
+function goOn(action, robot) {
+  if (PLACES[action]) return h("button", { type: "button", class: "small", onclick: () => goToTab(PLACES[action]) }, "Do it here");
+  return PAGES[action] ? h("a", { href: address({ view: PAGES[action], robot }) }, "Do it here") : null;
+}
+
+function useLine({ use, state, reason, next_step, next_action }, robot) {
   const [look, words] = STATES[state];
   const chip = h("span", { class: `chip verdict ${look}` }, words);
   return h("li", { "data-use": use }, h("div", { class: "verdict-head" }, h("strong", {}, use.replaceAll("_", " ")), chip),
-    h("div", { class: "reason" }, h("p", {}, reason), h("p", { class: "note" }, `Next: ${next_step}`)));
+    h("div", { class: "reason" }, h("p", {}, reason), h("p", { class: "note" }, `Next: ${next_step} `, goOn(next_action, robot))));
 }
 
 /** How far a simulation is off that is left alone, joint by joint. */
