@@ -1,4 +1,4 @@
-"""Tables and sentences of designed motions: quality, distance to the limits, runs, expected and achieved precision."""
+"""Tables and sentences of designed motions: quality, limits, runs, expected and achieved precision (marked from 3 times)."""
 
 from __future__ import annotations
 

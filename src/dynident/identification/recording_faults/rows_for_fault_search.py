@@ -21,15 +21,15 @@ from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.nonparametric_fit import shorten_recording
 from dynident.recordings.preprocessing import LEAST_HARMONICS, OVERSAMPLING, find_motion_band
 from dynident.recordings.recording import SampleBlock
-from dynident.regressors.filtered_rows import filter_in_parallel
+from dynident.regressors.dynamic_model_rows import filter_in_parallel
 from dynident.robot.robot_model import Robot
 
 _ROWS = 2500
 """Rows that faults are looked for in: every candidate is fitted to them, so more would take longer and tell little."""
 
 
-_ROWS_PER_COLUMN = 8
-"""Rows for each parameter that a fit needs, at least, to tell one order of the columns from another."""
+_ROWS_PER_COLUMN = 13
+"""Rows for each independent parameter that a fit needs, at least, to tell one order of the columns from another."""
 
 _EXPLAINED = 0.2
 """Share left of an average joint's torque, or of the worst joint's, from which on the motion's own band is looked at

@@ -2,13 +2,15 @@
 
 import { h, right, row, table } from "./dom.js";
 
+const SHORT = 10; // Units and the like are not broken into lines.
+
 /**
  * A table of an answer and its notes; rows that belong together stand under their heading. What only a page has comes
  * besides: `wrap[column](content, k)` makes a cell's content a link or a button, `more` are further columns
  * [head, cell(k)], `rowProps(k)` attributes of a row, `below(k)` a row under it.
  */
 export function shownTable({ title, columns, rows, groups, notes = [], marked_rows = [] }, props = {}, { wrap = {}, more = [], rowProps = () => ({}), below = () => null } = {}) {
-  const cellOf = (cell, at, k) => ({ class: columns[at].figures ? "n" : null, text: wrap[at] ? wrap[at](shownCell(cell), k) : shownCell(cell) });
+  const cellOf = (cell, at, k) => ({ class: columns[at].figures ? "n" : cell.text.length < SHORT ? "short" : null, text: wrap[at] ? wrap[at](shownCell(cell), k) : shownCell(cell) });
   const lines = rows.map((cells, k) => [
     groups.length && groups[k] !== groups[k - 1] ? h("tr", { class: "group" }, h("th", { scope: "rowgroup", colspan: columns.length + more.length }, groups[k])) : null,
     row([...cells.map((cell, at) => cellOf(cell, at, k)), ...more.map(([, cell]) => cell(k))], { class: marked_rows.includes(k) ? "pick" : null, ...rowProps(k) }),
