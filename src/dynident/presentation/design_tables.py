@@ -1,4 +1,4 @@
-"""Tables and sentences of designed motions: quality, limits, runs, expected and achieved precision (marked from 3 times)."""
+"""Tables and sentences of designed motions: quality, limits, runs, expected and achieved precision (marked from 3)."""
 
 from __future__ import annotations
 
