@@ -8,7 +8,7 @@ from pydantic import Field
 
 from dynident_service.wire_types.identifications import ErrorsView
 from dynident_service.wire_types.measurements import RevisionRequest
-from dynident_service.wire_types.shared_types import ViewModel
+from dynident_service.wire_types.shared_types import ViewModel, WithTables
 from dynident_service.wire_types.validations import DriftView
 
 
@@ -82,7 +82,7 @@ class CommonView(ViewModel):
     detail: str
 
 
-class VerdictView(ViewModel):
+class VerdictView(WithTables):
     """What a model is fit for, and why or why not."""
 
     uses: list[UseView]
