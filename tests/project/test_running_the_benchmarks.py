@@ -23,6 +23,7 @@ SMALL = {
     "controller_code": "",
     "corrupted_samples": "--arms 1",
     "decision_level": "--draws 5",
+    "decisive_rules": "--small 1 --switches shadow",
     "design_speed": "--patience 2",
     "detection_limits": "--draws 1 --effects joint_spring",
     "diagnosis_ranking": "--samples 3000",

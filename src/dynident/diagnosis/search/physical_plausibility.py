@@ -63,8 +63,16 @@ def find_impossibility(
     scored : ScoredCandidate
         The candidate.
     """
+    rows = data.select_for_model(base + scored.candidate.columns)
+    # Several steps of a round ask for the same candidate beside the same model.
+    key = "impossibility", base, noise.tobytes(), scored.candidate
+    return rows.find_cached(key, lambda: _find_impossibility(rows, pool, base, noise, scored))
+
+
+def _find_impossibility(
+    rows: Products, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
+) -> Reason | None:
     columns = np.array(base + scored.candidate.columns, dtype=np.intp)
-    rows = data.select_for_model(columns)
     values, doubts = _fit_columns(rows, base, scored.candidate.columns, noise)
     effect = get_effect(scored.candidate.effect)
     if effect.is_friction and not _is_dissipative(rows, pool, columns, values, scored):
