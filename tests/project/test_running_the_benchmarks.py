@@ -55,7 +55,7 @@ SMALL = {
 """Arguments with which a script takes seconds."""
 WITH_RECORDINGS = {
     "effort_kinds": "--cases 2",
-    "foreign_files": "",
+    "foreign_files": "--files 1",
     "imports": "--draws 2",
     "planted_mistakes": "--pairs 1 --only tx40 --arms 1 --draws 5",
     "readme_figures": "",

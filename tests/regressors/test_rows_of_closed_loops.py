@@ -29,6 +29,7 @@ def torque(robot: Robot, q, dq, ddq) -> np.ndarray:
     return observation.compute_torque(entries, robot.inertias.reshape(-1))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", MACHINES)
 def test_the_torque_is_that_of_mujoco_with_its_constraints(name: str) -> None:
     robot = machine(name)

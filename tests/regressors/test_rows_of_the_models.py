@@ -77,6 +77,7 @@ def error(reduction: Reduction, truth: np.ndarray) -> float:
     return float(np.linalg.norm(found.scales * (found.values - truth)) / np.linalg.norm(found.scales * truth))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ["ur10", "scara", "crooked"])
 def test_every_model_finds_the_true_base_parameters_of_noise_free_torque(name):
     model = build_model(arm(name), EFFECTS)

@@ -1,6 +1,6 @@
 """Find spans of time with a disturbance from outside, such as a push, and leave them out of a diagnosis.
 
-Holds how much a force or a delay must explain, and how the ends of a span are found.
+Holds how much a delay of the clock must explain, and how the ends of a span are found.
 
 A push of a few seconds shifts all parameters, and the resulting errors everywhere else look like friction. So spans
 that stand out are found by leaving each out (`estimation.outlying_spans`), a push on one of the links is tried on them,

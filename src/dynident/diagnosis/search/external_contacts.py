@@ -1,6 +1,6 @@
 """Find contacts: intervals far above the rest whose residual a force on one link explains.
 
-Holds how long a contact has to last, in widths of the filter.
+Holds how long a contact has to last, and how much of the residual the force must explain (70 %).
 
 It cannot be held out, since it happens once. What speaks for it instead is that the few numbers of one wrench explain
 the residual of all joints at all times of the interval, as noise or a missing function of the motion would not.

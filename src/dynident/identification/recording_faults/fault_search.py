@@ -5,7 +5,7 @@ Holds how much better (levels), and the limits: 12 joints, three faults.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -41,6 +41,7 @@ from dynident.identification.recording_faults.torque_scale import (
 )
 from dynident.identification.recording_faults.tree_fit import find_moving_joints, find_parallel_axes, list_chains
 from dynident.identification.recording_faults.unexplained_torque import (
+    CLEARLY_IN_ALL_BLOCKS,
     DescriptionFit,
     HeldOutFit,
     UnexplainedTorque,
@@ -237,14 +238,10 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
     ]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)
-    # One small solution for each of some hundred faults; rows of W are kept where only torques change. Masses tell
-    # most of a zero, which no other column changes with it.
-    trials = [
-        (fault, judge.measure_unexplained(fault.mend(motion)))
-        for fault in possible
-        if fault.kind != "joint zero" or described.may_demand(fault)
-    ]
-    for best, unexplained in sorted(trials, key=lambda pair: pair[1].score):
+    # Masses tell most of a zero, which no other column changes with it.
+    tried = [fault for fault in possible if fault.kind != "joint zero" or described.may_demand(fault)]
+    trials = _Trials(judge, motion, tried, most=now.score + ALIKE)
+    for best, unexplained in trials.iterate_below(now.score - CLEARLY_IN_ALL_BLOCKS / max(int(now.moving.sum()), 1)):
         # Sorted by score: where the best one is not clear, the others are not looked at.
         if not now.is_surely_above(unexplained) or unexplained.average_share > CURED:
             break
@@ -257,7 +254,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
                 return None
         if described.refutes(best):
             continue
-        near = [trial for trial in trials if trial[1].score - unexplained.score < ALIKE]
+        near = trials.measure_below(unexplained.score + ALIKE)
         best, unexplained = _choose_among_alike((best, unexplained), near, described)
         alike = [fault for fault, _ in near if fault != best]
         if best.kind == "torque scaled":
@@ -273,26 +270,63 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
     return _find_fault_by_masses(trials, now, described)
 
 
-def _find_fault_by_masses(
-    trials: Sequence[_Trial], now: UnexplainedTorque, described: DescriptionFit
-) -> _FaultStep | None:
+class _Trials:
+    """Faults that are tried, in the order of the least that may be left without them; what is left is lazily measured.
+
+    Faults without which no less than `most` may be left are dropped.
+    """
+
+    def __init__(self, judge: HeldOutFit, motion: Motion, faults: Sequence[ColumnFault], most: float) -> None:
+        self._judge, self._motion = judge, motion
+        self._least = {fault: judge.estimate_score(fault.mend(motion)) for fault in faults}
+        self.faults = sorted((fault for fault in faults if self._least[fault] < most), key=self._least.__getitem__)
+        self._unexplained: dict[ColumnFault, UnexplainedTorque] = {}
+
+    def measure(self, fault: ColumnFault) -> UnexplainedTorque:
+        """Return what is unexplained without a fault."""
+        if fault not in self._unexplained:
+            self._unexplained[fault] = self._judge.measure_unexplained(fault.mend(self._motion))
+        return self._unexplained[fault]
+
+    def measure_below(self, score: float) -> list[_Trial]:
+        """Return the faults without which the score is below another."""
+        trials = [(fault, self.measure(fault)) for fault in self.faults if self._least[fault] < score]
+        return [trial for trial in trials if trial[1].score < score]
+
+    def iterate_below(self, score: float) -> Iterator[_Trial]:
+        """Yield the faults without which the score is below another, the lowest first."""
+        waiting = [fault for fault in self.faults if self._least[fault] < score]
+        measured: list[_Trial] = []
+        while waiting or measured:
+            best = min(measured, key=lambda trial: trial[1].score, default=None)
+            if waiting and (best is None or self._least[waiting[0]] < best[1].score):
+                measured.append((waiting[0], self.measure(waiting.pop(0))))
+            elif best is not None:
+                measured.remove(best)
+                yield best
+
+
+def _find_fault_by_masses(trials: _Trials, now: UnexplainedTorque, described: DescriptionFit) -> _FaultStep | None:
     """Return the fault without which the masses of the description explain most; None where none is clear.
 
     A fit of all parameters finds other ones for a mirrored joint, or for an arm of few joints; the description does
     not.
     """
-    among = [trial for trial in trials if trial[0].kind != "torque scaled" and trial[1].score < now.score + ALIKE]
-    estimates = [described.estimate_left(fault) for fault, _ in among]
-    known = sorted((left, number) for number, left in enumerate(estimates) if left is not None)
-    if not known:
-        return None
-    lowest, number = known[0]
-    fault, unexplained = among[number]
-    # What the fit still leaves unexplained has another cause, which may have misled the masses too.
-    if unexplained.average_share > CURED or not described.may_demand(fault) or not described.surely_demands(fault):
-        return None
-    alike = tuple(among[other][0] for left, other in known[1:] if left < lowest + ALIKE)
-    return _FaultStep(fault, alike, unexplained)
+    estimates = [(described.estimate_left(fault), fault) for fault in trials.faults if fault.kind != "torque scaled"]
+    known = sorted(((left, fault) for left, fault in estimates if left is not None), key=lambda pair: pair[0])
+    for lowest, fault in known:
+        if not described.may_demand(fault):
+            return None
+        unexplained = trials.measure(fault)
+        if unexplained.score >= now.score + ALIKE:
+            continue
+        # What the fit still leaves unexplained has another cause, which may have misled the masses too.
+        if unexplained.average_share > CURED or not described.surely_demands(fault):
+            return None
+        near = (other for left, other in known if other != fault and lowest <= left < lowest + ALIKE)
+        alike = tuple(other for other in near if trials.measure(other).score < now.score + ALIKE)
+        return _FaultStep(fault, alike, unexplained)
+    return None
 
 
 def _choose_among_alike(best: _Trial, near: Sequence[_Trial], described: DescriptionFit) -> _Trial:

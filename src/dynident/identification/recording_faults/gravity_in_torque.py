@@ -421,14 +421,13 @@ class _GravityDirections:
         # Gravity along no axis, so that no base parameter of it is lost in this robot.
         self._judge = HeldOutFit(replace(robot, gravity=size * _normalise(np.array([3.0, 4.0, 5.0]))))
         self._motion, self._size = motion, size
-        self._parts = [HeldOutFit(replace(robot, gravity=gravity)) for gravity in (np.zeros(3), *np.eye(3))]
+        self._parts = [
+            HeldOutFit(replace(robot, gravity=gravity), like=self._judge) for gravity in (np.zeros(3), *np.eye(3))
+        ]
 
     def measure_unexplained(self, direction: FloatArray) -> UnexplainedTorque:
-        # W is affine in gravity, so W(g) = W(0) + Σ g_k (W(e_k) - W(0)): the weight of W(0) is one less their sum.
-        factors = direction * self._size
-        return self._judge.measure_unexplained_of_sum(
-            self._motion, self._parts, [1.0 - float(factors.sum()), *map(float, factors)]
-        )
+        # W is affine in gravity: W(g) = W(0) + Σ g_k (W(e_k) - W(0)).
+        return self._judge.measure_unexplained_of_sum(self._motion, self._parts, (direction * self._size).tolist())
 
     def find_lowest_near(self, start: FloatArray) -> FloatArray:
         """Return the direction (3,) near a first one with the lowest score."""

@@ -28,8 +28,8 @@ _ROWS = 2500
 """Rows that faults are looked for in: every candidate is fitted to them, so more would take longer and tell little."""
 
 
-_ROWS_PER_COLUMN = 8
-"""Rows for each parameter that a fit needs, at least, to tell one order of the columns from another."""
+_ROWS_PER_COLUMN = 13
+"""Rows for each independent parameter that a fit needs, at least, to tell one order of the columns from another."""
 
 _EXPLAINED = 0.2
 """Share left of an average joint's torque, or of the worst joint's, from which on the motion's own band is looked at

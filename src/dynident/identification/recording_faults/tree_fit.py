@@ -6,7 +6,7 @@ The numerics under `fault_search`: holds the ridge, the blocks and which rows co
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -57,13 +57,13 @@ class _MotionRows:
 
     Here and below n counts the joints of one tree.
 
-    `of_joints`: the numbers of these rows (m,), the rows (m, p) in those columns that the joint's torque depends on,
-    and the matrix that adds them up by block and in all (blocks + 1, m).
+    `of_joints`: the numbers of these rows (m,), and the rows (m, p) in those columns that the joint's torque depends
+    on.
     """
 
     motion: Motion
     inner: FloatArray
-    of_joints: tuple[tuple[IntArray, FloatArray, FloatArray], ...]
+    of_joints: tuple[tuple[IntArray, FloatArray], ...]
 
     def is_same_motion(self, other: Motion) -> bool:
         """Tell whether another motion is the same but for its torque."""
@@ -71,7 +71,9 @@ class _MotionRows:
 
 
 def _is_same(first: Motion, second: Motion, names: Sequence[str]) -> bool:
-    return all(np.array_equal(getattr(first, name), getattr(second, name)) for name in names)
+    # Most signals of most candidates are the very arrays of the recording.
+    pairs = ((getattr(first, name), getattr(second, name)) for name in names)
+    return all(a is b or np.array_equal(a, b) for a, b in pairs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +115,41 @@ class GramMatrices:
         products = (self.inner @ values[:, None, :, None])[..., 0]
         remainder = self.measured + np.einsum("bji,bi->bj", products - 2.0 * self.right, values)
         return np.asarray(np.maximum(remainder, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _RowsOfSum:
+    """Inner products of W that is a sum of several, of a motion.
+
+    `products`: for each joint the columns (g,) in which the others differ from the first one, and the inner products
+    (blocks, p, p) of its rows in the first, in those columns of what each other differs by, and of its torque.
+    """
+
+    motion: Motion
+    products: tuple[tuple[IntArray, FloatArray], ...]
+
+    def compute_grams(
+        self, factors: Sequence[float], layout: Sequence[tuple[IntArray, IntArray]], n_columns: int
+    ) -> GramMatrices:
+        """Return the inner products of the first W and so many times what each other one differs by from it."""
+        n = len(layout)
+        inner, right = np.zeros((BLOCKS + 1, n, n_columns, n_columns)), np.zeros((BLOCKS + 1, n, n_columns))
+        measured = np.zeros((BLOCKS + 1, n))
+        for joint, ((differing, products), (_, columns)) in enumerate(zip(self.products, layout, strict=True)):
+            c, g = len(columns), len(differing)
+            # The columns of the differences are added to those of the first: from the right side, then from the left.
+            summed = products[:, :, [*range(c), -1]]
+            parts = [slice(c + number * g, c + (number + 1) * g) for number in range(len(factors))]
+            for factor, part in zip(factors, parts, strict=True):
+                summed[:, :, differing] += factor * products[:, :, part]
+            both = summed[:, [*range(c), -1]]
+            for factor, part in zip(factors, parts, strict=True):
+                both[:, differing] += factor * summed[:, part]
+            inner[:-1, joint, columns[:, None], columns] = both[:, :-1, :-1]
+            right[:-1, joint, columns], measured[:-1, joint] = both[:, :-1, -1], both[:, -1, -1]
+        for sums in (inner, right, measured):
+            sums[-1] = sums[:-1].sum(axis=0)
+        return GramMatrices(inner, right, measured)
 
 
 def list_trees(robot: Robot) -> list[list[int]]:
@@ -168,35 +205,51 @@ def find_parallel_axes(robot: Robot) -> BoolArray:
 
 
 class TreeFit:
-    """Fits of some joints of a robot that share no parameter with the others."""
+    """Fits of some joints of a robot that share no parameter with the others.
 
-    def __init__(self, robot: Robot, joints: Sequence[int], observation: Observation) -> None:
+    `independent` numbers the columns of the observation that are fitted: the others explain nothing that these do not.
+    """
+
+    def __init__(self, robot: Robot, joints: Sequence[int], observation: Observation, independent: IntArray) -> None:
         self._robot, self.joints = robot, list(joints)
-        self._observation = observation
-        self._layout = [self._observation.joint_entries(joint) for joint in joints]
+        self._observation, self._independent = observation, independent
+        self._layout = []
+        for joint in joints:
+            positions, columns = observation.joint_entries(joint)
+            own = np.isin(columns, independent)
+            self._layout.append((positions[own], np.searchsorted(independent, columns[own])))
         self._rows: list[_MotionRows] = []
         self._solutions: list[TreeSolution] = []
+        self._sum: _RowsOfSum | None = None
 
     @property
     def n_columns(self) -> int:
         """Number of parameters."""
-        return self._observation.n_columns
+        return len(self._independent)
 
     def solve(self, motion: Motion) -> TreeSolution:
         """Solve for a motion; the solutions of a few are kept, as most candidates change few joints."""
         own = self._select(motion)
         known = next((known for known in self._solutions if _is_same(known.motion, own, _SIGNALS)), None)
-        solution = known or self._solve(own, self._get_rows(motion, own))
+        solution = known or self._solve(own, self._compute_grams(own, self._get_rows(motion, own)))
         self._solutions = [solution, *(other for other in self._solutions if other is not solution)][:_MOST_KNOWN]
         return solution
 
+    def solve_inside(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """Return the squares (blocks, n) that one fit to all blocks leaves, and the squared torque (n,)."""
+        own = self._select(motion)
+        grams = self._compute_grams(own, self._get_rows(motion, own))
+        _, squares = self._solve_weighted(grams, self._fit_all)
+        return squares[:-1], grams.measured[-1]
+
     def _select(self, motion: Motion) -> Motion:
+        if len(self.joints) == motion.q.shape[1]:
+            return motion
         q, dq, ddq, tau = (getattr(motion, name)[:, self.joints] for name in _SIGNALS[:4])
         return Motion(q, dq, ddq, tau, motion.block)
 
-    def _solve(self, own: Motion, rows: _MotionRows) -> TreeSolution:
-        grams = self._compute_grams(own, rows)
-        values, squares = self._solve_weighted(grams)
+    def _solve(self, own: Motion, grams: GramMatrices) -> TreeSolution:
+        values, squares = self._solve_weighted(grams, self._fit_all_but_each)
         rest = squares[:-1].sum(axis=0)
         against = [self._is_driven_by_friction(grams, values[:-1], k, float(rest[k])) for k in range(len(self.joints))]
         frictions = np.zeros((BLOCKS, len(self.joints)))
@@ -207,17 +260,30 @@ class TreeFit:
         return TreeSolution(own, squares, grams.measured[-1], np.array(against), frictions)
 
     def solve_sum(self, motion: Motion, parts: Sequence[TreeFit], factors: Sequence[float]) -> TreeSolution:
-        """Solve with a weighted sum of W of other fits of the same links in the place of the own."""
+        """Solve with W of the first of some fits, and of each other one so many times what it differs by from that."""
         own = self._select(motion)
-        of_joints = []
-        for joint, (at, rows, sums) in enumerate(self._get_rows(motion, own).of_joints):
-            columns, total = self._layout[joint][1], np.zeros_like(rows)
-            for part, factor in zip(parts, factors, strict=True):
-                # Without gravity a joint has fewer columns, so each fit's columns are sought among those of all.
-                theirs = np.searchsorted(columns, part._layout[joint][1])
-                total[:, theirs] += factor * part._get_rows(motion, own).of_joints[joint][1]
-            of_joints.append((at, total, sums))
-        return self._solve(own, self._add_inner_products(own, of_joints))
+        if self._sum is None or self._sum.motion is not motion:
+            self._sum = self._build_sum(motion, own, parts)
+        return self._solve(own, self._sum.compute_grams(factors, self._layout, self.n_columns))
+
+    def _build_sum(self, motion: Motion, own: Motion, parts: Sequence[TreeFit]) -> _RowsOfSum:
+        products = []
+        for joint, (_, columns) in enumerate(self._layout):
+            (at, first), *others = (part._fill_rows(motion, own, joint, columns) for part in parts)
+            differences = [rows - first for _, rows in others]
+            differing = np.flatnonzero(np.any([difference.any(axis=0) for difference in differences], axis=0))
+            tau = own.tau[at, joint]
+            rows = np.column_stack([first, *(difference[:, differing] for difference in differences), tau])
+            products.append((differing, np.stack([rows[part].T @ rows[part] for part in _list_blocks(own, at)])))
+        return _RowsOfSum(motion, tuple(products))
+
+    def _fill_rows(self, motion: Motion, own: Motion, joint: int, columns: IntArray) -> tuple[IntArray, FloatArray]:
+        """Return the numbers of a joint's rows, and its rows in all of these columns."""
+        at, rows = self._get_rows(motion, own).of_joints[joint]
+        # Without gravity a joint depends on fewer columns.
+        filled = np.zeros((len(at), len(columns)))
+        filled[:, np.searchsorted(columns, self._layout[joint][1])] = rows
+        return at, filled
 
     def compute_load_columns(self, q: FloatArray) -> dict[int, FloatArray]:
         """Return the columns of each joint's torque (m, p) at rest, by joint."""
@@ -226,8 +292,10 @@ class TreeFit:
         entries = self._observation.evaluate(q, rest, rest, reference=reference, memory=memory)
         return {joint: entries[:, positions] for joint, (positions, _) in zip(self.joints, self._layout, strict=True)}
 
-    def _solve_weighted(self, grams: GramMatrices) -> tuple[FloatArray, FloatArray]:
-        """Solve from all blocks but each one, and last from all of them.
+    def _solve_weighted(
+        self, grams: GramMatrices, fit: Callable[[GramMatrices, FloatArray], FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Solve with joints weighed by what is left unexplained.
 
         Returns
         -------
@@ -240,7 +308,7 @@ class TreeFit:
         squares, values = grams.measured, np.zeros((BLOCKS + 1, self.n_columns))
         # Two rounds: the first weighs joints by their torque, the second by what the first left unexplained.
         for _ in range(2):
-            values = self._fit_all_but_each(grams, noise)
+            values = fit(grams, noise)
             squares = grams.compute_squares(values)
             noise = np.sqrt(np.maximum(squares[:-1].sum(axis=0), least))
         return values, squares
@@ -248,10 +316,12 @@ class TreeFit:
     def _compute_grams(self, motion: Motion, known: _MotionRows) -> GramMatrices:
         right = np.zeros((BLOCKS + 1, len(self.joints), self.n_columns))
         measured = np.zeros((BLOCKS + 1, len(self.joints)))
-        for joint, (at, rows, sums) in enumerate(known.of_joints):
-            tau = motion.tau[at, joint]
-            right[:, joint, self._layout[joint][1]] = (sums * tau) @ rows
-            measured[:, joint] = sums @ tau**2
+        for joint, (at, rows) in enumerate(known.of_joints):
+            tau, columns = motion.tau[at, joint], self._layout[joint][1]
+            for number, part in enumerate(_list_blocks(motion, at)):
+                right[number, joint, columns] = tau[part] @ rows[part]
+                measured[number, joint] = tau[part] @ tau[part]
+        right[-1], measured[-1] = right[:-1].sum(axis=0), measured[:-1].sum(axis=0)
         return GramMatrices(known.inner, right, measured)
 
     def _get_rows(self, motion: Motion, own: Motion) -> _MotionRows:
@@ -269,20 +339,14 @@ class TreeFit:
         of_joints = []
         for joint, (positions, _) in enumerate(self._layout):
             at = np.flatnonzero(moves[:, joint])
-            inside = (own.block[at] == np.arange(BLOCKS)[:, None]).astype(np.float64)
-            sums = np.concatenate([inside, np.ones((1, len(at)))])
-            of_joints.append((at, entries[np.ix_(at, positions)], sums))
+            of_joints.append((at, entries[at[:, None], positions]))
         return self._add_inner_products(own, of_joints)
 
-    def _add_inner_products(
-        self, motion: Motion, of_joints: Sequence[tuple[IntArray, FloatArray, FloatArray]]
-    ) -> _MotionRows:
+    def _add_inner_products(self, motion: Motion, of_joints: Sequence[tuple[IntArray, FloatArray]]) -> _MotionRows:
         inner = np.zeros((BLOCKS + 1, len(self.joints), self.n_columns, self.n_columns))
-        for joint, (at, rows, _) in enumerate(of_joints):
+        for joint, (at, rows) in enumerate(of_joints):
             columns = self._layout[joint][1]
-            # Blocks are in the order of time: each is a run of rows.
-            edges = np.searchsorted(motion.block[at], np.arange(BLOCKS + 1))
-            parts = [rows[first:last] for first, last in pairwise(edges)]
+            parts = [rows[part] for part in _list_blocks(motion, at)]
             inner[:-1, joint, columns[:, None], columns] = [part.T @ part for part in parts]
         inner[-1] = inner[:-1].sum(axis=0)
         return _MotionRows(motion, inner, tuple(of_joints))
@@ -295,12 +359,14 @@ class TreeFit:
         # Weights relative to the largest noise: torques may be in any unit, and squares of their inverses may overflow.
         c, weights = self.n_columns, (noise.max() / noise) ** 2
         normal = LEAVE_ONE_OUT @ (weights @ grams.inner[:-1].reshape(BLOCKS, len(self.joints), c * c))
-        right = LEAVE_ONE_OUT @ (weights @ grams.right[:-1])
-        normal = normal.reshape(-1, c, c)
-        # Columns of equal size, so that the ridge does not depend on units.
-        scale = np.sqrt(np.maximum(np.einsum("bii->bi", normal), np.finfo(float).tiny))
-        normal = normal / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(c)
-        return np.asarray(np.linalg.solve(normal, (right / scale)[:, :, None])[:, :, 0] / scale)
+        return _solve_normal_equations(normal.reshape(-1, c, c), LEAVE_ONE_OUT @ (weights @ grams.right[:-1]))
+
+    def _fit_all(self, grams: GramMatrices, noise: FloatArray) -> FloatArray:
+        """Return the parameters (blocks + 1, c) of all blocks, for each of them."""
+        c, weights = self.n_columns, (noise.max() / noise) ** 2
+        normal = (weights @ grams.inner[-1].reshape(len(self.joints), c * c)).reshape(1, c, c)
+        values = _solve_normal_equations(normal, weights[None, :] @ grams.right[-1])
+        return np.broadcast_to(values, (BLOCKS + 1, c))
 
     def _is_driven_by_friction(self, grams: GramMatrices, values: FloatArray, joint: int, rest: float) -> bool:
         """Tell whether a joint's friction surely gives it energy, and more than the unexplained torque could be."""
@@ -317,7 +383,7 @@ class TreeFit:
     @cached_property
     def _friction_columns(self) -> list[tuple[list[int], int]]:
         """Columns of each joint's friction, and that of its dry friction, which is 1 or -1."""
-        columns = self._observation.columns
+        columns = [self._observation.columns[k] for k in self._independent]
         frictions = []
         for name in (self._robot.joint_names[joint] for joint in self.joints):
             own = [
@@ -325,6 +391,20 @@ class TreeFit:
             ]
             frictions.append((own, next(k for k in own if get_role(columns[k]) == "dry")))
         return frictions
+
+
+def _solve_normal_equations(normal: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solutions (k, c) of normal matrices (k, c, c) and right sides (k, c)."""
+    # Columns of equal size, so that the ridge does not depend on units.
+    scale = np.sqrt(np.maximum(np.einsum("bii->bi", normal), np.finfo(float).tiny))
+    scaled = normal / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(normal.shape[-1])
+    return np.asarray(np.linalg.solve(scaled, (right / scale)[:, :, None])[:, :, 0] / scale)
+
+
+def _list_blocks(motion: Motion, at: IntArray) -> list[slice]:
+    """Return where the rows with these numbers are in each block: a run of them, as blocks are in the order of time."""
+    edges = np.searchsorted(motion.block[at], np.arange(BLOCKS + 1))
+    return [slice(first, last) for first, last in pairwise(edges)]
 
 
 def find_moving_rows(motion: Motion) -> BoolArray:

@@ -11,9 +11,16 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import nnls
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-from dynident.effects import DEFAULT_EFFECTS, EffectChoice, Signals, build_columns
+from dynident.effects import (
+    DEFAULT_EFFECTS,
+    EffectChoice,
+    ReferenceParameters,
+    Signals,
+    build_columns,
+    get_effect,
+    get_role,
+)
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
-from dynident.identification.recording_faults.torque_scale import compute_described_load
 from dynident.identification.recording_faults.tree_fit import (
     BLOCKS,
     LEAVE_ONE_OUT,
@@ -23,8 +30,9 @@ from dynident.identification.recording_faults.tree_fit import (
     find_moving_rows,
     list_trees,
 )
+from dynident.regressors.base_parameters import evaluate_at_random_states, select_base
 from dynident.regressors.observation_matrix import Observation
-from dynident.robot.robot_model import Robot
+from dynident.robot.robot_model import INERTIAL_NAMES, Robot
 
 CLEARLY, SURELY = 0.6, 2.5
 """Sum over the joints of the logarithm by which the unexplained share of the torque has to fall without a fault (on
@@ -145,15 +153,22 @@ class HeldOutFit:
         The robot.
     more : tuple of EffectChoice
         Further effects of the model.
+    like : HeldOutFit, optional
+        Fit of the same links whose parameters are fitted, as where gravity points in another direction.
     """
 
-    def __init__(self, robot: Robot, more: tuple[EffectChoice, ...] = ()) -> None:
+    def __init__(self, robot: Robot, more: tuple[EffectChoice, ...] = (), like: HeldOutFit | None = None) -> None:
         self._robot = robot
-        self._trees = [TreeFit(robot, joints, observation) for joints, observation in _build_observations(robot, more)]
+        models = _build_models(robot, more)
+        parameters = [model[2] for model in (models if like is None else _build_models(like._robot, more))]
+        self._trees = [
+            TreeFit(robot, joints, observation, independent)
+            for (joints, observation, _), independent in zip(models, parameters, strict=True)
+        ]
 
     @property
     def n_columns(self) -> int:
-        """Number of parameters."""
+        """Number of independent parameters."""
         return sum(tree.n_columns for tree in self._trees)
 
     def measure_unexplained(self, motion: Motion) -> UnexplainedTorque:
@@ -165,6 +180,22 @@ class HeldOutFit:
             Filtered rows of the recording.
         """
         return self._join(motion, [tree.solve(motion) for tree in self._trees])
+
+    def estimate_score(self, motion: Motion) -> float:
+        """Return about the least score that a motion may have, by one fit to all blocks of time.
+
+        A block that is held out is never explained better than where it is fitted to.
+
+        Parameters
+        ----------
+        motion : Motion
+            Filtered rows of the recording.
+        """
+        n, moving = self._robot.n, find_moving_joints(motion)
+        squares, measured = np.zeros((BLOCKS, n)), np.zeros(n)
+        for tree in self._trees:
+            squares[:, tree.joints], measured[tree.joints] = tree.solve_inside(motion)
+        return float(compute_log_shares(squares, measured / BLOCKS)[:, moving].mean())
 
     def _join(self, motion: Motion, solutions: Sequence[TreeSolution]) -> UnexplainedTorque:
         n, moving = self._robot.n, find_moving_joints(motion)
@@ -204,16 +235,16 @@ class HeldOutFit:
     def measure_unexplained_of_sum(
         self, motion: Motion, parts: Sequence[HeldOutFit], factors: Sequence[float]
     ) -> UnexplainedTorque:
-        """Return the unexplained shares where W is a weighted sum of those of other fits of the same links.
+        """Return the unexplained shares where W is that of another fit, and multiples of what further ones add to it.
 
         Parameters
         ----------
         motion : Motion
             Filtered rows of the recording.
         parts : sequence of HeldOutFit
-            The other fits.
+            The other fits, of the same parameters; always the same ones.
         factors : sequence of float
-            One factor for each of them.
+            How many times what each fit but the first one differs by from the first is added to it.
 
         Returns
         -------
@@ -232,20 +263,53 @@ class HeldOutFit:
         return [loads[joint] for joint in range(self._robot.n)]
 
 
-@lru_cache(maxsize=4)
-def _build_observations(
+@lru_cache(maxsize=8)
+def _build_models(
     robot: Robot, more: tuple[EffectChoice, ...]
-) -> tuple[tuple[tuple[int, ...], Observation], ...]:
-    """Build the columns of each tree's links, rotors and friction, which are the same for each recording of a robot."""
+) -> tuple[tuple[tuple[int, ...], Observation, IntArray], ...]:
+    """Build the columns of each tree's links, rotors and friction, and number those that do not depend on others.
+
+    They are the same for each recording of a robot.
+    """
     signals = Signals(robot)
     columns = build_columns((*DEFAULT_EFFECTS, *more), signals)
     trees = list_trees(robot)
-    observations = []
+    models = []
     for joints in trees:
         names = {robot.joint_names[joint] for joint in joints}
         own = columns if len(trees) == 1 else [column for column in columns if column.link in names]
-        observations.append((tuple(joints), Observation.from_columns(robot, own, signals)))
-    return tuple(observations)
+        observation = Observation.from_columns(robot, own, signals)
+        # Friction first: no parameter of a link may stand for it.
+        order = sorted(range(len(own)), key=lambda k: not get_effect(own[k].effect).is_friction)
+        rows = evaluate_at_random_states(observation, _STATES_PER_COLUMN * len(own) // len(joints) + 20)[:, order]
+        base = select_base(rows, tuple(own[k].name for k in order))
+        models.append((tuple(joints), observation, np.sort(np.array(order)[list(base.kept)])))
+    return tuple(models)
+
+
+def compute_load(robot: Robot, motion: Motion) -> FloatArray | None:
+    """Return the torque (m, n) that the links need as the description has them; None without masses.
+
+    As `compute_described_load`, by the rows of W that fits are made of.
+    """
+    if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
+        return None
+    load = np.zeros_like(motion.tau)
+    for _, observation, _ in _build_models(robot, ()):
+        memory = np.zeros((len(motion.q), observation.n_memory))
+        reference = ReferenceParameters.massless(robot)
+        entries = observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
+        values = np.zeros(observation.n_columns)
+        for k, column in enumerate(observation.columns):
+            if get_role(column) == "link":
+                link = robot.tree.joint_names.index(column.link)
+                values[k] = robot.inertias[link, INERTIAL_NAMES.index(column.parameter)]
+        load += observation.compute_torque(entries, values)
+    return load
+
+
+_STATES_PER_COLUMN = 2
+"""Random states for each column by which it is decided which columns depend on others."""
 
 
 def compute_log_shares(squares: FloatArray, measured: FloatArray, least: float = _LEAST) -> FloatArray:
@@ -351,9 +415,13 @@ class DescriptionFit:
         fault : ColumnFault
             The fault.
         """
-        # The load does not depend on the torque, and takes most of the time.
-        load = None if fault.is_of_positions else self._few_loads
-        return _estimate_left(self.robot, fault.mend(self._few_rows), load)
+        motion = fault.mend(self._few_rows)
+        if fault.is_of_positions:
+            shares = _estimate_shares(motion, compute_load(self.robot, motion))
+        else:
+            # Neither the load nor other joints depend on the torque of some joints.
+            shares = self._few_shares | _estimate_shares(motion, self._few_loads, fault.joints)
+        return float(np.mean([*shares.values()])) if shares else None
 
     def _is_surely_less(self, left: FloatArray, other: FloatArray) -> bool:
         """Tell whether clearly less is left than otherwise, and in most blocks."""
@@ -384,7 +452,7 @@ class DescriptionFit:
 
     @cached_property
     def _estimate_as_is(self) -> float | None:
-        return _estimate_left(self.robot, self._few_rows, self._few_loads)
+        return float(np.mean([*self._few_shares.values()])) if self._few_shares else None
 
     @cached_property
     def _few_rows(self) -> Motion:
@@ -393,7 +461,11 @@ class DescriptionFit:
 
     @cached_property
     def _few_loads(self) -> FloatArray | None:
-        return compute_described_load(self.robot, self._few_rows)
+        return compute_load(self.robot, self._few_rows)
+
+    @cached_property
+    def _few_shares(self) -> dict[int, float]:
+        return _estimate_shares(self._few_rows, self._few_loads)
 
     @cached_property
     def _blocks_by_fault(self) -> dict[ColumnFault, FloatArray | None]:
@@ -432,7 +504,7 @@ def measure_blocks_left_by_description(robot: Robot, motion: Motion) -> FloatArr
     motion : Motion
         Filtered rows of the recording.
     """
-    load = compute_described_load(robot, motion)
+    load = compute_load(robot, motion)
     if load is None:
         return None
     moves = find_moving_rows(motion)
@@ -445,18 +517,20 @@ def measure_blocks_left_by_description(robot: Robot, motion: Motion) -> FloatArr
     return np.asarray(np.mean(shares, axis=0))
 
 
-def _estimate_left(robot: Robot, motion: Motion, load: FloatArray | None = None) -> float | None:
-    """Return the mean logarithm of the unexplained share of the torque, of all rows that are fitted to."""
-    load = compute_described_load(robot, motion) if load is None else load
-    if load is None:
-        return None
-    moves, shares = find_moving_rows(motion), []
-    for joint in np.flatnonzero(find_moving_joints(motion)):
-        rows = np.column_stack([_build_columns(motion, load, int(joint)), motion.tau[:, joint]])[moves[:, joint]]
+def _estimate_shares(motion: Motion, load: FloatArray | None, joints: Sequence[int] | None = None) -> dict[int, float]:
+    """Return the log share of each joint's torque that a load leaves, of all rows that are fitted to.
+
+    Only of joints that move, and of the stated ones; none without a load.
+    """
+    moves, moving, shares = find_moving_rows(motion), find_moving_joints(motion), {}
+    for joint in range(len(moving)) if joints is None else joints:
+        if load is None or not moving[joint]:
+            continue
+        rows = np.column_stack([_build_columns(motion, load, joint), motion.tau[:, joint]])[moves[:, joint]]
         gram = rows.T @ rows
         residual = np.append(-_fit(gram), 1.0)
-        shares.append(compute_log_shares(residual @ gram @ residual, gram[-1, -1]))
-    return float(np.mean(shares))
+        shares[joint] = float(compute_log_shares(residual @ gram @ residual, gram[-1, -1]))
+    return shares
 
 
 def _build_columns(motion: Motion, load: FloatArray, joint: int) -> FloatArray:
