@@ -23,8 +23,8 @@ from scipy import signal
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import compute_contributions, score_candidates
-from dynident.diagnosis.candidates.inner_products_and_folds import Products
 from dynident.diagnosis.candidates.significance import ALPHA, combine_scores, compute_familywise_p
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 
 JOINTS, MODEL = 3, 10
 WIDTHS = (1,) * 60 + (2,) * 20 + (3,) * 10 + (7,) * 10

@@ -29,7 +29,7 @@ from dynident.effects import DEFAULT_EFFECTS
 from dynident.estimation import Reduction
 from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import Preprocessing, Recording, RecordingMetadata
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import build_model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot

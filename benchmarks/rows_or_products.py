@@ -17,7 +17,7 @@ from common import FloatArray, show
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import score_candidates
-from dynident.diagnosis.candidates.inner_products_and_folds import Products, ProductStack, RowStack
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, ProductStack, RowStack
 
 JOINTS, BASE, CANDIDATES, STRETCHES, ROUNDS = 6, 60, 240, 150, 10
 ROWS = (8, 16, 32, 64, 128, 256)

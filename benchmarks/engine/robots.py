@@ -19,10 +19,10 @@ _MASSES = (8.0, 7.0, 4.0, 2.5, 1.8, 0.8)
 
 @cache
 def arm_by_name(name: str) -> Robot:
-    """An arm of the library, `six-<number>` (six revolute joints) or `sliding-<number>` (the third slides)."""
+    """An arm of the library; `six-<number>` or `three-<number>`: so many revolute joints; `sliding-<number>`."""
     kind, _, number = name.partition("-")
-    if kind in ("six", "sliding") and number.isdigit():
-        return _drawn(name, int(number), sliding=kind == "sliding")
+    if kind in ("six", "three", "sliding") and number.isdigit():
+        return _drawn(name, int(number), sliding=kind == "sliding", joints=3 if kind == "three" else 6)
     return robot_from_library(name)
 
 
@@ -46,9 +46,9 @@ def _move_centre(row: FloatArray, by: FloatArray) -> None:
     row[6:9] = mass * new
 
 
-def _drawn(name: str, number: int, *, sliding: bool) -> Robot:
+def _drawn(name: str, number: int, *, sliding: bool, joints: int) -> Robot:
     rng = np.random.default_rng([number, sliding])
-    rows = [_row(j, rng, slides=sliding and j == 2) for j in range(6)]
+    rows = [_row(j, rng, slides=sliding and j == 2) for j in range(joints)]
     first = robot_from_modified_dh(name, json.dumps(rows))
     # Motors are chosen for what the arm asks of them.
     torque = typical_torque(first, seed=number)

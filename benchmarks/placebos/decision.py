@@ -21,13 +21,13 @@ from dynident.diagnosis.residuals.shape_proposals import propose_shapes
 from dynident.diagnosis.search.external_contacts import find_contacts
 from dynident.diagnosis.search.finding_refinement import improve_reference
 from dynident.diagnosis.search.forward_selection import search_findings
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_family
 from dynident.effects import ReferenceParameters
 from dynident.identification import Identification
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase
-from dynident.regressors.filtered_rows import FilteredSamples, stream_filtered_samples
+from dynident.regressors.dynamic_model_rows import FilteredSamples, stream_filtered_samples
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.row_phases import RowPhases, find_joints_with_friction
@@ -107,7 +107,7 @@ class Question:
         rows = ChangedRows(self.identification, self.recordings, self.identification.estimate.next_reference(), change)
         data = rows.folded(pool, self.plain)
         start = self._start(data)
-        first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
+        first = list(score_family(data, pool, start.base, pool.initial_candidates, start.noise).scored)
         found = search_findings(data, pool, start, first, rows, ignore_progress)
         return tuple(_told(finding) for finding in found.findings)
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.recordings import Recording
-from dynident.regressors.filtered_rows import FilteredSamples
+from dynident.regressors.dynamic_model_rows import FilteredSamples
 from dynident.regressors.observation_matrix import Observation
 
 FloatArray = NDArray[np.float64]

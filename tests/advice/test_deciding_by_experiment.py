@@ -7,8 +7,8 @@ import pytest
 from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, on_joint, recorded
 from support.oracles import Motion, fourier_motion
 
-from dynident.advice import AdvisedDiagnosis, advise
-from dynident.diagnosis import Diagnosis, RankedEffect, examine
+from dynident.advice import advise
+from dynident.diagnosis import Diagnosis, Examination, RankedEffect, examine
 from dynident.excitation import Design, design_experiment
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Recording, recording_from_arrays
@@ -19,18 +19,17 @@ pytestmark = pytest.mark.slow
 JOINT = NAMES[0]
 
 
-def diagnosed(*runs: Recording) -> AdvisedDiagnosis:
-    identification = identify(ROBOT, runs, [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
-    return advise(examine(identification, runs))
+def examined(*runs: Recording) -> Examination:
+    return examine(identify(ROBOT, runs, [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND)), runs)
 
 
 def significant(found: Diagnosis) -> list[RankedEffect]:
     return [item for item in found.candidates if item.significant]
 
 
-def made(run: Recording) -> Design:
+def made(run: Recording, examination: Examination) -> Design:
     """The design that the diagnosis of a run with an open pair proposes, to complement the run."""
-    found = diagnosed(run)
+    found = advise(examination)
     first = significant(found)[0]
     assert first.joints == (JOINT,)
     assert found.next_experiment is not None
@@ -57,8 +56,8 @@ def test_the_virtual_robot_makes_the_proposed_motion_and_of_the_two_the_right_on
     bend = TrueEffect("viscous_nonlinear", JOINT, (("Fvn", 0.03 * ROBOT.joints[0].limits.effort),), (("p", 0.5),))
     motion = fourier_motion(ROBOT, 20.0, 200.0, 7, harmonics=5, fastest=0.9, base_frequency=0.05)
     fast = simulated(motion, bend, 1, "fast")
-    second = simulated(made(fast), bend, 2, "proposed")
-    first, *others = significant(diagnosed(fast, second))
+    second = simulated(made(fast, examined(fast)), bend, 2, "proposed")
+    first, *others = significant(examined(fast, second).diagnosis)
     assert (first.effect, first.joints) == ("viscous_nonlinear", (JOINT,))
     assert "stribeck" not in [item.effect for item in others]
     assert first.choice.shape_values["p"] == pytest.approx(0.5, abs=0.1)
@@ -67,9 +66,10 @@ def test_the_virtual_robot_makes_the_proposed_motion_and_of_the_two_the_right_on
 def test_an_effect_that_took_another_ones_name_gets_its_own():
     peak = on_joint(0, lambda q, v, load: 6.0 * np.exp(-np.abs(v / 0.15)) * np.sign(v))
     fast = recorded(fourier_motion(ROBOT, 20.0, 200.0, 7, harmonics=3, fastest=0.9), peak, 3, "fast")
-    assert significant(diagnosed(fast))[0].effect == "viscous_nonlinear"
-    design = made(fast)
+    examination = examined(fast)
+    assert significant(examination.diagnosis)[0].effect == "viscous_nonlinear"
+    design = made(fast, examination)
     second = recorded(Motion(design.t, design.q, design.dq, design.ddq), peak, 4, "proposed")
-    first = significant(diagnosed(fast, second))[0]
+    first = significant(examined(fast, second).diagnosis)[0]
     assert (first.effect, first.joints) == ("stribeck", (JOINT,))
     assert first.choice.shape_values["vs"] == pytest.approx(0.15, rel=0.2)

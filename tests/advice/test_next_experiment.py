@@ -73,6 +73,7 @@ def test_rivals_are_to_be_told_apart_by_a_motion_that_knows_them_better_than_the
     assert found.expected_separation.standard_deviation < 0.8 * found.present_separation.standard_deviation
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("kind", PAIRS_TO_DECIDE)
 def test_the_promised_deviation_is_that_of_the_design_made_with_the_data_at_hand(kind):
     found, _ = decided(kind)

@@ -33,7 +33,7 @@ from dynident_service.cli.csv_and_parquet_output import build_comparison_table, 
 from dynident_service.cli.csv_and_parquet_output import write_trajectory as write_trajectory_of_command
 
 NAMES = st.text(st.characters(exclude_categories=()), min_size=1, max_size=12).filter(str.strip)
-ODD = ('a,b;"c"', "line\nbreak", "\ud800", "é\u2028ß", "'=1+1", "\r", "a\tb", "0\x1f")
+ODD = ('a,b;"c"\tb', "line\nbreak\ré\u2028ß", "\ud800", "'=1+1", "0\x1f")
 NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
 QUICK = dy.DesignRequest(
     kind="random", trajectory=dy.TrajectoryRequest(duration=2.0, sampling_rate=25.0, harmonics=2), random_trajectories=1
@@ -43,7 +43,7 @@ QUICK = dy.DesignRequest(
 def odd(test):
     for name in ODD:
         test = example(name)(test)
-    check = settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    check = settings(max_examples=3, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
     return check(given(NAMES)(test))
 
 

@@ -135,6 +135,7 @@ def test_what_does_not_fit_is_said_in_words(desk: Path, arguments: list[str], sa
         assert words in answer.err
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("model", [name for name in AVAILABLE_MODELS if name != "base_wrench"])
 def test_every_model_can_be_chosen_for_an_identification(desk: Path, model: str):
     answer = dynident(

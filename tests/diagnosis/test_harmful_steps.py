@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.diagnosis.candidates.inner_product_accumulation import ConditionalRows, PhasedProducts
-from dynident.diagnosis.candidates.inner_products_and_folds import ProductStack, products_from_reduction
+from dynident.diagnosis.candidates.time_blocks_and_folds import ProductStack, products_from_reduction
 from dynident.diagnosis.search import pruning
 from dynident.diagnosis.search.pruning import select_harmless
 from dynident.effects import Estimate, get_effect

@@ -41,10 +41,10 @@ def left_of(monkeypatch):
     """
 
     def left(gains: dict[str, float], impossible: tuple[str, ...] = ()) -> tuple[str, ...]:
-        def judge(data: Any, pool: Any, base: Any, asked: Candidate, noise: Any) -> Gain:
-            return Gain(asked, gains[asked.joints[0]])
+        def judge(data: Any, pool: Any, base: Any, asked: list[Candidate], noise: Any) -> list[Gain]:
+            return [Gain(candidate, gains[candidate.joints[0]]) for candidate in asked]
 
-        monkeypatch.setattr(pruning, "score_candidate", judge)
+        monkeypatch.setattr(pruning, "score_all", judge)
         monkeypatch.setattr(pruning, "compute_gain_over_floor", lambda *asked: 1.0)
         monkeypatch.setattr(
             pruning, "is_physically_possible", lambda *asked: asked[-1].candidate.joints[0] not in impossible

@@ -9,7 +9,7 @@ import pytest
 from support.further_hidden_effects import loaded
 from support.hidden_effects import BAND, EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, motions, nothing, on_joint, recorded
 
-from dynident.diagnosis.candidates.inner_products_and_folds import ProductStack
+from dynident.diagnosis.candidates.time_blocks_and_folds import ProductStack
 from dynident.diagnosis.diagnosis_result import Change, ChangedValue
 from dynident.diagnosis.monitoring import (
     Day,

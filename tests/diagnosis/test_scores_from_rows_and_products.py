@@ -9,7 +9,7 @@ from dynident.diagnosis.candidates import inner_product_accumulation
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import compute_contributions, score_candidates
 from dynident.diagnosis.candidates.inner_product_accumulation import RowAccumulator
-from dynident.diagnosis.candidates.inner_products_and_folds import Products, ProductStack, RowStack
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, ProductStack, RowStack
 
 JOINTS, COLUMNS, STRETCHES, PIECES = 3, 9, 12, 5
 BASE, NOISE = np.arange(4), np.array([1.0, 0.5, 2.0])

@@ -20,19 +20,19 @@ from dynident.diagnosis.candidates.held_out_scores import (
     compute_held_out_errors,
     score_candidates,
 )
-from dynident.diagnosis.candidates.inner_products_and_folds import (
-    RowStack,
-    products_from_reduction,
-    split_data_folds,
-    split_folds,
-)
-from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import (
     ScoredCandidate,
     are_indistinguishable,
     combine_scores,
     compute_familywise_p,
     select_simplest,
+)
+from dynident.diagnosis.candidates.time_blocks_and_folds import (
+    RowStack,
+    products_from_reduction,
+    split_data_folds,
+    split_folds,
 )
 from dynident.diagnosis.search.acceptance_rules import compute_stability
 from dynident.diagnosis.search.next_finding import find_richer_changes

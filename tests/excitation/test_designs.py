@@ -164,6 +164,7 @@ def test_every_criterion_lowers_its_own_value(scara, criterion):
     assert design.criterion_values.criterion < design.baseline.best.criterion
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("seed", range(1, 5))
 def test_entries_of_like_size_are_judged_on_the_samples_that_they_were_sought_on(scara, seed):
     request = replace(

@@ -48,6 +48,7 @@ def test_the_parameters_of_a_motion_with_locked_joints_are_as_many_as_pinocchios
     assert model.n_parameters == rank_of_moving_rows(ur10, home, moving)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("kind", ["optimized", "random"])
 @pytest.mark.parametrize("family", ["fourier", "b_spline"])
 def test_only_the_named_joints_move_and_all_that_they_show_is_determined(ur10, kind, family):

@@ -35,8 +35,6 @@ from dynident.identification.identified_models.torque_prediction import (
 )
 from dynident.regressors.observation_matrix import FurtherSignals
 
-pytestmark = pytest.mark.sweep
-
 STRICT = ("-O1", "-Wall", "-Wextra", "-Werror", "-pedantic")
 # They look at what the program does, however slowly: optimising it takes most of their time.
 SANITIZERS = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -161,6 +159,7 @@ def check_terms(identification: Identification, motion: Motion, computed: dict[s
         np.testing.assert_allclose(values, expected[name], rtol=0, atol=exact * size, err_msg=name)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", NAMES)
 def test_a_c_header_compiles_strictly_and_computes_every_term(name: str, tmp_path: Path) -> None:
     identification = MODELS[name]()
@@ -168,6 +167,7 @@ def test_a_c_header_compiles_strictly_and_computes_every_term(name: str, tmp_pat
     check_terms(identification, motion, run_program(identification, tmp_path, motion, ("gcc", "-std=c99")))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     "compiler", [("gcc", "-std=c11"), ("clang", "-std=c99"), ("gcc", "-std=c99", *SANITIZERS)], ids=" ".join
 )
@@ -178,25 +178,36 @@ def test_compilers_and_their_sanitizers_agree(name: str, compiler: tuple[str, ..
     check_terms(identification, motion, run_program(identification, tmp_path, motion, compiler))
 
 
+CPP = {
+    "g++": (("g++", "-std=c++17", "-fno-exceptions", "-fno-rtti"), False),
+    "g++ with Eigen": (("g++", "-std=c++17", "-fno-exceptions"), True),
+    "clang++ with sanitizers": (("clang++", "-std=c++17", *SANITIZERS), False),
+}
+"""Compilers of C++ with their options, and whether Eigen's types are used."""
+
+
+# Compiling takes seconds: every model by one compiler, and one model by every compiler.
 @pytest.mark.parametrize(
-    ("compiler", "eigen"),
+    ("compiler", "name"),
     [
-        (("g++", "-std=c++17", "-fno-exceptions", "-fno-rtti"), False),
-        (("g++", "-std=c++17", "-fno-exceptions"), True),
-        (("clang++", "-std=c++17", *SANITIZERS), False),
+        pytest.param(
+            compiler, name, marks=[] if compiler == "g++" or name == "hysteresis on a tree" else pytest.mark.thorough
+        )
+        for compiler in CPP
+        for name in ("plain", "hysteresis on a tree", "everything with a sliding joint")
     ],
-    ids=["g++", "g++ with Eigen", "clang++ with sanitizers"],
 )
-@pytest.mark.parametrize("name", ["plain", "hysteresis on a tree", "everything with a sliding joint"])
-def test_a_cpp_header_computes_the_same(name: str, compiler: tuple[str, ...], eigen: bool, tmp_path: Path) -> None:
+def test_a_cpp_header_computes_the_same(name: str, compiler: str, tmp_path: Path) -> None:
+    command, eigen = CPP[compiler]
     if eigen and not EIGEN.exists():
         pytest.skip(f"NO EIGEN in {EIGEN}: the header's functions for it are not tested here")
     identification = MODELS[name]()
     motion = path(identification.model.robot, 30)
-    options = (*compiler, "-DDYNIDENT_USE_EIGEN", "-isystem", str(EIGEN)) if eigen else compiler
+    options = (*command, "-DDYNIDENT_USE_EIGEN", "-isystem", str(EIGEN)) if eigen else command
     check_terms(identification, motion, run_program(identification, tmp_path, motion, options, cpp=True, eigen=eigen))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ["ur10", "franka_panda", "scara"])
 def test_links_are_those_of_pinocchio_and_a_load_adds_its_own(name: str, tmp_path: Path) -> None:
     robot = arm(name)

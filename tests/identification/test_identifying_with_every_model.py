@@ -136,6 +136,7 @@ def test_an_identification_of_any_model_is_the_same_after_storage(found, model):
     assert again.n_equations == one.n_equations
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("model", MODELS)
 def test_effects_are_added_to_and_taken_out_of_any_model(model):
     plain = identify(ROBOT, SPRUNG, SPRUNG_VALIDATION, choices(model))

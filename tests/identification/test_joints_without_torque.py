@@ -125,6 +125,7 @@ def test_whatever_is_done_with_the_model_goes_on_without_that_torque(
     assert all(silent in use.reason for use in judged.uses if use.fit)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("estimator", ["ols", "irls", "feasible", "ekf"])
 def test_every_estimator_does_without_it(folder: Path, estimator: str) -> None:
     name, joint, seed, rate = CASES[0]

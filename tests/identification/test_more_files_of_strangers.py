@@ -138,6 +138,7 @@ def pendulum() -> Robot:
     )
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
 def test_gravity_that_only_the_masses_tell_is_told(tmp_path: Path, direction: tuple[float, ...], seed: int) -> None:

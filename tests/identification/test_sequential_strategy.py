@@ -51,6 +51,7 @@ def step_of(data, joint, findings):
     )
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("steps", STEPS)
 @pytest.mark.parametrize("estimator", ["ols", "wls"])
 @pytest.mark.parametrize("name", ["ur10", "franka_panda", "scara", "dual_arm", "crooked"])

@@ -32,6 +32,7 @@ def run(name: str, seed: int, rattling: float, rate: float = 400.0) -> tuple[Rob
     return robot, record(robot, replace(motion, q=q), tau, f"run{seed}")
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("name", ["ur10", "franka_panda"])
 def test_an_arm_that_rattles_is_identified_below_it_and_said_to(name, seed):

@@ -18,7 +18,7 @@ from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice, Signals, build_columns
 from dynident.identification import identify
 from dynident.recordings import Recording, recording_from_arrays
-from dynident.regressors.filtered_rows import FilteredSamples
+from dynident.regressors.dynamic_model_rows import FilteredSamples
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot import robot_from_library
 

@@ -81,6 +81,7 @@ def _followed(name: str, takes: float, dwell: float) -> _Followed:
     return _Followed((truth.q, truth.dq, truth.tau), (q, dq, tau), drives.coulomb)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ["ur10", "franka_panda"])
 @pytest.mark.parametrize(("takes", "dwell"), [(1.0, 0.4), (8.0, 0.4)], ids=["fast", "slow"])
 def test_joints_rest_when_and_where_those_of_mujoco_do(name: str, takes: float, dwell: float) -> None:

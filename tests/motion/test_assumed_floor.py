@@ -48,6 +48,7 @@ def test_a_floor_is_assumed_under_upright_arms_and_nowhere_else() -> None:
     assert floor_of(arm, Surroundings(floor=-0.7)) == -0.7
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ["ur5", "ur10", "scara"])
 def test_no_joint_goes_through_it_with_or_without_collision_geometry(name: str) -> None:
     described = robot_from_library(name)

@@ -24,6 +24,7 @@ SMALL = {
     "controller_code": "",
     "corrupted_samples": "--arms 1",
     "decision_level": "--draws 5",
+    "decisive_rules": "--small 1 --switches shadow",
     "design_speed": "--patience 2",
     "detection_limits": "--draws 1 --effects joint_spring",
     "diagnosis_ranking": "--samples 3000",
@@ -54,7 +55,7 @@ SMALL = {
 """Arguments with which a script takes seconds."""
 WITH_RECORDINGS = {
     "effort_kinds": "--cases 2",
-    "foreign_files": "",
+    "foreign_files": "--files 1",
     "imports": "--draws 2",
     "planted_mistakes": "--pairs 1 --only tx40 --arms 1 --draws 5",
     "readme_figures": "",

@@ -340,6 +340,7 @@ def trial_runs():
     return robot, [(run.t, np.column_stack([np.round(run.q, 5), run.tau])) for run in runs]
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("share", "kind", "longest"),
     [(3e-4, "zero", 1), (0.002, "spike", 1), (0.02, "zero", 1), (0.02, "stuck", 3), (0.02, "largest", 5)],

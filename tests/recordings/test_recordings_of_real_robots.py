@@ -74,6 +74,7 @@ def known(path: Path) -> set[str]:
     return peculiar.get(path.parent.name, set())
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("path", all_files(), ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_every_recording_comes_in_and_raises_no_false_alarm(path, tmp_path):
     recording, checks = imported(path, tmp_path / "stored")
@@ -126,6 +127,7 @@ def changed(tmp_path: Path, change) -> Path:
     return tmp_path / "changed.parquet"
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("joint", [1, 2, 3, 4, 5, 6])
 def test_a_current_of_the_wrong_sign_is_refused(joint, tmp_path):
     def turn(columns):
@@ -157,6 +159,7 @@ def test_degrees_beside_radians_are_refused(kind, tmp_path):
         imported(changed(tmp_path, turn), tmp_path / "stored")
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("name", "low", "high"),
     [

@@ -9,6 +9,7 @@ from support.oracles import arm, fourier_motion
 from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters
 from dynident.estimation import compute_errors
 from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
+from dynident.regressors.dynamic_model_rows import SampleFunction
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
 from dynident.regressors.filtered_energy_power_rows import (
     filter_with_pole,
@@ -16,7 +17,6 @@ from dynident.regressors.filtered_energy_power_rows import (
     reduce_form,
     stream_equations,
 )
-from dynident.regressors.filtered_rows import SampleFunction
 from dynident.regressors.model_structure import Model, build_model
 from dynident.regressors.observation_matrix import RegressorInputs
 

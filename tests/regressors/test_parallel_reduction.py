@@ -19,7 +19,7 @@ from dynident.estimation import Reduction
 from dynident.parallel import map_in_threads, prefetch
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
-from dynident.regressors.filtered_rows import SampleFunction, reduce_recordings
+from dynident.regressors.dynamic_model_rows import SampleFunction, reduce_recordings
 from dynident.regressors.model_structure import build_model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.qr_accumulation import EquationRows, accumulate_equations

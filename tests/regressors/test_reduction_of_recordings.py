@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import signal
 from support.oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
 
-import dynident.regressors.filtered_rows as stream
+import dynident.regressors.dynamic_model_rows as stream
 from dynident import parallel
 from dynident.effects import STOP, EffectChoice, ReferenceParameters
 from dynident.effects.effect_signals import MemorySignal
@@ -28,7 +28,7 @@ from dynident.recordings import (
     recording_from_arrays,
 )
 from dynident.recordings.recording import StoredRows
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import build_model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.qr_accumulation import choose_block_length, compute_used_duration

@@ -10,8 +10,8 @@ from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_c
 from dynident.recordings import Preprocessing, recording_from_arrays
 from dynident.recordings.joint_phases import Phase
 from dynident.regressors.base_parameters import find_base_parameters
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
-from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model_structure import build_model
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.row_phases import RowPhases
@@ -29,6 +29,7 @@ def torque(robot: Robot, q, dq, ddq) -> np.ndarray:
     return observation.compute_torque(entries, robot.inertias.reshape(-1))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", MACHINES)
 def test_the_torque_is_that_of_mujoco_with_its_constraints(name: str) -> None:
     robot = machine(name)

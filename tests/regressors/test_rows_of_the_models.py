@@ -24,6 +24,7 @@ from dynident.effects import (
 from dynident.estimation import Reduction, solve_ordinary
 from dynident.recordings import Preprocessing, Recording, Segment, filtered_blocks, low_pass, recording_from_arrays
 from dynident.recordings.recording import StoredRows
+from dynident.regressors.dynamic_model_rows import Samples, reduce_recordings
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
 from dynident.regressors.filtered_energy_power_rows import (
     filter_with_pole,
@@ -33,7 +34,6 @@ from dynident.regressors.filtered_energy_power_rows import (
     stream_equations,
     take_differences,
 )
-from dynident.regressors.filtered_rows import Samples, reduce_recordings
 from dynident.regressors.model_structure import Model, build_model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import robot_from_urdf
@@ -77,6 +77,7 @@ def error(reduction: Reduction, truth: np.ndarray) -> float:
     return float(np.linalg.norm(found.scales * (found.values - truth)) / np.linalg.norm(found.scales * truth))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ["ur10", "scara", "crooked"])
 def test_every_model_finds_the_true_base_parameters_of_noise_free_torque(name):
     model = build_model(arm(name), EFFECTS)
@@ -198,7 +199,8 @@ def test_block_borders_leave_no_trace_in_any_model(which, read, monkeypatch):
     whole = reductions(model, run)[which]
     monkeypatch.setattr("dynident.recordings.position_filter.READ_LENGTH", read)
     monkeypatch.setattr(
-        "dynident.regressors.filtered_rows.filtered_blocks", lambda *given: filtered_blocks(*given, block_length=331)
+        "dynident.regressors.dynamic_model_rows.filtered_blocks",
+        lambda *given: filtered_blocks(*given, block_length=331),
     )
     cut = reductions(model, run)[which]
     assert cut.n_rows == whole.n_rows

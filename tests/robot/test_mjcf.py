@@ -86,6 +86,7 @@ def test_the_torque_of_an_arm_is_mujocos_whatever_the_file_leaves_to_defaults() 
     np.testing.assert_allclose(torque(robot, q, dq, ddq), expected, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", MACHINES)
 def test_equalities_of_mujoco_are_read_as_loops_and_ties_that_move_as_mujocos_do(name: str) -> None:
     robot = robot_from_mjcf(name, mjcf(machine(name)))

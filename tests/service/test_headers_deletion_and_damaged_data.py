@@ -84,6 +84,7 @@ PATHS = [
 ]
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("path", [*PATHS, "/", "/workbench/style.css", "/workbench/nothing.js"])
 def test_every_answer_is_taken_for_what_it_says_and_runs_nothing_from_elsewhere(
     unharmed: TestClient, path: str

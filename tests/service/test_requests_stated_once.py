@@ -44,7 +44,7 @@ NEW = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0]
 # The package is told of a second folder, as if the file lay in it.
 PROGRAM = """
 import json, sys
-import dynident.identification.methods.estimators as home
+import dynident.identification.methods.estimator_options as home
 home.__path__.append({folder!r})
 from dynident_service.adapters.field_by_field import to_request
 from dynident_service.openapi import build_request_types

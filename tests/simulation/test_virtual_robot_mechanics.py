@@ -91,6 +91,7 @@ def test_rotor_inertia_adds_to_the_mass_matrix() -> None:
     assert truth.ddq[::25] == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ARMS)
 def test_velocities_and_accelerations_are_derivatives_of_the_positions(name: str) -> None:
     robot = robot_from_library(name)

@@ -12,7 +12,7 @@ import pytest
 
 from dynident.array_types import FloatArray
 from dynident.effects import CATALOGUE, Effect, ParameterSpec, ShapeSpec, Signals, UsualSize
-from dynident.identification.methods.estimators import Weighted
+from dynident.identification.methods.estimator_options import Weighted
 from dynident.testing import ConformanceError, check_effect, check_estimator
 
 

@@ -54,12 +54,21 @@ from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
 from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import build_failure_map, find_unknown_patterns
 from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import propose_shapes
-from dynident.diagnosis.search.candidate_outcomes import list_outcomes, list_untried, score_beside_findings
-from dynident.diagnosis.search.detection_limits import add_limits, compute_detection_limits, list_too_large_limits
+from dynident.diagnosis.search.candidate_outcomes import (
+    add_limits,
+    list_outcomes,
+    list_untried,
+    score_beside_findings,
+)
+from dynident.diagnosis.search.detection_limits import compute_detection_limits
 from dynident.diagnosis.search.external_contacts import find_contacts
 from dynident.diagnosis.search.finding_refinement import RecordedSource, refine_findings
 from dynident.diagnosis.search.forward_selection import SearchRecord, search_findings
-from dynident.diagnosis.search.identifiability_and_invisible_effects import compute_part_to_part_ratio, find_invisible
+from dynident.diagnosis.search.identifiability_and_invisible_effects import (
+    compute_part_to_part_ratio,
+    find_invisible,
+    list_too_large_limits,
+)
 from dynident.diagnosis.search.search_state import Finding, ScoredFamily, State, estimate_residual_noise, score_family
 from dynident.diagnosis.search.static_friction import find_static_friction
 from dynident.effects import CATALOGUE, EffectChoice, get_effect

@@ -1,6 +1,6 @@
 """Find spans of time with a disturbance from outside, such as a push, and leave them out of a diagnosis.
 
-Holds how much a force or a delay must explain, and how the ends of a span are found.
+Holds how much a delay of the clock must explain, and how the ends of a span are found.
 
 A push of a few seconds shifts all parameters, and the resulting errors everywhere else look like friction. So spans
 that stand out are found by leaving each out (`estimation.outlying_spans`), a push on one of the links is tried on them,
@@ -29,7 +29,7 @@ from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.identification.identified_models.fit_model import identify_model
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.observation_matrix import RegressorInputs
 
 PUSH = next(effect.id for effect in CATALOGUE.values() if effect.is_transient)

@@ -21,7 +21,7 @@ from dynident.identification import Identification
 from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
-from dynident.regressors.filtered_rows import (
+from dynident.regressors.dynamic_model_rows import (
     FilteredSamples,
     filter_in_parallel,
     reduce_recordings,

@@ -8,10 +8,12 @@ A recurrence steps a state through time, each step from the one before.
 from __future__ import annotations
 
 import ctypes
+import inspect
 import platform
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, cached_property, lru_cache
+from hashlib import sha256
 from importlib.metadata import version
 from typing import Any
 
@@ -20,6 +22,7 @@ import numpy as np
 from llvmlite import binding as llvm
 
 from dynident.array_types import FloatArray
+from dynident.expressions import llvm_translation
 from dynident.expressions.code_cache import load_or_compile
 from dynident.expressions.llvm_translation import LIBRARY_FUNCTIONS, translate_to_llvm
 
@@ -45,8 +48,11 @@ class Compiled:
     """
 
     def __init__(self, function: ca.Function, widths: Sequence[int], lanes: int) -> None:
+        vector_functions = _find_vector_functions(lanes)
+        # The function itself says which code it is: it is translated only where none is cached.
+        key = f"{_hash_translation()} {tuple(widths)} {lanes} {vector_functions} {function.serialize()}"
         # CasADi has removed common subexpressions; LLVM's own optimisation takes longer than it saves.
-        self._engine = build_engine(translate_to_llvm(function, widths, lanes, _find_vector_functions(lanes)))
+        self._engine = build_engine(lambda: translate_to_llvm(function, widths, lanes, vector_functions), key=key)
         place, number = ctypes.c_void_p, ctypes.c_int64
         kinds = [number, place, number, place, *(kind for _ in widths for kind in (place, number))]
         self._results_size = int(function.numel_out(0)) * lanes
@@ -80,15 +86,17 @@ def _compile(serialised: str, widths: tuple[int, ...], lanes: int) -> Compiled:
     return Compiled(ca.Function.deserialize(serialised), widths, lanes)
 
 
-def build_engine(text: str, optimisation: int = 0) -> llvm.ExecutionEngine:
-    """Compile LLVM assembly.
+def build_engine(write: Callable[[], str], optimisation: int = 0, *, key: str) -> llvm.ExecutionEngine:
+    """Compile LLVM assembly, or load its code where it was compiled before.
 
     Parameters
     ----------
-    text : str
-        The assembly.
+    write : callable
+        Writes the assembly; called only where no code is cached.
     optimisation : int
         LLVM's level of optimisation, 0 to 3.
+    key : str
+        What the assembly is written from.
 
     Returns
     -------
@@ -97,10 +105,9 @@ def build_engine(text: str, optimisation: int = 0) -> llvm.ExecutionEngine:
     """
     with _BUILD:
         machine = _create_machine(optimisation)
-        # The same text is other code by another compiler, or for another processor.
-        head = f"; {_read_versions()} {machine.triple} {' '.join(_detect_processor())}\n"
-        level = f"; -O{optimisation}\n" if optimisation else ""
-        code = load_or_compile(head + level + text, lambda: machine.emit_object(llvm.parse_assembly(text)))
+        # The same assembly is other code by another compiler, or for another processor.
+        head = f"{_read_versions()} {machine.triple} {' '.join(_detect_processor())} -O{optimisation}\n"
+        code = load_or_compile(head + key, lambda: machine.emit_object(llvm.parse_assembly(write())))
         engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
         engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()
@@ -147,6 +154,12 @@ def _create_machine(optimisation: int) -> llvm.TargetMachine:
     """Return the compiler of this computer."""
     name, features = _detect_processor()
     return _create_target().create_target_machine(cpu=name, features=features, opt=optimisation, jit=True)
+
+
+@cache
+def _hash_translation() -> str:
+    """Return a hash of the module that translates: another translation is other code of the same function."""
+    return sha256(inspect.getsource(llvm_translation).encode()).hexdigest()
 
 
 @cache

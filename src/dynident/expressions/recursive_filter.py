@@ -54,7 +54,8 @@ class _SectionFilterCode:
 
     def __init__(self, n_sections: int, n_columns: int) -> None:
         # The loop carries the state in registers, which takes LLVM's own allocation of them.
-        self._engine = build_engine(_write_llvm(n_sections, n_columns), optimisation=2)
+        text = _write_llvm(n_sections, n_columns)
+        self._engine = build_engine(lambda: text, optimisation=2, key=text)
         kinds = [ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 4]
         self._call = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
 

@@ -31,7 +31,7 @@ from dynident.estimation import (
     linearise_constants,
     solve,
 )
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
 

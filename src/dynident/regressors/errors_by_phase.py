@@ -29,7 +29,7 @@ FittedPhase = Literal["moving", "reversing", "starting"]
 """What a joint does in a row that takes part in the fit."""
 
 GROUPS: dict[FittedPhase, RowGroupName] = {"moving": "plain", "reversing": "weighted", "starting": "counted"}
-"""The group of rows that the estimation knows each of them by; `filtered_rows` makes the groups in this order."""
+"""The group of rows that the estimation knows each of them by; `dynamic_model_rows` makes the groups in this order."""
 
 
 @dataclass(frozen=True, eq=False)

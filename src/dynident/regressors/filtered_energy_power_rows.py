@@ -15,8 +15,8 @@ from dynident.effects import ReferenceParameters
 from dynident.estimation import Reduction
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
+from dynident.regressors.dynamic_model_rows import SampleFunction, Samples, low_pass_samples, stream_samples
 from dynident.regressors.equation_forms import EquationForm
-from dynident.regressors.filtered_rows import SampleFunction, Samples, low_pass_samples, stream_samples
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.qr_accumulation import EquationRows, accumulate_equations
 from dynident.regressors.row_phases import RowPhases

@@ -11,7 +11,7 @@ from dynident.effects import Column, ReferenceParameters
 from dynident.estimation import Reduction
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
-from dynident.regressors.filtered_rows import FilteredSamples, reduce_recordings, stream_filtered_samples
+from dynident.regressors.dynamic_model_rows import FilteredSamples, reduce_recordings, stream_filtered_samples
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.qr_accumulation import compute_used_duration

@@ -29,12 +29,31 @@ def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:
     q = np.asarray(q, dtype=float)
     if robot.linkage is not None:
         q, robot = robot.linkage.compute_positions(q), robot.tree
-    frames = np.empty((len(q), robot.n, 4, 4))
+    frames = np.zeros((len(q), robot.n, 4, 4))
+    frames[:, :, 3, 3] = 1.0
+    sines, versines = np.sin(q)[:, :, None, None], (1.0 - np.cos(q))[:, :, None, None]
     # One pass is enough, since every antecedent comes before its successors.
     for index, joint in enumerate(robot.joints):
-        local = joint.placement @ joint_motion(joint, q[:, index])
-        frames[:, index] = local if joint.parent < 0 else frames[:, joint.parent] @ local
+        rotation, origin = joint.placement[:3, :3], joint.placement[:3, 3]
+        if joint.kind == "prismatic":
+            origin = origin + q[:, index, None] * (rotation @ joint.axis)
+        else:
+            # Rodrigues' formula for a rotation about the axis, as in `joint_motion`, behind the placement.
+            cross = _cross_matrix(joint.axis)
+            once = rotation @ cross
+            rotation = rotation + sines[:, index] * once + versines[:, index] * (once @ cross)
+        if joint.parent >= 0:
+            before = frames[:, joint.parent]
+            rotation = before[:, :3, :3] @ rotation
+            origin = (before[:, :3, :3] @ np.atleast_2d(origin)[:, :, None])[:, :, 0] + before[:, :3, 3]
+        frames[:, index, :3, :3], frames[:, index, :3, 3] = rotation, origin
     return frames
+
+
+def _cross_matrix(axis: FloatArray) -> FloatArray:
+    """Return the matrix (3, 3) that gives the vector product of an axis with a vector."""
+    x, y, z = axis
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def joint_motion(joint: Joint, q: FloatArray) -> FloatArray:
@@ -57,8 +76,7 @@ def joint_motion(joint: Joint, q: FloatArray) -> FloatArray:
     if joint.kind == "prismatic":
         motion[:, :3, 3] = q[:, None] * joint.axis
         return motion
-    x, y, z = joint.axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = _cross_matrix(joint.axis)
     # Rodrigues' formula for a rotation about the axis: I + sin q [a]x + (1 - cos q) [a]x².
     motion[:, :3, :3] += np.sin(q)[:, None, None] * cross + (1.0 - np.cos(q))[:, None, None] * (cross @ cross)
     return motion

@@ -1,4 +1,4 @@
-"""Read fields of JSON with errors that point to their place (JSON pointers); limits on depth and names."""
+"""Read fields of JSON: numbers, also as text ("pi/2"), names, depth; errors point to their place (JSON pointers)."""
 
 from __future__ import annotations
 

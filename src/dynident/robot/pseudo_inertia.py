@@ -1,4 +1,6 @@
-"""Pseudo-inertia of a link and its smallest eigenvalue; usual uncertainties of described inertias (20 %).
+"""Pseudo-inertia of a link and its smallest eigenvalue; how uncertain described inertias usually are (20 %).
+
+Holds the mass that is assumed of a link without one (3 kg).
 
 With Σ = ∫ r rᵀ dm, the second moments of the mass about the frame's origin, J = [[Σ, MS], [MSᵀ, M]] is the second
 moment of the mass in homogeneous coordinates. It is positive semidefinite if and only if some distribution of mass that

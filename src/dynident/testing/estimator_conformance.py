@@ -32,7 +32,7 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
     Parameters
     ----------
     estimator : Estimator
-        One of the package `identification.methods.estimators`, or another of its kind.
+        One of `identification.methods.estimator_options`, or another of its kind.
     choices : IdentificationChoices, optional
         Other choices for the identification; the default ones otherwise.
 

@@ -37,7 +37,7 @@ from dynident.recordings import (
     preprocessing_from_request,
     recording_from_arrays,
 )
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.simulation import SimulatedRecording
 from dynident.validation.validation_outcome import ValidationOutcome

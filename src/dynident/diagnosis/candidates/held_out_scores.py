@@ -17,8 +17,8 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
-from dynident.diagnosis.candidates.inner_products_and_folds import Products, split_data_folds, sum_by_block
-from dynident.diagnosis.candidates.inner_products_by_joint import JointBlock, JointBlocks, ProductBlock, RowBlock
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlock, JointBlocks, ProductBlock, RowBlock
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, split_data_folds, sum_by_block
 
 # Difference from one below which a direction lies in the span of others.
 _SPANNED = 1e-6

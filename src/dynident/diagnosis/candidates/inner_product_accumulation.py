@@ -16,13 +16,13 @@ from functools import cached_property
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.diagnosis.candidates.inner_products_and_folds import Products, ProductStack, RowStack, Stack
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, ProductStack, RowStack, Stack
 from dynident.diagnosis.comparison.repeated_motion import Repeat, find_periods
 from dynident.effects import Signals
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase, compute_smear_width
-from dynident.regressors.filtered_rows import FilteredSamples, stream_filtered_samples
+from dynident.regressors.dynamic_model_rows import FilteredSamples, stream_filtered_samples
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.qr_accumulation import choose_block_length, compute_used_duration
 from dynident.regressors.row_phases import RowPhases, find_joints_with_friction, remembers_path, shows_at_starts

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import stdtrit
@@ -294,14 +295,17 @@ class BaselineErrors:
 
     Parameters
     ----------
-    weighted : (s, n)
-        Squared errors of the model alone, in units of the noise.
+    squares : (s, n)
+        Squared errors of the model alone, held out, N² m².
+    weight : (n,)
+        Inverse of the squared noise of each joint.
     factor : (s,)
         Weight of each block: one block with half of all the error must not decide, so its gain counts up to three times
         a usual one's.
     """
 
-    weighted: FloatArray
+    squares: FloatArray
+    weight: FloatArray
     factor: FloatArray
 
     @classmethod
@@ -315,11 +319,20 @@ class BaselineErrors:
         noise : (n,)
             Standard deviation of the noise of each joint, N m or N.
         """
-        weighted = before / noise**2
-        whole = weighted.sum(axis=1)
-        return cls(
-            weighted, np.minimum(1.0, RULES.most_of_block * compute_median_error(whole) / np.maximum(whole, 1e-300))
-        )
+        weight = 1.0 / noise**2
+        whole = before @ weight
+        most = RULES.most_of_block * compute_median_error(whole)
+        return cls(before, weight, np.minimum(1.0, most / np.maximum(whole, 1e-300)))
+
+    @cached_property
+    def most(self) -> FloatArray:
+        """The most (s, n) that counts of the errors with a candidate: no loss counts for more than there was."""
+        return 2.0 * self.squares
+
+    @cached_property
+    def sums(self) -> FloatArray:
+        """Errors of each joint (n,) over all blocks, in units of the noise."""
+        return np.asarray(self.factor @ self.squares * self.weight)
 
 
 def combine_scores(
@@ -344,26 +357,24 @@ def combine_scores(
         The candidate with what both kinds say.
     """
     bars = bars or [BaselineErrors.from_errors(score.before, noise) for score in scores]
-    drops, totals, gains = [], [], []
+    drops, totals, gains, errors = [], [], [], []
     index = list(joints)
     for score, bar in zip(scores, bars, strict=True):
-        before = bar.weighted
         # Nothing can gain more than there was; nor does a loss count for more, where a fold leaves out what decides.
-        gain = before - np.minimum(score.after / noise**2, 2.0 * before)
+        after = np.minimum(score.after, bar.most)
+        gain = (bar.squares - after) * bar.weight
+        base, own = bar.sums[index], (bar.factor @ gain)[index]
         gains.append(gain.sum(axis=1) * bar.factor)
-        base, own = bar.factor @ before[:, index], bar.factor @ gain[:, index]
         drops.append(own / np.maximum(base, np.finfo(float).tiny))
         totals.append(float(own.sum()) / max(float(base.sum()), np.finfo(float).tiny))
+        errors.append(after)
     # An effect that acts on several joints may help one of them alone; a group of single ones is judged by all.
     alone = len(scores[0].candidate.joints) < 2
-    mean_gain = _average_arrays(gains)
-    before = _average_arrays([score.before for score in scores])
-    # Bounded as the gain is: a loss counts for no more than there was.
-    after = _average_arrays([np.minimum(score.after, 2.0 * score.before) for score in scores])
+    mean_gain, after = _average_arrays(gains), _average_arrays(errors)
     return ScoredCandidate(
         candidate=scores[0].candidate,
         joints=joints,
-        before=before,
+        before=_average_arrays([bar.squares for bar in bars]),
         after=after,
         # The smaller of both kinds of folds: a finding has to hold whichever blocks are left out together.
         drop=float(np.min(drops, axis=0).max()) if alone and joints else min(totals),
@@ -374,7 +385,7 @@ def combine_scores(
         amplitudes=scores[0].amplitudes,
         share_improved=float(np.mean(mean_gain > 0)),
         measured=scores[0].measured,
-        after_weighted=(after / noise**2)[:, index].sum(axis=1),
+        after_weighted=after[:, index] @ bars[0].weight[index],
     )
 
 

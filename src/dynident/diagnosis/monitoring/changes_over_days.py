@@ -31,7 +31,7 @@ from dynident.diagnosis.monitoring.reduced_days import Day, Measure
 from dynident.diagnosis.search.identifiability_and_invisible_effects import is_determined
 from dynident.diagnosis.search.next_finding import select_candidate
 from dynident.diagnosis.search.pruning import prune_findings
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_family
 from dynident.effects import get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import build_weighted_factor, solve_weighted, statistics
@@ -69,7 +69,7 @@ def find_changes(data: PhasedProducts, pool: Pool, floor: FloatArray, progress: 
     firm = is_determined(data.select_for_model(base), state)
     while remaining and len(state.findings) < MOST_CHANGES:
         progress(len(state.findings) / MOST_CHANGES, f"{len(state.findings)} changes found")
-        judged = score_all(data, pool, state.base, remaining, state.noise)
+        judged = score_family(data, pool, state.base, remaining, state.noise).scored
         # What explains as much on all days alike has not changed.
         unshadowed = [scored for scored in judged if not _is_shadow(scored, judged)]
         choice = select_candidate(data, pool, state, [_judge_by_side(scored, pool, data) for scored in unshadowed])

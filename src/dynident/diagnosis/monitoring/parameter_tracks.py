@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.inner_product_accumulation import ConditionalRows, PhasedProducts
-from dynident.diagnosis.candidates.inner_products_and_folds import Products, ProductStack
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, ProductStack
 from dynident.diagnosis.diagnosis_result import Change, ChangedValue
 from dynident.diagnosis.monitoring.reduced_days import Day, Measure, PossibleChange
 from dynident.effects import Column, EffectChoice, get_effect

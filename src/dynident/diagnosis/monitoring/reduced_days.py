@@ -29,7 +29,7 @@ from dynident.identification.equations.model_and_data_checks import check_runs, 
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.text_encoding import escape_surrogates

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -70,6 +71,8 @@ def _compute_edges(values: FloatArray) -> FloatArray | None:
 
 # Bins over one variable, bins each over two, and fewest rows for which a bin has a mean.
 _BINS, _COARSE_BINS, _FEWEST = 24, 10, 10
+# A bin's mean of all other blocks is tried on every fifth.
+_FOLDS = 5
 # Share of the variance from which on a dependence is reported, and t of its gain over the blocks.
 _SHARE, _T = 0.08, 4.2
 # What shows in few blocks (a rough spot that is seldom passed) gains unevenly.
@@ -95,6 +98,17 @@ class _PatternRows:
     t: FloatArray
     row_block: IndexArray
 
+    @cached_property
+    def bins_by_joint(self) -> list[tuple[IndexArray, IndexArray, IndexArray]]:
+        """Bins (m,) of each joint's position and velocity, and coarse bins of its position.
+
+        Pairs of bins have to be coarse: ten by ten of them share the rows of all.
+        """
+        return [
+            (_number_bins(q, _BINS), _number_bins(dq, _BINS), _number_bins(q, _COARSE_BINS))
+            for q, dq in zip(self.q.T, self.dq.T, strict=True)
+        ]
+
     @classmethod
     def from_comparisons(cls, comparisons: Sequence[Comparison]) -> _PatternRows:
         def concatenate_signal(name: str) -> FloatArray:
@@ -118,8 +132,9 @@ def find_unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPat
     patterns: list[UnknownPattern] = []
     for j, name in enumerate(comparisons[0].joint_names):
         best: dict[Variable, float] = {}
-        for variable, which in _yield_partitions(rows, j):
-            share = max(_compute_held_out_share(rows, j, which, target) for target in _list_targets(rows, j))
+        joint = _JointRows.from_rows(rows, j)
+        for variable, bins in _yield_partitions(rows, j):
+            share = _compute_held_out_share(joint, bins)
             # Two variables always explain somewhat more than one, which alone is no dependence on the second.
             if variable == "other_joints" and share < _MORE_BY_TWO * best.get("position", 0.0):
                 continue
@@ -133,28 +148,39 @@ def find_unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPat
     return tuple(sorted(patterns, key=lambda pattern: -pattern.share))
 
 
-def _list_targets(rows: _PatternRows, j: int) -> tuple[FloatArray, FloatArray]:
-    """Return factors (m,) of the residual whose bin means are taken: one, and the sign of the joint's direction."""
-    return np.ones(len(rows.t)), np.sign(rows.dq[:, j])
+@dataclass(frozen=True, eq=False)
+class _JointRows:
+    """The rows (m,) that tell of one joint: what bin means are taken of, the block of each row, and folds of blocks."""
+
+    telling: BoolArray
+    targets: tuple[FloatArray, ...]
+    row_block: IndexArray
+    fold: IndexArray
+
+    @classmethod
+    def from_rows(cls, rows: _PatternRows, j: int) -> _JointRows:
+        telling = rows.telling[:, j]
+        residual = rows.residual[telling, j]
+        # The residual itself, and times the sign of the joint's direction.
+        targets = residual, residual * np.sign(rows.dq[telling, j])
+        return cls(telling, targets, rows.row_block[telling], np.arange(int(rows.row_block.max()) + 1) % _FOLDS)
 
 
 def _yield_partitions(rows: _PatternRows, j: int) -> Iterator[tuple[Variable, IndexArray]]:
     """Yield ways to sort the rows (m,) into bins, each with the variable it stands for; of the joint itself first."""
     sign = np.sign(rows.dq[:, j])
-    # Pairs of bins have to be coarse: ten by ten of them share the rows of all.
-    position = _number_bins(rows.q[:, j], _COARSE_BINS)
-    yield "position", _number_bins(rows.q[:, j], _BINS)
-    yield "velocity", _number_bins(rows.dq[:, j], _BINS)
+    position, velocity, coarse = rows.bins_by_joint[j]
+    yield "position", position
+    yield "velocity", velocity
     yield "acceleration", _number_bins(rows.ddq[:, j], _BINS)
     yield "acceleration", _number_bins(rows.ddq[:, j] * sign, _BINS)
     yield "load", _number_bins(rows.load[:, j], _BINS)
     yield "time", _number_bins(rows.t, _BINS)
-    for k in range(rows.q.shape[1]):
+    for k, (other_position, other_velocity, other_coarse) in enumerate(rows.bins_by_joint):
         if k != j:
-            other = _number_bins(rows.q[:, k], _COARSE_BINS)
-            yield "other_joints", _number_bins(rows.q[:, k], _BINS)
-            yield "other_joints", _number_bins(rows.dq[:, k], _BINS)
-            yield "other_joints", position * _COARSE_BINS + other
+            yield "other_joints", other_position
+            yield "other_joints", other_velocity
+            yield "other_joints", coarse * _COARSE_BINS + other_coarse
 
 
 def _number_bins(values: FloatArray, count: int) -> IndexArray:
@@ -166,34 +192,29 @@ def _number_bins(values: FloatArray, count: int) -> IndexArray:
     return numbers
 
 
-def _compute_held_out_share(rows: _PatternRows, j: int, which: IndexArray, turn: FloatArray) -> float:
+def _compute_held_out_share(joint: _JointRows, bins: IndexArray) -> float:
     """Return the held-out share of the residual's variance that bin means explain; 0 where blocks disagree."""
-    telling = rows.telling[:, j]
-    residual = (rows.residual[:, j] * turn)[telling]
-    total = float((residual**2).sum())
-    row_block, which = rows.row_block[telling], which[telling]
-    if not len(which):
-        return 0.0
-    n_bins, n_blocks = int(which.max()) + 1, int(rows.row_block.max()) + 1
+    bins = bins[joint.telling]
+    n_bins, n_blocks = int(bins.max(initial=0)) + 1, len(joint.fold)
+    total = float((joint.targets[0] ** 2).sum())
     if n_bins < 2 or total <= 0.0:
         return 0.0
-    cell = row_block * n_bins + which
+    cell = joint.row_block * n_bins + bins
     counts = np.bincount(cell, minlength=n_blocks * n_bins).reshape(n_blocks, n_bins)
-    sums = np.bincount(cell, weights=residual, minlength=n_blocks * n_bins).reshape(n_blocks, n_bins)
-    gains = np.zeros(n_blocks)
     # Means of a bin come from four fifths of the blocks and are tried on the rest: a dependence has to predict.
-    for fold in range(5):
-        test = np.arange(fold, n_blocks, 5)
-        training_counts = counts.sum(axis=0) - counts[test].sum(axis=0)
-        means = np.where(
-            training_counts >= _FEWEST,
-            (sums.sum(axis=0) - sums[test].sum(axis=0)) / np.maximum(training_counts, 1),
-            0.0,
-        )
+    is_outside = joint.fold != np.arange(_FOLDS)[:, None]
+    training_counts = is_outside @ counts
+    best = 0.0
+    for target in joint.targets:
+        sums = np.bincount(cell, weights=target, minlength=n_blocks * n_bins).reshape(n_blocks, n_bins)
+        means = np.where(training_counts >= _FEWEST, is_outside @ sums / np.maximum(training_counts, 1), 0.0)
+        own = means[joint.fold]
         # Σ r² - (r - m)² over the rows of a bin.
-        gains[test] = (2 * sums[test] * means - counts[test] * means**2).sum(axis=1)
-    share, t = float(gains.sum()) / total, compute_t(gains)
-    return share if t >= _T or (share >= _LARGE and t >= _T_OF_LARGE) else 0.0
+        gains = (2 * sums * own - counts * own**2).sum(axis=1)
+        share, t = float(gains.sum()) / total, compute_t(gains)
+        if t >= _T or (share >= _LARGE and t >= _T_OF_LARGE):
+            best = max(best, share)
+    return best
 
 
 def _find_burst_patterns(comparisons: Sequence[Comparison], known: set[str]) -> list[UnknownPattern]:

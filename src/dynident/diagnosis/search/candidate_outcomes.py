@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,6 +10,7 @@ from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, explai
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, ScoredCandidate
 from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason, describe_choice
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.diagnosis.search.acceptance_rules import find_rejection
@@ -127,6 +129,33 @@ def list_outcomes(
         if reason.code != "accepted":
             outcomes.append(CandidateOutcome(scored.candidate.choice, drop, reason))
     return tuple(outcomes), beside
+
+
+_SMALL = ("not_significant", "too_small")
+"""Codes of reasons that a larger effect would not have had."""
+
+
+def add_limits(outcomes: Sequence[CandidateOutcome], limits: Sequence[DetectionLimit]) -> tuple[CandidateOutcome, ...]:
+    """Add the detection limit to the reason of every effect that was too small to be accepted.
+
+    Parameters
+    ----------
+    outcomes : sequence of CandidateOutcome
+        What became of every effect on every joint.
+    limits : sequence of DetectionLimit
+        The detection limits.
+    """
+    sizes = {(limit.effect, limit.joints): limit for limit in limits if math.isfinite(limit.size)}
+    return tuple(
+        replace(outcome, reason=_add_limit(outcome.reason, limit))
+        if outcome.reason.code in _SMALL and (limit := sizes.get((outcome.choice.effect, outcome.choice.joints)))
+        else outcome
+        for outcome in outcomes
+    )
+
+
+def _add_limit(reason: Reason, limit: DetectionLimit) -> Reason:
+    return Reason.build(reason.code, reason.step, **{**dict(reason.values), "limit": limit.size, "unit": limit.unit})
 
 
 def list_untried(

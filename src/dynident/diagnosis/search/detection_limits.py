@@ -23,12 +23,11 @@ from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
 from dynident.diagnosis.candidates.held_out_scores import compute_block_products
-from dynident.diagnosis.candidates.inner_products_and_folds import Products, split_data_folds
-from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, compute_least_t, standardise_size
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, split_data_folds
 from dynident.diagnosis.decision_levels import RULES
-from dynident.diagnosis.diagnosis_result import DetectionLimit, Invisible
-from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
+from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.diagnosis.search.acceptance_rules import find_least_drops, get_least_gain
 from dynident.diagnosis.search.candidate_outcomes import FinalScores
 from dynident.diagnosis.search.search_state import KINDS, find_acting_columns, may_use_scores
@@ -46,6 +45,8 @@ _SMALLEST = 0.003
 # accepts halves its interval in the logarithm so often: a limit is known to within 4 %.
 _DRAWS, _HALVINGS = 50, 8
 _SEED = 43
+# Effects that are judged at once: what they take of memory stays in the cache.
+_TOGETHER = 8
 
 
 def compute_detection_limits(
@@ -93,9 +94,10 @@ def compute_detection_limits(
             # What is judged on rows at reversals has to help where joints move on, too.
             moving = final.data.select_for_candidates(final.state.base, np.array((False, kinds[1])))
             elsewhere = {planted.candidate: planted for planted in _list_planted(moving, pool, final, members)}
-        for planted in _list_planted(rows, pool, final, members):
-            whole = replace(planted, moving=elsewhere.get(planted.candidate))
-            limits[planted.candidate] = _build_limit(pool, whole)
+        planted = [
+            replace(each, moving=elsewhere.get(each.candidate)) for each in _list_planted(rows, pool, final, members)
+        ]
+        limits.update((each.candidate, _build_limit(pool, each, own)) for each, own in _find_thresholds(planted))
     return tuple(limits[candidate] for _, candidate in best.values() if candidate in limits)
 
 
@@ -114,59 +116,6 @@ def _get_usual(pool: Pool, candidate: Candidate) -> tuple[Mapping[str, float], M
     joint = robot.joint_names.index(candidate.joints[0]) if candidate.joints else 0
     usual = get_effect(candidate.effect).usual(robot, joint)
     return (usual.values, usual.shape) if usual is not None else ({}, {})
-
-
-_SMALL = ("not_significant", "too_small")
-"""Codes of reasons that a larger effect would not have had."""
-
-
-def add_limits(outcomes: Sequence[CandidateOutcome], limits: Sequence[DetectionLimit]) -> tuple[CandidateOutcome, ...]:
-    """Add the detection limit to the reason of every effect that was too small to be accepted.
-
-    Parameters
-    ----------
-    outcomes : sequence of CandidateOutcome
-        What became of every effect on every joint.
-    limits : sequence of DetectionLimit
-        The detection limits.
-    """
-    sizes = {(limit.effect, limit.joints): limit for limit in limits if math.isfinite(limit.size)}
-    return tuple(
-        replace(outcome, reason=_add_limit(outcome.reason, limit))
-        if outcome.reason.code in _SMALL and (limit := sizes.get((outcome.choice.effect, outcome.choice.joints)))
-        else outcome
-        for outcome in outcomes
-    )
-
-
-def _add_limit(reason: Reason, limit: DetectionLimit) -> Reason:
-    return Reason.build(reason.code, reason.step, **{**dict(reason.values), "limit": limit.size, "unit": limit.unit})
-
-
-def list_too_large_limits(limits: Sequence[DetectionLimit], hidden: Sequence[Invisible]) -> tuple[Invisible, ...]:
-    """List the effects that would not show even in their usual size.
-
-    Parameters
-    ----------
-    limits : sequence of DetectionLimit
-        The detection limits.
-    hidden : sequence of Invisible
-        What could not have shown for other reasons, and is not repeated.
-    """
-    known = {(invisible.effect, invisible.joints) for invisible in hidden}
-    return tuple(
-        _build_invisible(limit) for limit in limits if limit.share > 1.0 and (limit.effect, limit.joints) not in known
-    )
-
-
-def _build_invisible(limit: DetectionLimit) -> Invisible:
-    unit = "" if limit.unit == "-" else f" {limit.unit}"
-    usual = f"an arm with this effect has about {limit.usual:.2g}{unit}"
-    if not math.isfinite(limit.size):
-        return Invisible(limit.effect, limit.joints, f"these data would show it in no size; {usual}", "in no size")
-    shown = f"{limit.parameter} would have shown from {limit.size:.2g}{unit} on"
-    brief = f"{limit.parameter}: from {limit.size:.2g} on, usual {limit.usual:.2g}{unit}"
-    return Invisible(limit.effect, limit.joints, f"{shown}; {usual}", brief)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,9 +141,9 @@ class _HeldOut:
 
 
 class _Comparison(NamedTuple):
-    """Errors of each draw without and with a candidate.
+    """Errors of each draw without and with candidates.
 
-    `gains` (d, s) of all joints in units of the noise; `drops`, and squared errors `before` and `removed`, (d, n) each.
+    `gains` (c, d, s) of all joints in units of the noise; `drops`, squared errors `before` and `removed` (c, n, d).
     """
 
     gains: FloatArray
@@ -204,7 +153,7 @@ class _Comparison(NamedTuple):
 
 
 def _compute_error_drops(sides: Sequence[_Comparison]) -> FloatArray:
-    """Return (d, n): the shares of the error, averaged over the kinds of folds, that a candidate removes."""
+    """Return (c, n, d): the shares of the error, averaged over the kinds of folds, that a candidate removes."""
     before, removed = (np.mean([getattr(side, name) for side in sides], axis=0) for name in ("before", "removed"))
     return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - removed / before, 0.0)))
 
@@ -257,64 +206,6 @@ class _PlantedEffect:
     least_t: float
     moving: _PlantedEffect | None = None
 
-    def find_accepted(self, shares: FloatArray) -> BoolArray:
-        """Return (d,): in which draws an effect of a share (d,) of the usual size is accepted."""
-        sides = [self._compare(number, shares) for number in range(len(self.held_out))]
-        t = compute_evenness(np.mean([side.gains for side in sides], axis=0))
-        # The smaller of both kinds of folds, as in scoring; errors are averaged.
-        drops = np.min([side.drops for side in sides], axis=0)
-        removed = np.mean([side.removed for side in sides], axis=0)
-        error_drops = _compute_error_drops(sides)
-        effect = get_effect(self.candidate.effect)
-        # What pulls at two joints has to help both; anything else the joint that it helps most.
-        over_joints = np.min if effect.pulls_on_each else np.max
-        least_drop = find_least_drops(self.candidate, self.separability, t)
-        accepted = (
-            ((t >= self.levels.gains) | self._test_scores(shares))
-            & (t >= self.least_t)
-            & (over_joints(drops, axis=1) >= least_drop)
-            & (over_joints(error_drops, axis=1) >= RULES.least_error_drop)
-            & (over_joints(removed / self.floor, axis=1) >= get_least_gain(effect))
-        )
-        if self.least_sizes.any():
-            estimates = shares[:, None] * self.direction + self._misses
-            is_noticed = (np.abs(estimates) >= self.least_sizes) & (self.least_sizes > 0.0)
-            accepted &= is_noticed.any(axis=1)
-        if self.moving is not None:
-            kinds = range(len(self.moving.held_out))
-            where_moving = _compute_error_drops([self.moving._compare(number, shares) for number in kinds])
-            accepted &= over_joints(where_moving, axis=1) >= RULES.least_error_drop
-        return np.asarray(accepted)
-
-    def find_thresholds(self) -> FloatArray:
-        """Return (d,): the smallest share of the usual size that is accepted in each draw; infinite where none is."""
-        if self.separability < RULES.least_separability:
-            return np.full(_DRAWS, np.inf)
-        low, high = np.full(_DRAWS, math.log(_SMALLEST)), np.full(_DRAWS, math.log(LARGEST))
-        is_ever = self.find_accepted(np.exp(high))
-        if not is_ever.any():
-            return np.full(_DRAWS, np.inf)
-        # All draws halve their own intervals at once.
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            accepted = self.find_accepted(np.exp(middle))
-            low, high = np.where(accepted, low, middle), np.where(accepted, middle, high)
-        return np.where(is_ever, np.exp(high), np.inf)
-
-    def _compare(self, number: int, shares: FloatArray) -> _Comparison:
-        """Compare the errors without and with the candidate in one kind of folds."""
-        held_out = self.held_out[number]
-        along, cross = self._products_along[number]
-        share = shares[:, None, None]
-        before = np.maximum(held_out.errors + share**2 * along + 2.0 * share * cross, np.finfo(float).tiny)
-        # As in scoring: no loss counts for more than there was, and no block for more than three usual ones.
-        gain = np.maximum(before - self._errors_after[number], -before)
-        whole = before[:, :, -1]
-        factor = np.minimum(whole, RULES.most_of_block * _compute_medians(whole)) / whole
-        own_before, own_gain = before[:, :, :-1], gain[:, :, :-1]
-        drops = np.einsum("ds,dsn->dn", factor, own_gain) / np.einsum("ds,dsn->dn", factor, own_before)
-        return _Comparison(gain[:, :, -1] * factor, drops, own_before.sum(axis=1), own_gain.sum(axis=1))
-
     @cached_property
     def _signs(self) -> FloatArray:
         """Random signs (d, s) of the blocks, the same for every candidate."""
@@ -326,21 +217,22 @@ class _PlantedEffect:
         inverse = np.linalg.pinv(self.fitted_squares.sum(axis=0), rcond=1e-8, hermitian=True)
         return np.asarray(self._signs @ self.fitted_scores @ inverse)
 
-    @cached_property
-    def _products_along(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Squares (s, n + 1) of the torque of the usual size, and its products (d, s, n + 1) with what is left."""
+    def list_terms(self) -> list[tuple[FloatArray, ...]]:
+        """Return, for each kind of folds, the terms of the squared errors without and with the candidate.
+
+        Squares of what is left and of the torque of the usual size, (n + 1, 1, s), twice their product (n + 1, d, s),
+        and the errors with the candidate (n + 1, d, s): by how much the fitted parameters miss the planted ones does
+        not depend on these. Blocks come last, since they are what is summed over.
+        """
         return [
-            (kind.squares @ self.direction @ self.direction, self._signs[:, :, None] * (kind.scores @ self.direction))
+            (
+                kind.errors.T[:, None],
+                (kind.squares @ self.direction @ self.direction).T[:, None],
+                2.0 * self._signs * (kind.scores @ self.direction).T[:, None],
+                self._fit_held_out(kind),
+            )
             for kind in self.held_out
         ]
-
-    @cached_property
-    def _errors_after(self) -> list[FloatArray]:
-        """Squared errors (d, s, n + 1) with the candidate, fitted without the fold of each block.
-
-        By how much the fitted parameters miss the planted ones does not depend on these.
-        """
-        return [self._fit_held_out(kind) for kind in self.held_out]
 
     def _fit_held_out(self, kind: _HeldOut) -> FloatArray:
         whole_squares = self.fitted_squares.sum(axis=0)
@@ -359,9 +251,16 @@ class _PlantedEffect:
             after[:, fold] = (
                 kind.errors[fold] - 2.0 * self._signs[:, fold, None] * cross.reshape(shape) + quadratic.reshape(shape)
             )
-        return np.maximum(after, 0.0)
+        return np.maximum(after, 0.0).transpose(2, 0, 1)
 
-    def _test_scores(self, shares: FloatArray) -> BoolArray:
+    def is_noticed(self, shares: FloatArray) -> BoolArray:
+        """Return (d,): whether any parameter has a size that somebody would notice."""
+        if not self.least_sizes.any():
+            return np.ones(_DRAWS, dtype=bool)
+        estimates = shares[:, None] * self.direction + self._misses
+        return np.asarray(((np.abs(estimates) >= self.least_sizes) & (self.least_sizes > 0.0)).any(axis=1))
+
+    def test_scores(self, shares: FloatArray) -> BoolArray:
         """Return (d,): whether the scores are larger than chance makes them, where they may speak."""
         if not may_use_scores(self.candidate):
             return np.zeros(_DRAWS, dtype=bool)
@@ -387,10 +286,96 @@ class _PlantedEffect:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """Effects (c) that are reported on equally many joints n, and judged at once.
+
+    Parameters
+    ----------
+    planted : sequence of _PlantedEffect
+        The effects.
+    terms, moving_terms : list of tuple of (c, n + 1, ...)
+        Their terms for each kind of folds; of the rows where joints move on, none where these are all rows.
+    """
+
+    planted: Sequence[_PlantedEffect]
+    terms: list[tuple[FloatArray, ...]]
+    moving_terms: list[tuple[FloatArray, ...]]
+
+    @classmethod
+    def from_planted(cls, planted: Sequence[_PlantedEffect]) -> _Batch:
+        """Stack the terms of effects that are reported on equally many joints."""
+        moving = [each.moving for each in planted if each.moving is not None]
+        return cls(planted, _stack_terms(planted), _stack_terms(moving))
+
+    def find_accepted(self, shares: FloatArray) -> BoolArray:
+        """Return (c, d): in which draws effects of shares (c, d) of the usual size are accepted."""
+        sides = [_compare(terms, shares) for terms in self.terms]
+        t = compute_evenness(np.mean([side.gains for side in sides], axis=0))
+        # The smaller of both kinds of folds, as in scoring; errors are averaged.
+        drops = np.min([side.drops for side in sides], axis=0)
+        removed = np.mean([side.removed for side in sides], axis=0)
+        accepted = self._reduce_joints(_compute_error_drops(sides)) >= RULES.least_error_drop
+        floor = np.array([each.floor for each in self.planted])[:, :, None]
+        own_drops, own_removed = self._reduce_joints(drops), self._reduce_joints(removed / floor)
+        for k, each in enumerate(self.planted):
+            least_drop = find_least_drops(each.candidate, each.separability, t[k])
+            least_gain = get_least_gain(get_effect(each.candidate.effect))
+            accepted[k] &= (t[k] >= each.levels.gains) | each.test_scores(shares[k])
+            accepted[k] &= (t[k] >= each.least_t) & (own_drops[k] >= least_drop) & (own_removed[k] >= least_gain)
+            accepted[k] &= each.is_noticed(shares[k])
+        if self.moving_terms:
+            moving = _compute_error_drops([_compare(terms, shares) for terms in self.moving_terms])
+            accepted &= self._reduce_joints(moving) >= RULES.least_error_drop
+        return accepted
+
+    def find_thresholds(self) -> FloatArray:
+        """Return (c, d): the smallest share of the usual size that each draw accepts; infinite where none is."""
+        shape = len(self.planted), _DRAWS
+        low, high = np.full(shape, math.log(_SMALLEST)), np.full(shape, math.log(LARGEST))
+        is_ever = self.find_accepted(np.exp(high))
+        # All draws halve their own intervals at once.
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            accepted = self.find_accepted(np.exp(middle))
+            low, high = np.where(accepted, low, middle), np.where(accepted, middle, high)
+        return np.where(is_ever, np.exp(high), np.inf)
+
+    def _reduce_joints(self, values: FloatArray) -> FloatArray:
+        """Return what counts (c, d) of values by joint (c, n, d).
+
+        What pulls at two joints has to help both; anything else the joint that it helps most.
+        """
+        pulls = np.array([get_effect(each.candidate.effect).pulls_on_each for each in self.planted])
+        return np.where(pulls[:, None], values.min(axis=1), values.max(axis=1))
+
+
+def _stack_terms(planted: Sequence[_PlantedEffect]) -> list[tuple[FloatArray, ...]]:
+    """Return the terms of several effects, stacked, for each kind of folds."""
+    kinds = zip(*(each.list_terms() for each in planted), strict=True)
+    return [tuple(np.stack(term) for term in zip(*kind, strict=True)) for kind in kinds]
+
+
+def _compare(terms: tuple[FloatArray, ...], shares: FloatArray) -> _Comparison:
+    """Compare the errors without and with effects of shares (c, d) of the usual size, in one kind of folds."""
+    errors, along, cross, after = terms
+    share = shares[:, None, :, None]
+    before = errors + share**2 * along
+    before += share * cross
+    np.maximum(before, np.finfo(float).tiny, out=before)
+    # As in scoring: no loss counts for more than there was, and no block for more than three usual ones.
+    gain = np.maximum(before - after, -before)
+    whole = before[:, -1]
+    factor = np.minimum(whole, RULES.most_of_block * _compute_medians(whole)) / whole
+    own_before, own_gain = before[:, :-1], gain[:, :-1]
+    drops = (factor[:, None] * own_gain).sum(axis=3) / (factor[:, None] * own_before).sum(axis=3)
+    return _Comparison(gain[:, -1] * factor, drops, own_before.sum(axis=3), own_gain.sum(axis=3))
+
+
 def _compute_medians(values: FloatArray) -> FloatArray:
-    """Return the medians (d, 1) of values (d, s); several times as fast as numpy's for a few values each."""
-    middle = (values.shape[1] - 1) // 2, values.shape[1] // 2
-    return np.asarray(np.partition(values, middle, axis=1)[:, middle].mean(axis=1, keepdims=True))
+    """Return the medians (…, 1) of values (…, s); several times as fast as numpy's for a few values each."""
+    middle = (values.shape[-1] - 1) // 2, values.shape[-1] // 2
+    return np.asarray(np.partition(values, middle, axis=-1)[..., middle].mean(axis=-1, keepdims=True))
 
 
 def _list_planted(
@@ -480,12 +465,26 @@ def _hold_out(
     return _HeldOutBlocks(errors, scores, squares, folds)
 
 
-def _build_limit(pool: Pool, planted: _PlantedEffect) -> DetectionLimit:
+def _find_thresholds(planted: Sequence[_PlantedEffect]) -> Iterator[tuple[_PlantedEffect, FloatArray]]:
+    """Yield effects with the smallest share (d,) of the usual size that each draw accepts."""
+    alike: dict[int, list[_PlantedEffect]] = {}
+    for each in planted:
+        if each.separability < RULES.least_separability:
+            yield each, np.full(_DRAWS, np.inf)
+        else:
+            alike.setdefault(len(each.floor), []).append(each)
+    for several in alike.values():
+        for first in range(0, len(several), _TOGETHER):
+            batch = several[first : first + _TOGETHER]
+            yield from zip(batch, _Batch.from_planted(batch).find_thresholds(), strict=True)
+
+
+def _build_limit(pool: Pool, planted: _PlantedEffect, thresholds: FloatArray) -> DetectionLimit:
     candidate = planted.candidate
     main = int(np.argmax(np.abs(planted.direction)))
     column = pool.observation.columns[candidate.columns[main]]
     usual = abs(float(planted.direction[main]))
-    thresholds = np.sort(planted.find_thresholds())
+    thresholds = np.sort(thresholds)
     sure, half = (float(thresholds[math.ceil(power * _DRAWS) - 1]) for power in (SURE, HALF))
     return DetectionLimit(
         candidate.effect, candidate.joints, column.name, column.unit, sure * usual, half * usual, usual, candidate.shape

@@ -1,6 +1,6 @@
 """Find contacts: intervals far above the rest whose residual a force on one link explains.
 
-Holds how long a contact has to last, in widths of the filter.
+Holds how long a contact has to last, and how much of the residual the force must explain (70 %).
 
 It cannot be held out, since it happens once. What speaks for it instead is that the few numbers of one wrench explain
 the residual of all joints at all times of the interval, as noise or a missing function of the motion would not.
@@ -17,8 +17,8 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.held_out_scores import compute_fitted_errors
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
-from dynident.diagnosis.candidates.inner_products_and_folds import Products
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 from dynident.diagnosis.residuals.time_blocks_and_bursts import compute_median_error
 from dynident.diagnosis.search.search_state import Finding, State
 from dynident.effects import get_effect

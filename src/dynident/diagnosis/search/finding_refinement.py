@@ -25,7 +25,7 @@ from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.search.acceptance_rules import compute_explained_error
 from dynident.diagnosis.search.external_contacts import drop_faded_contacts
 from dynident.diagnosis.search.pruning import prune_findings, select_harmless, trim_joints
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all, score_candidate
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.estimation import EstimationError, solve_weighted
 from dynident.estimation.residual_errors import compute_t
@@ -33,7 +33,7 @@ from dynident.identification import Identification
 from dynident.identification.shape_search import are_nearly_alike, refine_shapes
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, extend_model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot
@@ -163,7 +163,7 @@ def _judge_beside_others(
 ) -> ScoredCandidate:
     """Score one of several candidates beside the others."""
     base = (*rest, *(column for i, part in enumerate(parts) if i != k for column in part.columns))
-    return score_candidate(data, pool, base, parts[k], state.noise)
+    return score_all(data, pool, base, [parts[k]], state.noise)[0]
 
 
 @dataclass(frozen=True, eq=False)

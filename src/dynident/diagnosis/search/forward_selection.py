@@ -27,7 +27,7 @@ from dynident.diagnosis.search.identifiability_and_invisible_effects import is_d
 from dynident.diagnosis.search.next_finding import select_candidate
 from dynident.diagnosis.search.physical_plausibility import is_physically_possible
 from dynident.diagnosis.search.pruning import prune_findings
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all, score_family
 from dynident.effects import get_effect
 from dynident.identification.shape_search import list_between
 from dynident.progress import Progress
@@ -348,7 +348,7 @@ def search_findings(
         remaining, asleep = remaining + awake, asleep.difference(awake)
         # What the chosen effect says is no candidate on its joints any more.
         remaining = [c for c in remaining if not _is_superseded(c, chosen.candidate, reached)]
-        before, judged = judged, score_all(data, pool, state.base, remaining, state.noise)
+        before, judged = judged, list(score_family(data, pool, state.base, remaining, state.noise).scored)
         record.record_losses(finding, before, judged)
         if not remaining:
             break

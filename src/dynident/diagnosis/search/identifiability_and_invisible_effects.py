@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,10 +11,10 @@ from dynident.array_types import BoolArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.held_out_scores import compute_fitted_errors, compute_held_out_errors
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
-from dynident.diagnosis.candidates.inner_products_and_folds import Products, find_present
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
 from dynident.diagnosis.decision_levels import RULES
-from dynident.diagnosis.diagnosis_result import Invisible
+from dynident.diagnosis.diagnosis_result import DetectionLimit, Invisible
 from dynident.diagnosis.search.search_state import State
 from dynident.effects import EffectChoice
 from dynident.number_format import format_percent
@@ -49,6 +50,32 @@ def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
         for key, share in shares.items()
         if share < RULES.least_separability
     )
+
+
+def list_too_large_limits(limits: Sequence[DetectionLimit], hidden: Sequence[Invisible]) -> tuple[Invisible, ...]:
+    """List the effects that would not show even in their usual size.
+
+    Parameters
+    ----------
+    limits : sequence of DetectionLimit
+        The detection limits.
+    hidden : sequence of Invisible
+        What could not have shown for other reasons, and is not repeated.
+    """
+    known = {(invisible.effect, invisible.joints) for invisible in hidden}
+    return tuple(
+        _build_invisible(limit) for limit in limits if limit.share > 1.0 and (limit.effect, limit.joints) not in known
+    )
+
+
+def _build_invisible(limit: DetectionLimit) -> Invisible:
+    unit = "" if limit.unit == "-" else f" {limit.unit}"
+    usual = f"an arm with this effect has about {limit.usual:.2g}{unit}"
+    if not math.isfinite(limit.size):
+        return Invisible(limit.effect, limit.joints, f"these data would show it in no size; {usual}", "in no size")
+    shown = f"{limit.parameter} would have shown from {limit.size:.2g}{unit} on"
+    brief = f"{limit.parameter}: from {limit.size:.2g} on, usual {limit.usual:.2g}{unit}"
+    return Invisible(limit.effect, limit.joints, f"{shown}; {usual}", brief)
 
 
 def list_columns_with_findings(pool: Pool, base: tuple[int, ...], choices: Sequence[EffectChoice]) -> tuple[int, ...]:

@@ -16,9 +16,9 @@ from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Pool
 from dynident.diagnosis.candidates.held_out_scores import compute_deviations
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
-from dynident.diagnosis.candidates.inner_products_and_folds import Products, find_present
-from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.effects import Column, Estimate, get_effect, get_spec
@@ -63,8 +63,16 @@ def find_impossibility(
     scored : ScoredCandidate
         The candidate.
     """
+    rows = data.select_for_model(base + scored.candidate.columns)
+    # Several steps of a round ask for the same candidate beside the same model.
+    key = "impossibility", base, noise.tobytes(), scored.candidate
+    return rows.find_cached(key, lambda: _find_impossibility(rows, pool, base, noise, scored))
+
+
+def _find_impossibility(
+    rows: Products, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
+) -> Reason | None:
     columns = np.array(base + scored.candidate.columns, dtype=np.intp)
-    rows = data.select_for_model(columns)
     values, doubts = _fit_columns(rows, base, scored.candidate.columns, noise)
     effect = get_effect(scored.candidate.effect)
     if effect.is_friction and not _is_dissipative(rows, pool, columns, values, scored):

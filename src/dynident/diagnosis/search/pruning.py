@@ -11,12 +11,12 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, select_columns_on
 from dynident.diagnosis.candidates.held_out_scores import compute_held_out_errors
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
-from dynident.diagnosis.candidates.inner_products_and_folds import can_leave_out_runs
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.candidates.time_blocks_and_folds import can_leave_out_runs
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.search.acceptance_rules import compute_gain_over_floor, get_least_gain, is_shadowed
 from dynident.diagnosis.search.physical_plausibility import is_physically_possible
-from dynident.diagnosis.search.search_state import Finding, State, score_candidate
+from dynident.diagnosis.search.search_state import Finding, State, score_all
 from dynident.effects import get_effect
 from dynident.estimation.residual_errors import compute_evenness
 from dynident.identification.identified_models.held_out_gain import IN_PASSING
@@ -135,7 +135,7 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
 def _rescore_finding(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> ScoredCandidate:
     """Score a finding beside all others."""
     base = tuple(k for k in state.base if k not in finding.columns)
-    return score_candidate(data, pool, base, finding.judged.candidate, state.noise)
+    return score_all(data, pool, base, [finding.judged.candidate], state.noise)[0]
 
 
 def _is_still_possible(data: PhasedProducts, pool: Pool, state: State, scored: ScoredCandidate) -> bool:
@@ -181,7 +181,7 @@ def _select_members(
         own = select_columns_on(pool, group, joint)
         rest = tuple(k for k in base if k not in own)
         alone = Candidate(group.effect, (joint,), group.shape, own, group.runs)
-        scored = score_candidate(data, pool, rest, alone, state.noise)
+        (scored,) = score_all(data, pool, rest, [alone], state.noise)
         # If no joint passes, the one that gains most stands for the group.
         gains[joint] = scored.total_gain
         # What a group's other days had, it may have lost to another finding since: then it cannot have become less.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,8 +16,7 @@ from dynident.diagnosis.candidates.held_out_scores import (
     score_blocks,
 )
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
-from dynident.diagnosis.candidates.inner_products_and_folds import Products
-from dynident.diagnosis.candidates.inner_products_by_joint import JointBlocks
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import (
     ALPHA,
     BaselineErrors,
@@ -26,6 +25,7 @@ from dynident.diagnosis.candidates.significance import (
     combine_scores,
     run_familywise_test,
 )
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 from dynident.diagnosis.decision_levels import RULES, DecisionRules
 from dynident.effects import get_effect
 from dynident.estimation.least_squares import floor_noise
@@ -111,7 +111,7 @@ def score_all(
     *,
     kinds: tuple[bool, bool] | None = None,
 ) -> list[ScoredCandidate]:
-    """Score every candidate beside a model, in both kinds of folds.
+    """Score every candidate beside a model, in both kinds of folds; their p-values stay one.
 
     Each is scored on the rows that are equations for the model with it in: with friction that remembers the path also
     those where joints reverse, with friction that shows where a joint starts also those beside a halt; of all joints,
@@ -136,9 +136,14 @@ def score_all(
     Returns
     -------
     list of ScoredCandidate
-        The candidates in their order, with the p-value of the family-wise test.
+        The candidates in their order.
     """
-    return list(score_family(data, pool, base, candidates, noise, kinds=kinds).scored)
+    scored = {
+        k: each
+        for rows in _group_by_rows(data, base, candidates, noise, kinds)
+        for k, each in zip(rows.members, _score_same_rows(rows, pool, noise), strict=True)
+    }
+    return [scored[k] for k in range(len(candidates))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,10 +172,9 @@ def score_family(
     candidates: Sequence[Candidate],
     noise: FloatArray,
     *,
-    kinds: tuple[bool, bool] | None = None,
     level: float = ALPHA,
 ) -> ScoredFamily:
-    """Score candidates as `score_all` does, and return what the test asks of each of them as well.
+    """Score candidates as `score_all` does, and test them together.
 
     Parameters
     ----------
@@ -184,59 +188,28 @@ def score_family(
         Candidates to score.
     noise : (n,)
         Standard deviation of the noise of each joint, N m or N.
-    kinds : tuple of (bool, bool) or None
-        Kinds of rows that count, as in `score_all`.
     level : float
         Largest p-value of a finding.
+
+    Returns
+    -------
+    ScoredFamily
+        The candidates with the p-value of the family-wise test, and what the test asks of each of them.
     """
-    # There are four sets at most: with or without rows at reversals, with or without rows beside halts.
-    sets: dict[tuple[bool, bool], list[int]] = {}
-    for k, candidate in enumerate(candidates):
-        # Candidates with the same rows are scored together, so that the model's products are summed once.
-        sets.setdefault(kinds or data.find_row_kinds(candidate.columns), []).append(k)
-    judged: list[ScoredCandidate | None] = [None] * len(candidates)
-    scores: list[FloatArray] = [np.zeros((0, 1))] * len(candidates)
-    for used, members in sets.items():
-        own = [candidates[k] for k in members]
-        rows = data.select_for_candidates(base, np.array(used))
-        blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), own)
-        # These sums serve both kinds of folds and the test by scores.
-        total = blocks.sum_products(noise)
-        for k, scored_candidate in zip(members, _score_same_rows(rows, blocks, total, pool, own, noise), strict=True):
-            judged[k] = scored_candidate
-        for k, each in zip(members, compute_block_contributions(blocks, total, len(own), noise), strict=True):
+    scored: dict[int, ScoredCandidate] = {}
+    scores: dict[int, FloatArray] = {}
+    for rows in _group_by_rows(data, base, candidates, noise, None):
+        scored.update(zip(rows.members, _score_same_rows(rows, pool, noise), strict=True))
+        each = compute_block_contributions(rows.blocks, rows.total, len(rows.members), noise)
+        for k, own in zip(rows.members, each, strict=True):
             by_scores = pool.is_change(candidates[k]) or may_use_scores(candidates[k])
             # Zeros are the scores of a candidate that explains nothing, so that its gains decide.
-            scores[k] = each if by_scores else np.zeros_like(each)
-    whole = [scored_candidate for scored_candidate in judged if scored_candidate is not None]
+            scores[k] = own if by_scores else np.zeros_like(own)
+    order = range(len(candidates))
     # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
-    gains = np.array([scored_candidate.gains for scored_candidate in whole]).reshape(len(whole), -1)
-    p, levels = run_familywise_test(gains, scores, level)
-    judged_by_test = tuple(replace(scored, p=float(value)) for scored, value in zip(whole, p, strict=True))
-    return ScoredFamily(judged_by_test, levels, data)
-
-
-def score_candidate(
-    data: PhasedProducts, pool: Pool, base: tuple[int, ...], candidate: Candidate, noise: FloatArray
-) -> ScoredCandidate:
-    """Score a finding beside another model by its gains alone; its p stays one.
-
-    Parameters
-    ----------
-    data : PhasedProducts
-        Products of all columns.
-    pool : Pool
-        Model and candidates.
-    base : tuple of int
-        Columns of the model.
-    candidate : Candidate
-        The candidate.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
-    """
-    rows = data.select_for_candidates(base, np.array(data.find_row_kinds(candidate.columns)))
-    blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), [candidate])
-    return _score_same_rows(rows, blocks, blocks.sum_products(noise), pool, [candidate], noise)[0]
+    gains = np.array([scored[k].gains for k in order]).reshape(len(candidates), -1)
+    p, levels = run_familywise_test(gains, [scores[k] for k in order], level)
+    return ScoredFamily(tuple(replace(scored[k], p=float(p[k])) for k in order), levels, data)
 
 
 def may_use_scores(candidate: Candidate) -> bool:
@@ -254,16 +227,43 @@ def may_use_scores(candidate: Candidate) -> bool:
     return not effect.first_order and all(spec.resolved_by != "displacement" for spec in effect.shapes)
 
 
-def _score_same_rows(
-    data: Products,
-    blocks: JointBlocks,
-    total: ProductSums,
-    pool: Pool,
+@dataclass(frozen=True, eq=False)
+class _CommonRows:
+    """Candidates (by number) that are all about the same rows, with the products of these.
+
+    The sums over all blocks serve both kinds of folds and the test by scores.
+    """
+
+    members: list[int]
+    candidates: list[Candidate]
+    data: Products
+    blocks: JointBlocks
+    total: ProductSums
+
+
+def _group_by_rows(
+    data: PhasedProducts,
+    base: tuple[int, ...],
     candidates: Sequence[Candidate],
     noise: FloatArray,
-) -> list[ScoredCandidate]:
+    kinds: tuple[bool, bool] | None,
+) -> Iterator[_CommonRows]:
+    """Yield the candidates by their rows, so that the model's products are summed once for all that share them."""
+    # There are four sets at most: with or without rows at reversals, with or without rows beside halts.
+    sets: dict[tuple[bool, bool], list[int]] = {}
+    for k, candidate in enumerate(candidates):
+        sets.setdefault(kinds or data.find_row_kinds(candidate.columns), []).append(k)
+    for used, members in sets.items():
+        own = [candidates[k] for k in members]
+        rows = data.select_for_candidates(base, np.array(used))
+        blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), own)
+        yield _CommonRows(members, own, rows, blocks, blocks.sum_products(noise))
+
+
+def _score_same_rows(rows: _CommonRows, pool: Pool, noise: FloatArray) -> list[ScoredCandidate]:
     """Score candidates that are all about the same rows."""
-    scores_by_kind = [score_blocks(data, blocks, total, candidates, noise, kind) for kind in KINDS]
+    candidates = rows.candidates
+    scores_by_kind = [score_blocks(rows.data, rows.blocks, rows.total, candidates, noise, kind) for kind in KINDS]
     bars = [BaselineErrors.from_errors(before, noise) for before, _ in scores_by_kind]
     acting = find_acting_columns(pool)
     return [

@@ -26,7 +26,7 @@ from dynident.motion.limits.bounds import Bounds
 from dynident.motion.limits.limit_margins import Margin, compute_margins
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, choose_preprocessing
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.qr_accumulation import compute_used_duration
 

@@ -44,7 +44,7 @@ from dynident.identification.estimation_problem import Fit, Problem
 from dynident.number_format import format_percent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing, filtered_blocks
 from dynident.recordings.signal_spectra import estimate_spectra
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model
 from dynident.regressors.qr_accumulation import EquationRows, accumulate_equations
 from dynident.regressors.row_phases import RowPhases

@@ -25,7 +25,7 @@ from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem import Fit, Problem
 from dynident.number_format import format_percent
 from dynident.recordings import Recording
-from dynident.regressors.filtered_rows import FilteredSamples, reduce_recordings, stream_filtered_samples
+from dynident.regressors.dynamic_model_rows import FilteredSamples, reduce_recordings, stream_filtered_samples
 from dynident.regressors.model_structure import Model
 from dynident.regressors.row_phases import RowPhases
 

@@ -46,7 +46,7 @@ from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.recordings.preprocessing import OVERSAMPLING
 from dynident.recordings.sample_hashes import SampleHashes, find_copied_recordings
 from dynident.recordings.signal_spectra import estimate_spectra
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import build_model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot.robot_model import Robot

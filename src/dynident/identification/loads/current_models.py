@@ -26,7 +26,7 @@ from dynident.identification.thresholds import ParameterJudgement, judge_paramet
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.base_parameters import BaseParameters, evaluate_at_random_states, select_base
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, build_model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot

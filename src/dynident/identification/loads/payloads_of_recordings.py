@@ -23,7 +23,7 @@ from dynident.estimation import Reduction
 from dynident.identification.equations.model_and_data_checks import check_recordings, check_reduction
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
-from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, build_model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot

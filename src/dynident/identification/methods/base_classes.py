@@ -150,7 +150,7 @@ class Prior(RegistryEntry):
 
 # Each registry finds its kinds in one module, or in the modules of one package, and imports these only when the first
 # kind is asked for.
-ESTIMATORS: Registry[Estimator] = Registry(f"{_HOME}.estimators", Estimator, "estimator")
+ESTIMATORS: Registry[Estimator] = Registry(f"{_HOME}.estimator_options", Estimator, "estimator")
 STRATEGIES: Registry[Strategy] = Registry(f"{_HOME}.strategy_options", Strategy, "strategy")
 MODELS: Registry[EquationType] = Registry(f"{_HOME}.equation_type_options", EquationType, "model")
 PRIORS: Registry[Prior] = Registry(f"{_HOME}.prior_options", Prior, "prior")

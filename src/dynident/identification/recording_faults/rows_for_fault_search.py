@@ -21,7 +21,7 @@ from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.nonparametric_fit import shorten_recording
 from dynident.recordings.preprocessing import LEAST_HARMONICS, OVERSAMPLING, find_motion_band
 from dynident.recordings.recording import SampleBlock
-from dynident.regressors.filtered_rows import filter_in_parallel
+from dynident.regressors.dynamic_model_rows import filter_in_parallel
 from dynident.robot.robot_model import Robot
 
 _ROWS = 2500

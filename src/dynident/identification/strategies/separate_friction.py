@@ -24,7 +24,7 @@ from dynident.identification.methods.base_classes import StrategyChoices
 from dynident.identification.strategies.sequential import StepEstimates, check_estimator, conclude_steps, take_step
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, filtered_blocks
 from dynident.recordings.joint_phases import find_sole_mover
-from dynident.regressors.filtered_rows import SampleFunction
+from dynident.regressors.dynamic_model_rows import SampleFunction
 from dynident.regressors.model_structure import Model
 
 # Seconds: the longest piece, which is a block of the covariance, and the shortest one that is used.

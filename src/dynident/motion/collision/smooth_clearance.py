@@ -308,20 +308,14 @@ class ClearanceConstraints:
         """Return the distances beyond the clearance at postures q (m, n)."""
         frames = joint_frames(self.robot, q)
         world = self._points.locate(frames)
-        n_pairs, n_planes = len(self.hindrances.pairs), len(self._offsets)
-        a, a_end, b, b_end = (world[:, :, k * n_pairs : (k + 1) * n_pairs] for k in range(4))
-        s, t = find_closest_shares(a, a_end, b, b_end)
-        on_a, on_b = a + s * (a_end - a), b + t * (b_end - b)
+        n_planes = len(self._offsets)
+        on_a, on_b = self._find_closest_points(world)
         distance, separation = normalise(on_a - on_b)
-        balls = world[:, :, 4 * n_pairs :]
-        above = dot(balls[:, :, :n_planes], self._normals) - self._offsets
+        balls = world[:, :, 4 * len(self._pair_radii) :]
         from_boxes, away = self._measure_blocks(balls[:, :, n_planes:])
-        # Distances are those of centre lines and centres, from which the radii are taken.
-        of_balls = np.concatenate([above, from_boxes], axis=1) - self._ball_radii
-        values = np.concatenate([distance - self._pair_radii, of_balls], axis=1)
         upward = np.broadcast_to(self._normals, (3, len(q), n_planes))
         return ClearanceSlack(
-            values - self.hindrances.clearance,
+            self._subtract_sizes(distance, balls, from_boxes),
             # The gradient of a distance over a point is the unit vector along it; the two ends of a pair move it
             # oppositely.
             np.concatenate([separation, -separation, upward, away], axis=2),
@@ -340,8 +334,26 @@ class ClearanceConstraints:
         # Batches bound the memory of the arrays (3, m, K).
         for first in range(0, len(q), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
-            least[part] = self.evaluate(q[part]).values.min(axis=1)
+            world = self._points.locate(joint_frames(self.robot, q[part]))
+            on_a, on_b = self._find_closest_points(world)
+            balls = world[:, :, 4 * len(self._pair_radii) :]
+            from_boxes, _ = self._measure_blocks(balls[:, :, len(self._offsets) :])
+            least[part] = self._subtract_sizes(normalise(on_a - on_b)[0], balls, from_boxes).min(axis=1)
         return least
+
+    def _find_closest_points(self, world: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the closest points (3, m, pairs) of the centre lines of each pair of capsules."""
+        n_pairs = len(self._pair_radii)
+        a, a_end, b, b_end = (world[:, :, k * n_pairs : (k + 1) * n_pairs] for k in range(4))
+        s, t = find_closest_shares(a, a_end, b, b_end)
+        return a + s * (a_end - a), b + t * (b_end - b)
+
+    def _subtract_sizes(self, distance: FloatArray, balls: FloatArray, from_boxes: FloatArray) -> FloatArray:
+        """Return the distances beyond the clearance (m, K) from those of centre lines, planes and boxes' centres."""
+        n_planes = len(self._offsets)
+        above = dot(balls[:, :, :n_planes], self._normals) - self._offsets
+        of_balls = np.concatenate([above, from_boxes], axis=1) - self._ball_radii
+        return np.concatenate([distance - self._pair_radii, of_balls], axis=1) - self.hindrances.clearance
 
     def _measure_blocks(self, balls: FloatArray) -> tuple[FloatArray, FloatArray]:
         distance, away = np.empty(balls.shape[1:]), np.empty(balls.shape)
@@ -359,13 +371,20 @@ class ClearanceConstraints:
 
 
 class _CarriedPoints:
-    """Points in the frames of joints; those of the base stay where they are."""
+    """Points in the frames of joints; those of the base stay where they are.
+
+    A point that stands in the list several times, as the ends of a capsule of many pairs do, is moved once.
+    """
 
     def __init__(self, points: Sequence[tuple[int, FloatArray]], n: int) -> None:
-        self._joints = np.array([joint for joint, _ in points], dtype=np.intp)
-        self._local = np.array([point for _, point in points]).reshape(-1, 3)
-        self._of_joint = [(j, np.flatnonzero(self._joints == j)) for j in range(n)]
-        self._of_joint = [(j, chosen) for j, chosen in self._of_joint if len(chosen)]
+        carried = [(joint, tuple(point.tolist())) for joint, point in points]
+        # Those of one joint stand side by side.
+        distinct = sorted(dict.fromkeys(carried), key=lambda item: item[0])
+        number = {item: k for k, item in enumerate(distinct)}
+        self._places = np.array([number[item] for item in carried], dtype=np.intp)
+        self._local = np.array([point for _, point in distinct]).reshape(-1, 3)
+        ends = np.searchsorted([joint for joint, _ in distinct], np.arange(n + 1))
+        self._of_joint = [(j, slice(*ends[j : j + 2])) for j in range(n) if ends[j] < ends[j + 1]]
 
     def locate(self, frames: FloatArray) -> FloatArray:
         """Return the points in the base frame (3, m, P), at frames (m, n, 4, 4)."""
@@ -373,8 +392,9 @@ class _CarriedPoints:
         world[:] = self._local.T[:, None]
         for joint, chosen in self._of_joint:
             frame = frames[:, joint, :3].transpose(1, 0, 2)
-            world[:, :, chosen] = frame[:, :, :3] @ self._local[chosen].T + frame[:, :, 3:]
-        return world
+            np.matmul(frame[:, :, :3], self._local[chosen].T, out=world[:, :, chosen])
+            world[:, :, chosen] += frame[:, :, 3:]
+        return world[:, :, self._places]
 
 
 def _get_ends(part: CapsulePart) -> tuple[FloatArray, FloatArray]:

@@ -6,6 +6,7 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from html import escape
 from threading import Lock
 from typing import Literal
@@ -115,7 +116,8 @@ def _style_axes(axes: Axes) -> None:
 
 def set_panel_title(axes: Axes, text: str) -> None:
     """Write a title over a panel; names of joints in it are taken literally, not as formulas."""
-    axes.set_title(text, fontsize=8.5, loc="left", pad=4, color="#333333", parse_math=False)
+    # Without a height given, matplotlib looks for ticks above the panel, and lays out every label a second time.
+    axes.set_title(text, fontsize=8.5, loc="left", y=1.0, pad=4, color="#333333", parse_math=False)
 
 
 def shorten_name(name: str) -> str:
@@ -159,8 +161,9 @@ def to_svg(figure: Figure, description: str) -> Drawing:
     return drawing
 
 
+@lru_cache(256)
 def draw_formula(formula: str, size: float = 11.0) -> Markup | None:
-    """Draw a LaTeX formula.
+    """Draw a LaTeX formula; each is drawn once in a process, since every report has the same ones.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Report section on a diagnosis: findings, their certainty, what could not be seen; words of its verdicts."""
+"""Report section on a diagnosis: findings, their certainty, the worst places (12), what could not be seen; verdicts."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from dynident.diagnosis.candidates.fold_fit import (
     split_batches,
     split_by_portion,
 )
-from dynident.diagnosis.candidates.inner_products_and_folds import (
+from dynident.diagnosis.candidates.time_blocks_and_folds import (
     Products,
     RowStack,
     find_present,
