@@ -1,25 +1,40 @@
 """Which corrupted samples are found, and what is called corrupted in clean recordings.
 
-    PYTHONPATH=tests/recordings python benchmarks/corrupted_samples.py [--seed 1] [--arms 4] [--calibrate]
+    PYTHONPATH=tests python benchmarks/corrupted_samples.py [--seed 1] [--arms 4] [--calibrate] [--held-out 5]
 
 Arms are drawn, with motions along harmonics and from point to point, at several rates, with noise of several tails. In
 each of their recordings samples are spoilt: zeros, the largest value, a stuck one, spikes, single or in bursts.
 `invented`: samples of clean recordings that are called corrupted; `named`: share of the spoilt ones that are found.
-`--calibrate` shows what the constants of `recordings/conditioning/steps.py` stand on: the swings of noise of several
-tails, and the largest of them, in usual steps. Take other seeds for it.
+`--held-out` spoils so many times each of the recordings of real robots that have a second one (or half), fits links and
+friction, and compares what is left of the second one with what a fit to the clean recording leaves: how often it is at
+most 1.2 times that, of samples of any size, and of small ones.
+`--calibrate` shows what the constants of `recordings/conditioning/corrupted_sample_detection.py` stand on: the swings
+of noise of several tails, and the largest of them, in usual steps. Take other seeds for it.
 """
 
 from __future__ import annotations
 
 import argparse
 from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from common import FloatArray
+from planted_mistakes import ACCEPT, DATA, Columns, columns_of, recorded_robot
 from support.spoilt_recordings import KINDS, NOISES, N, arm_signals, corrupt
 
-from dynident.recordings import JointLimits, RecordedJoints
+from dynident.identification.recording_faults.column_faults import Motion
+from dynident.identification.recording_faults.rows_for_fault_search import filter_whole_motion, thin_out
+from dynident.identification.recording_faults.tree_fit import TreeFit
+from dynident.identification.recording_faults.unexplained_torque import HeldOutFit
+from dynident.identification.robot_recording_import import build_recorded_joints
+from dynident.recordings import JointLimits, RecordedJoints, RecordingMetadata, import_recording
 from dynident.recordings.conditioning.corrupted_sample_detection import measure_usual_steps
 from dynident.recordings.recording_import import condition_arrays
+from dynident.robot import Robot
 
 RATES = (60.0, 100.0, 200.0, 500.0, 1000.0)
 COUNTS = (1e-6, 1e-4, 2e-3)
@@ -68,6 +83,88 @@ def named(seed: int, arms: int) -> None:
         print(f"{kind:8} {longest:6} {share:6.1%} {shares[0]:11.1%} {shares[1]:9.1%} {false:10}")
 
 
+REAL = (
+    ("ur10e", "id_30s_12harm", "id_40s_12harm"),
+    ("kr300", "id_A", "val_B"),
+    ("kinova_gen3", "run1", "run2"),
+    ("airbot_play", "id_chirp_unloaded", None),
+    ("tx40", "all", None),
+    ("dvrk_psm", "base_one", None),
+)
+"""Recordings that are spoilt, and what they are held against: None for their second half."""
+ALLOWED = 1.2
+
+
+def held_out(seed: int, cases: int) -> None:
+    """Compare models of spoilt recordings with models of the clean ones, on recordings that were not spoilt."""
+    rng = np.random.default_rng(seed)
+    for small in (False, True):
+        ratios: list[float] = []
+        for name, stem, other in REAL:
+            robot, first = recorded_robot(name), columns_of(DATA / name / f"{stem}.parquet")
+            half = len(first["t"]) // 2
+            second = columns_of(DATA / name / f"{other}.parquet") if other else _cut(first, slice(half, None))
+            first = first if other else _cut(first, slice(0, half))
+            clean, tried = _fit(robot, first), _rows(robot, second)
+            names = [name for name in first if name.rstrip("0123456789") in ("q", "tau", "current")]
+            values = np.stack([first[name] for name in names], axis=1)
+            for _ in range(cases):
+                kind, longest = str(rng.choice(KINDS)), int(rng.choice([1, 1, 4]))
+                share, of = float(rng.choice([0.001, 0.01, 0.02])), int(rng.integers(3))
+                columns = tuple(k for k, name in enumerate(names) if of == 2 or (name[0] == "q") == (of == 0))
+                spoilt, planted = corrupt(values, int(rng.integers(10**6)), share, kind, longest, columns)
+                if small:
+                    factor = 10.0 ** rng.uniform(-1.5, 0.0, planted.shape)
+                    spoilt = np.where(planted, values + factor * (spoilt - values), values)
+                # Velocities of the file would contradict spoilt positions.
+                others = {key: first[key] for key in first if key.rstrip("0123456789") not in ("dq", "ddq")}
+                spoilt_file = others | {name: spoilt[:, k] for k, name in enumerate(names)}
+                left = [_left(fit, tried) for fit in (_fit(robot, spoilt_file), clean)]
+                ratios.append(float(np.sqrt((left[0] ** 2).mean() / (left[1] ** 2).mean())))
+                if ratios[-1] > ALLOWED:
+                    words = f"{kind}, {share:.1%}, bursts {longest}, signals {of}"
+                    print(f"  {name}: {words}: {ratios[-1]:.2f}", flush=True)
+        within = sum(ratio <= ALLOWED for ratio in ratios)
+        print(
+            f"{'small' if small else 'any size'}: {within} of {len(ratios)} within {ALLOWED}, worst {max(ratios):.2f}"
+        )
+
+
+def _cut(columns: Columns, rows: slice) -> Columns:
+    return {name: values[rows] for name, values in columns.items()}
+
+
+def _rows(robot: Robot, columns: Columns) -> Motion:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "file.parquet"
+        pq.write_table(pa.table(columns), path)
+        joints, metadata = build_recorded_joints(robot), RecordingMetadata(accept=ACCEPT)
+        recording, _ = import_recording(path, Path(folder) / "out.parquet", joints, metadata=metadata)
+        whole = filter_whole_motion(recording)
+    assert whole is not None
+    return thin_out(whole[0])
+
+
+def _fit(robot: Robot, columns: Columns) -> list[tuple[TreeFit, FloatArray]]:
+    """The trees of a robot with the parameters (blocks + 1, c) that explain most of a recording."""
+    motion, fits = _rows(robot, columns), []
+    for tree in HeldOutFit(robot)._trees:
+        own = tree._select(motion)
+        values, _ = tree._solve_weighted(tree._compute_grams(own, tree._get_rows(motion, own)), tree._fit_all)
+        fits.append((tree, values))
+    return fits
+
+
+def _left(fits: list[tuple[TreeFit, FloatArray]], motion: Motion) -> FloatArray:
+    """The share of each joint's torque that parameters leave of a motion."""
+    shares = []
+    for tree, values in fits:
+        own = tree._select(motion)
+        grams = tree._compute_grams(own, tree._get_rows(motion, own))
+        shares.append(np.sqrt(grams.compute_squares(values)[-1] / np.maximum(grams.measured[-1], 1e-300)))
+    return np.concatenate(shares)
+
+
 def calibrate(seed: int) -> None:
     """Show how many swings noise of several tails makes, and the largest."""
     rng = np.random.default_rng(seed)
@@ -85,7 +182,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--arms", type=int, default=4)
     parser.add_argument("--calibrate", action="store_true")
+    parser.add_argument("--held-out", type=int, default=0)
     options = parser.parse_args()
+    if options.held_out:
+        held_out(options.seed, options.held_out)
+        return
     if options.calibrate:
         calibrate(options.seed)
     invented(options.seed, options.arms)

@@ -79,6 +79,19 @@ def test_corrupted_samples_are_named_and_replaced(kind, longest, share):
     assert invented <= 0.02 * planted_in
 
 
+@pytest.mark.parametrize("moves", [False, True])
+def test_many_small_corrupted_samples_do_not_pass_for_noise(moves):
+    t, values = arm_signals(41, 200.0, 15.0, point_to_point=moves, level=0.03)
+    spoilt, planted = corrupt(values, 41, 0.02, "spike")
+    smaller = 10.0 ** np.random.default_rng(41).uniform(-1.5, 0.0, values.shape)
+    spoilt = np.where(planted, values + smaller * (spoilt - values), values)
+    _, checks = conditioned(t, spoilt)
+    found = marked(checks["corrupted_samples"], values.shape)
+    wrong = ((spoilt - values) / values.std(axis=0))[:, N:]
+    assert np.sqrt(((wrong * ~found[:, N:]) ** 2).sum() / (wrong**2).sum()) < 0.5
+    assert not (found & ~planted).any()
+
+
 def test_one_zero_in_a_thousand_rows_is_told_with_row_time_and_column():
     t, values = arm_signals(5, 200.0)
     values[1234, 2] = 0.0

@@ -157,9 +157,6 @@ BESIDE = (0.04, 0.12)
 """Share of what a torque is off by that the two samples before it, or behind it, may differ by, and a position's steps
 there; and the inner two of a torque."""
 
-JUMP_BESIDE = 0.5
-"""Share of what a single sample of a torque is off by that the torque may jump by itself on one side of it."""
-
 MORE_THAN_SWINGS = 4.0
 """Times as many samples have to be off as the signal swings by half as much and back again of its own: what happens
 often is measured, not corrupted."""
@@ -370,8 +367,4 @@ def _continues(
     outer = np.maximum(steps[:, 0], steps[:, 2])
     # A torque may change while a block lasts: the longer it is, the farther apart its two sides may be.
     across = np.maximum(min(5.0, max(2.5, length + 1.0)) * usual, BESIDE[1] * off)
-    quiet = outer <= np.maximum(3.0 * usual, BESIDE[0] * off)
-    if length == 1:
-        # Beside a single sample the torque may jump on one side, as friction does, if by much less.
-        quiet |= (np.minimum(steps[:, 0], steps[:, 2]) <= 3.0 * usual) & (outer <= JUMP_BESIDE * off)
-    return np.asarray(quiet & (steps[:, 1] <= across))
+    return np.asarray((outer <= np.maximum(3.0 * usual, BESIDE[0] * off)) & (steps[:, 1] <= across))
