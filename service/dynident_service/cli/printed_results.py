@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from dynident.diagnosis.diagnosis_result import Change
     from dynident.diagnosis.monitoring import Series
     from dynident.presentation.tables import ReportedTable
-    from dynident.verdict import ModelVerdict, State
+    from dynident.verdict import Action, ModelVerdict, State
     from dynident_service.wire_types.validations import ValidationResult
 
 _TOO_WIDE = (GROUPING, TIMES_SMALLEST)
@@ -207,6 +207,19 @@ def _show_evidence(console: Console, changes: Sequence[Change]) -> None:
         console.print(f"  {change.evidence}{describe_rivals(change.equivalent)}")
 
 
+COMMANDS_OF_NEXT_STEPS: Mapping[Action | None, str] = {
+    "diagnose": "dynident diagnose MODEL RUN",
+    "design": "dynident design ROBOT",
+    "identify_feasible": "dynident identify … --estimator feasible",
+    "check_gains": "dynident validate MODEL payload LOADED --unloaded RUN --mass KG",
+    "identify_gains": "dynident gains",
+    "export_for_simulation": "dynident export MODEL -f urdf, or -f mjcf",
+    "export_for_feed_forward": "dynident export MODEL -f c, or -f casadi",
+    "weigh_load": "dynident validate MODEL payload LOADED --unloaded RUN",
+}
+"""The command of each next step of a verdict; for the observer of contacts there is none."""
+
+
 def show_verdict(console: Console, verdict: ModelVerdict) -> None:
     """Print for which uses a model is fit, why or why not, and what to do next."""
     # After a gross fault the uses mean nothing.
@@ -215,7 +228,9 @@ def show_verdict(console: Console, verdict: ModelVerdict) -> None:
     else:
         for use in verdict.uses:
             console.print(f"{use.mark} {use.words}: {use.reason}", style=_STYLES[use.state])
-            console.print(f"    → {use.next_step}", soft_wrap=True)
+            command = COMMANDS_OF_NEXT_STEPS.get(use.next_action, "")
+            step = f"{use.next_step.removesuffix('.')}: {command}" if command else use.next_step
+            console.print(f"    → {step}", soft_wrap=True)
         print_tables(console, (table for table in build_verdict_tables(verdict) if table.name == "drift"))
     for step in verdict.next_steps:
         console.print(f"→ {step}")

@@ -22,6 +22,20 @@ class UseView(ViewModel):
     )
     reason: str
     next_step: str = Field(description="The next thing to do")
+    next_action: (
+        Literal[
+            "diagnose",
+            "design",
+            "identify_feasible",
+            "check_gains",
+            "identify_gains",
+            "export_for_simulation",
+            "export_for_feed_forward",
+            "observe_momentum",
+            "weigh_load",
+        ]
+        | None
+    ) = Field(description="Which action of dynident does it; null where none does")
 
 
 class DetectableForceView(ViewModel):

@@ -381,6 +381,19 @@ class UseView(TypedDict):
 
     fit: bool
     """Whether it may be used so, at least within the limit that the reason names"""
+    next_action: Literal[
+        "diagnose",
+        "design",
+        "identify_feasible",
+        "check_gains",
+        "identify_gains",
+        "export_for_simulation",
+        "export_for_feed_forward",
+        "observe_momentum",
+        "weigh_load",
+        None,
+    ]
+    """Which action of dynident does it; null where none does"""
     next_step: str
     """The next thing to do"""
     reason: str

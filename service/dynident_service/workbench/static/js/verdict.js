@@ -2,6 +2,7 @@
 
 import { get } from "./api.js";
 import { h, put, section } from "./dom.js";
+import { address } from "./page_address.js";
 import { orSay } from "./problem.js";
 import { shownTable } from "./tables.js";
 import { goToTab } from "./tabs.js";
@@ -14,7 +15,7 @@ export function verdictSection(model, signal) {
   const showNext = () => put(next, found && nextClick(model, found));
   const judge = () => orSay(body, async () => {
     found = await get(`/identifications/${model.id}/verdict`, {}, signal);
-    put(body, judged(found));
+    put(body, judged(found, model.robot.id));
     showNext();
   }, signal, judge);
   model.addEventListener("diagnosis", showNext);
@@ -23,13 +24,13 @@ export function verdictSection(model, signal) {
   return section("fitness", "What it is fit for", body, next);
 }
 
-function judged(found) {
+function judged(found, robot) {
   const fit = !found.stop && found.uses.every((one) => one.state === "yes");
   const [uses, drift] = ["uses", "drift"].map((name) => found.tables.find((one) => one.name === name));
   return [
     h("div", { class: fit ? "box good" : "box warning", id: "fitness-summary" }, h("p", {}, found.summary)),
     // After a gross fault the uses mean nothing.
-    uses ? h("ul", { class: "verdicts", id: "uses" }, uses.rows.map((cells, k) => useLine(found.uses[k].use, cells))) : null,
+    uses ? h("ul", { class: "verdicts", id: "uses" }, uses.rows.map((cells, k) => useLine(found.uses[k], cells, robot))) : null,
     drift ? h("details", { id: "drift" }, h("summary", {}, drift.title), shownTable(drift)) : null,
     found.common.length ? h("ul", { class: "note" }, found.common.map((one) => h("li", {}, one.detail))) : null,
     found.next_steps.length ? h("details", { id: "next-steps" }, h("summary", {}, "What to do about the error"), h("ol", {}, found.next_steps.map((one) => h("li", {}, one)))) : null,
@@ -38,10 +39,19 @@ function judged(found) {
 
 const LOOKS = { ok: "pass", warning: "not_evaluated", error: "fail" };
 
-function useLine(use, [name, fit, reason, next]) {
+/** The tab, or the page, on which each next step is done. */
+const PLACES = { diagnose: "missing", check_gains: "trust", weigh_load: "trust" };
+const PAGES = { design: "design", identify_feasible: "new", identify_gains: "new" };
+
+function goOn(action, robot) {
+  if (PLACES[action]) return h("button", { type: "button", class: "small", onclick: () => goToTab(PLACES[action]) }, "Do it here");
+  return PAGES[action] ? h("a", { href: address({ view: PAGES[action], robot }) }, "Do it here") : null;
+}
+
+function useLine({ use, next_action }, [name, fit, reason, next], robot) {
   const chip = h("span", { class: `chip verdict ${LOOKS[fit.mark]}` }, fit.text);
   return h("li", { "data-use": use }, h("div", { class: "verdict-head" }, h("strong", {}, name.text), chip),
-    h("div", { class: "reason" }, h("p", {}, reason.text), h("p", { class: "note" }, `Next: ${next.text}`)));
+    h("div", { class: "reason" }, h("p", {}, reason.text), h("p", { class: "note" }, `Next: ${next.text} `, goOn(next_action, robot))));
 }
 
 /** A gross fault lies in the data; else what is missing comes before whether the rest is to be trusted. */
