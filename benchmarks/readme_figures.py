@@ -1,6 +1,6 @@
 """The errors in the README's first table, from the recordings of real robots beside the project.
 
-    python benchmarks/readme_figures.py
+    python benchmarks/readme_figures.py [--arms 1]
 
 Each arm is identified with links, rotors, Coulomb and viscous friction and offsets, diagnosed on the same data, and
 extended by what the diagnosis recommends. Errors are rms of the residual over rms of the filtered torque, all joints
@@ -13,6 +13,7 @@ together, on recordings that no parameter saw:
 
 from __future__ import annotations
 
+import argparse
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -63,13 +64,16 @@ def errors_of(found: Identification, held: Recording) -> tuple[float, float, flo
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--arms", type=int, default=len(ARMS), help="how many of the table's rows")
+    chosen = ARMS[: parser.parse_args().arms]
     if not RECORDINGS.is_dir():
         sys.exit(f"no recordings of real robots at {RECORDINGS}")
     print(f"{'':24s} {'links, friction, offsets':>26s}   {'with what the diagnosis named':>30s}")
     print(
         f"{'held-out error in %':24s} {'moving':>8s} {'all':>8s} {'raw':>8s}   {'moving':>8s} {'all':>8s} {'raw':>8s}"
     )
-    for arm in ARMS:
+    for arm in chosen:
         folder = RECORDINGS / arm.folder
         robot = dy.load_robot(folder / "robot.urdf")
         joints = RecordedJoints(robot.joint_names, gains=arm.gains)

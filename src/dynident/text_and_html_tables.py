@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
+from itertools import zip_longest
 
 
 def format_text_table(
@@ -16,7 +17,7 @@ def format_text_table(
     title : str
         The line above the table.
     columns : sequence of str
-        The heads.
+        The heads, with line breaks where they have several lines.
     rows : sequence of sequences of str
         Each as long as `columns`.
     count : int
@@ -29,7 +30,9 @@ def format_text_table(
     str
         Lines without blanks at their ends.
     """
-    all_rows = [columns, *rows]
+    # Heads may have several lines.
+    heads = zip_longest(*(column.split("\n") for column in columns), fillvalue="")
+    all_rows = [*heads, *rows]
     widths = [max(len(row[k]) for row in all_rows) for k in range(len(columns))]
     lines = [
         "  "

@@ -12,8 +12,8 @@ from dynident.diagnosis import Diagnosis, diagnose
 from dynident.diagnosis.conclusion import conclude
 from dynident.diagnosis.diagnosis_result import DetectionLimit, UnknownPattern
 from dynident.effects import get_effect
+from dynident.presentation.diagnosis_tables import build_limit_table, format_share
 from dynident.reports.figures.diagnosis import draw_detection_limits
-from dynident.reports.result_tables import format_limits, format_share
 from dynident.robot.joint import join_joint_names
 
 HIDDEN = ("joint_spring", "viscous_asymmetric")
@@ -121,7 +121,7 @@ def test_the_figure_has_all_effects_and_the_table_one_row_an_effect(clean):
     svg = draw_detection_limits(clean.detection_limits, ROBOT)
     assert "Joint spring" in svg
     assert "would have shown in their usual size" in svg
-    rows = format_limits(clean.detection_limits, ROBOT)
+    rows = build_limit_table(clean.detection_limits, ROBOT.joint_names).texts
     assert [row[0] for row in rows] == list(
         dict.fromkeys(get_effect(item.effect).title for item in clean.detection_limits)
     )

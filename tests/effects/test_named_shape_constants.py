@@ -16,7 +16,7 @@ from dynident.errors import DynidentError
 from dynident.export.comments_and_names import describe_effect
 from dynident.identification import IdentifiedParameter, ShapeConstant
 from dynident.identification.identified_models.remove_and_solve_again import subtract_effects
-from dynident.reports.labels import format_shape_constants
+from dynident.presentation.labels import format_shape_constants
 
 ROBOT = arm("scara")
 

@@ -102,6 +102,7 @@ def check_extending(model: Identification, recording: Recording, choice: EffectC
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ["ur10", "crooked", "scara"])
 def test_extending_works_or_says_why_not(name):
     robot, recording = run_of(name, 3)

@@ -16,12 +16,12 @@ from dynident.identification.identified_models import held_out_gain
 from dynident.identification.identified_models.held_out_gain import (
     compute_step_gains,
     find_best_of_errors,
-    find_best_step,
     list_addition_warnings,
     list_confirming_rows,
 )
 from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.number_format import format_percent
+from dynident.presentation.ladder_tables import find_best, list_steps, make_step
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.regressors.errors_by_phase import compute_errors_by_phase, compute_moving_errors, compute_phase_squares
 
@@ -66,7 +66,7 @@ def test_an_effect_that_is_there_is_confirmed_where_it_acts_whatever_holds_the_j
     assert plain.held_out.relative_total > 2.0 * plain.held_out_moving.relative_total
     assert "starting" in list_confirming_rows(grown)
     assert list_addition_warnings(grown) == ()
-    assert find_best_step([plain, grown]).best == 1
+    assert find_best([make_step(plain), make_step(grown)]).best == 1
 
 
 def test_an_effect_that_is_not_there_is_warned_of_and_its_step_is_not_the_best(grown: Identification) -> None:
@@ -77,7 +77,7 @@ def test_an_effect_that_is_not_there_is_warned_of_and_its_step_is_not_the_best(g
     assert (
         f"where joints move from {format_percent(before, decimals=2)} to {format_percent(after, decimals=2)}" in warning
     )
-    assert find_best_step(list(false.ladder())).best == 1
+    assert find_best(list_steps(false)).best == 1
 
 
 def test_both_models_are_judged_on_the_same_rows(plain: Identification, grown: Identification) -> None:

@@ -58,7 +58,7 @@ def test_right_columns_stay_right_where_a_fit_explains_another_order_better_by_c
 
 def test_the_masses_of_the_description_refute_another_order(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(DescriptionFit, "refutes", lambda self, fault: False)
-    found, _ = find_recording_faults(ROBOT, recorded(14)) or ((), 1.0)
+    found, _ = find_recording_faults(ROBOT, recorded(5)) or ((), 1.0)
     assert found
 
 

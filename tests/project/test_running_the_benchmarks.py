@@ -16,7 +16,6 @@ import pytest
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 TESTS = BENCHMARKS.parent / "tests"
 SMALL = {
-    "messy_arms": "--cases 1 --duration 5",
     "acceptance": "--requests 30 --clients 2",
     "changes": "--pairs 1 --processes 1",
     "clean_residuals": "--cases 1 --processes 1",
@@ -41,6 +40,7 @@ SMALL = {
     "large_recording": "--samples 60000 --plain-samples 10000",
     "lines_over_angles": "--cases 1 --processes 1",
     "many_clients": "--clients 3 --seconds 3",
+    "messy_arms": "--cases 1 --duration 5",
     "next_experiment": "--cases 1",
     "outlying_spans": "--cases 1 --processes 1",
     "placebo": "--shifts 1 --arms 1 --only simulated",
@@ -58,7 +58,7 @@ WITH_RECORDINGS = {
     "foreign_files": "--files 1",
     "imports": "--draws 2",
     "planted_mistakes": "--pairs 1 --only tx40 --arms 1 --draws 5",
-    "readme_figures": "",
+    "readme_figures": "--arms 1",
 }
 """The same of scripts that need recordings of real robots."""
 ELSEWHERE = {
@@ -148,7 +148,11 @@ def test_a_benchmark_runs_to_its_end(name: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.real_data
 @pytest.mark.sweep
-@pytest.mark.parametrize("name", WITH_RECORDINGS)
+@pytest.mark.parametrize(
+    # Tests of real robots hold the README's errors.
+    "name",
+    [pytest.param(name, marks=pytest.mark.thorough if name == "readme_figures" else ()) for name in WITH_RECORDINGS],
+)
 def test_a_benchmark_on_recordings_of_real_robots_runs_to_its_end(name: str, tmp_path: Path) -> None:
     if not (BENCHMARKS.parents[1] / "shared" / "data").is_dir():
         pytest.skip("the recordings of real robots are not here (../shared/data is missing)")

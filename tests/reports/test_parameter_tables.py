@@ -6,8 +6,8 @@ import pytest
 
 from dynident.effects import CATALOGUE, ShapeSpec
 from dynident.identification.shape_constant_intervals import ShapeConstant
-from dynident.reports.result_tables import build_shape_table
-from dynident.reports.table_cells import ReportedTable, make_interval_cell, make_number_cell, make_text_cells
+from dynident.presentation.model_tables import build_shape_table
+from dynident.presentation.tables import ReportedTable, make_interval_cell, make_number_cell, make_text_cells
 
 KINDS = [(effect.id, spec) for effect in CATALOGUE.values() for spec in effect.shapes if spec.words]
 

@@ -79,7 +79,8 @@ class Elsewhere:
             return session.scalar(select(func.count()).select_from(ResourceRow)) == 0
 
 
-@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)])
+# Most is refused before anything reaches the database.
+@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=(pytest.mark.slow, pytest.mark.sweep))])
 def elsewhere(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Elsewhere]:
     url = f"sqlite:///{tmp_path / 'other.sqlite3'}"
     if request.param == "postgresql":

@@ -204,6 +204,7 @@ def test_a_mesh_brings_nothing_of_another_file(service: Watched, robot: str, tmp
         assert answer.status_code == 422
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("kind", MUTABLE_FILES)
 def test_no_damaged_file_harms_the_service(service: Watched, robot: str, kind: str, thorough: bool) -> None:
     content = MUTABLE_FILES[kind]()

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
+from typing import get_args
 
 import numpy as np
 import pytest
 from support.one_joint_robots import one_joint_run
 from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
+from dynident.api.model import Model
 from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
 from dynident.number_format import format_percent
 from dynident.recordings import Recording, Revision, recording_from_arrays
 from dynident.recordings.sample_hashes import SampleHashes
 from dynident.validation import ValidationOutcome
-from dynident.verdict import Outcome, find_overlaps, is_stopped, verdict
+from dynident.verdict import Action, NextStep, Outcome, find_overlaps, is_stopped, verdict
 from dynident.verdict.detectable_loads import DetectableForce
 from dynident.verdict.fitness_by_use import combine_findings, judge_collision_detection
 from dynident.verdict.held_out_evidence import HeldOutEvidence
+from dynident.verdict.model_verdict import _CALLS
 
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
@@ -55,6 +59,16 @@ def test_a_good_model_is_fit_for_prediction_and_says_so(model: Identification) -
     assert feed_forward.state == "yes"
     assert format_percent(model.held_out_moving.relative_total, decimals=1) in feed_forward.reason
     assert all(one.next_step for one in found.uses)
+
+
+def test_every_next_step_has_its_call_in_python() -> None:
+    assert set(_CALLS) == set(get_args(Action))
+    for call in _CALLS.values():
+        path, *rest = call.split("(")[0].split(".")
+        place = Model if path == "model" else import_module(path)
+        for name in rest:
+            place = getattr(place, name)
+        assert callable(place)
 
 
 def test_without_held_out_data_nothing_is_judged() -> None:
@@ -107,7 +121,7 @@ def test_limits_of_forces_on_people_are_called_examples(
         model, model.held_out, [OTHER], [Outcome("payload", ValidationOutcome("pass", "The load weighs 3 kg."))]
     )
     findings = judge_collision_detection(evidence, DetectableForce(force, np.full(ROBOT.n, 1.0), 20.0))
-    use = combine_findings("collision_detection", findings, "Export it.")
+    use = combine_findings("collision_detection", findings, NextStep("Export it."))
     assert use.state == state
     if example:
         assert f"above {example}, an example of what" in use.reason
@@ -129,7 +143,7 @@ def test_plain_least_squares_that_no_robot_has_say_what_cures_them() -> None:
     (simulation,) = (one for one in verdict(plain, [FITTED], [OTHER]).uses if one.use == "simulation")
     assert simulation.state == "no"
     assert "These parameters are not physically feasible" in simulation.reason
-    assert "--estimator feasible" in simulation.next_step
+    assert simulation.next_action == "identify_feasible"
 
 
 def test_an_error_between_the_limits_is_fit_for_some_uses_alone(model: Identification) -> None:

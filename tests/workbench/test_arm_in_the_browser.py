@@ -92,6 +92,7 @@ def drop(page: Any, on: str, path: Path) -> None:
         devtools.send("Input.dispatchDragEvent", {"type": kind, "x": box["x"] + 9, "y": box["y"] + 9, "data": data})
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("machine", [five_bar, palletiser, delta])
 def test_links_in_a_closed_loop_stand_where_the_library_has_them(
     page: Any, heard: Any, machine: Callable[[], dict[str, Any]]

@@ -70,7 +70,7 @@ def test_rest_is_drawn_as_what_friction_may_hold_and_every_effect_has_its_rung(
     expect(ladder.nth(1).get_by_role("link")).to_have_count(0)
     expect(page.locator("#ladder-table")).to_contain_text("✓ best")
     expect(page.locator("#best-rung")).to_contain_text("predicts held-out data best")
-    expect(page.locator("#step")).to_contain_text("Added Torque offset on every joint; Stribeck friction on elbow")
+    expect(page.locator("#step")).to_contain_text("Added Torque offset on all joints; Stribeck friction on elbow")
     page.locator("#ladder-table").get_by_role("link", name="1", exact=True).click()
     page.wait_for_url(f"**identification={models[0]}*")
     assert heard.complaints == []

@@ -7,12 +7,16 @@ from typing import Any
 
 import pytest
 
+from dynident_service.adapters.ladders import add_ladder_tables
+from dynident_service.wire_types.identifications import LadderStep, Lineage
+
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
 pytestmark = pytest.mark.slow
 
-SHOW = """async ([rungs, shown]) => {
+SHOW = """async ([{ items: rungs, tables, last_step: lastStep }, shown]) => {
   const { ladderSection } = await import('/workbench/js/ladder.js');
   const model = {
+    lastStep, ladder: Object.fromEntries(tables.map((one) => [one.name, one])),
     id: shown, joints: ['shoulder', 'elbow'], joint: 'elbow', rungs, measurement: null, robot: { id: 'none' },
     identification: { id: shown, parent_id: rungs.at(-2).id, robot_id: 'none' },
     effects: { items: [], byId: new Map() }, contains: () => false, addEventListener: () => {},
@@ -25,19 +29,26 @@ SHOW = """async ([rungs, shown]) => {
 def rung(name: str, held_out: list[float], total: float, **more: Any) -> dict[str, Any]:
     rms = [10 * one for one in held_out]
     errors = {"relative": held_out, "relative_total": total, "rms": rms, "moving": None}
-    made: dict[str, Any] = {"id": name, "added": [], "removed": [], "n_parameters": 10, "part_of": None}
-    return {**made, "best": False, "rises": False, "residual": errors, "validation": errors, **more}
+    made: dict[str, Any] = {"id": name, "added": [], "removed": [], "effects": [], "n_parameters": 10, "name": None}
+    made |= {"parent_id": None, "status": "succeeded", "residual": errors, "validation": errors}
+    return {**made, **more}
+
+
+def lineage(*rungs: dict[str, Any]) -> dict[str, Any]:
+    """The answer of the service about such a ladder."""
+    steps = [LadderStep.model_validate(one) for one in rungs]
+    return add_ladder_tables(Lineage(items=steps), ["shoulder", "elbow"]).model_dump(mode="json")
 
 
 def test_a_joint_that_got_worse_is_warned_of_though_the_whole_error_fell(page: Any) -> None:
     page.goto("/?view=new")
     page.locator("#new-robot").wait_for()
-    page.evaluate(SHOW, [[rung("a", [0.20, 0.05], 0.16), rung("b", [0.10, 0.07], 0.09, best=True)], "b"])
+    page.evaluate(SHOW, [lineage(rung("a", [0.20, 0.05], 0.16), rung("b", [0.10, 0.07], 0.09, best=True)), "b"])
     expect(page.locator("#step")).to_contain_class("warning")
     expect(page.locator("#step")).to_contain_text("Worse than before on elbow")
     expect(page.locator("#keep-best")).to_have_count(0)
 
-    page.evaluate(SHOW, [[rung("a", [0.20, 0.05], 0.16), rung("b", [0.10, 0.05], 0.09, best=True)], "b"])
+    page.evaluate(SHOW, [lineage(rung("a", [0.20, 0.05], 0.16), rung("b", [0.10, 0.05], 0.09, best=True)), "b"])
     expect(page.locator("#step")).to_contain_class("good")
 
 
@@ -49,7 +60,7 @@ def told(panel: Any) -> str:
 def test_a_waterfall_tells_of_every_joint_what_each_model_took_and_how_far_the_noise_is(page: Any) -> None:
     page.goto("/?view=new")
     page.locator("#new-robot").wait_for()
-    page.evaluate(SHOW, [[rung("a", [0.20, 0.05], 0.16), rung("b", [0.10, 0.07], 0.09, best=True)], "b"])
+    page.evaluate(SHOW, [lineage(rung("a", [0.20, 0.05], 0.16), rung("b", [0.10, 0.07], 0.09, best=True)), "b"])
     shoulder, elbow = (page.locator(f"#waterfall .panel[data-joint={joint}]") for joint in ("shoulder", "elbow"))
     assert told(shoulder) == "shoulder: 20.0 %, then 10.0 %"
     expect(shoulder.locator("rect.falls")).to_have_count(1)
@@ -67,7 +78,9 @@ def test_a_waterfall_tells_of_every_joint_what_each_model_took_and_how_far_the_n
 def test_the_best_model_of_a_ladder_is_gone_back_to_by_the_keyboard(page: Any) -> None:
     page.goto("/?view=new")
     page.locator("#new-robot").wait_for()
-    page.evaluate(SHOW, [[rung("a", [0.2, 0.05], 0.16, best=True), rung("b", [0.3, 0.05], 0.21, rises=True)], "b"])
+    page.evaluate(
+        SHOW, [lineage(rung("a", [0.2, 0.05], 0.16, best=True), rung("b", [0.3, 0.05], 0.21, rises=True)), "b"]
+    )
     expect(page.locator("#step")).to_contain_class("warning")
     page.route("**/v1/identifications/a", lambda route: route.fulfill(status=404, body=json.dumps({"title": "none"})))
     page.locator("#keep-best").focus()

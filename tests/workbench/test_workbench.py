@@ -168,7 +168,7 @@ def test_what_was_added_is_removed_again_and_two_ladders_stand_beside_each_other
     page.wait_for_timeout(500)
     expect(table).to_contain_text("Joint spring on elbow")
     found = ask(page, f"/identifications/{identifier(page)}/lineage?against={made['elbow']}")
-    assert value_in(page, "#ladder-differences", "2", 0) == found["differences"][1]["validation_moving_total"]
+    assert value_in(page, "#ladder-differences", "2", 2) == found["differences"][1]["validation_moving_total"]
     expect(page.locator("#two-ladders svg polyline")).to_have_count(2)
     page.locator("section", has=page.locator("#ladder-title")).screenshot(path=tmp_path / "two_ladders.png")
     assert heard.complaints == []

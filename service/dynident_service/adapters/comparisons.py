@@ -7,10 +7,12 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis import Comparison, Judgement
 from dynident.diagnosis.comparison.comparison_files import JointSignals
+from dynident.presentation.model_tables import ErrorKind, build_comparison_table
 from dynident.recordings.joint_phases import Phase, PhaseArray
-from dynident_service.adapters.field_by_field import show_figures, to_view
+from dynident_service.adapters.field_by_field import show_figures, show_tables, to_view
 from dynident_service.wire_types import comparisons as wire
 from dynident_service.wire_types.measurements import PhasesView
+from dynident_service.wire_types.shared_types import Table
 
 
 def describe_comparison(comparison: Comparison, judgement: Judgement, held_out: bool | None) -> wire.ComparisonResult:
@@ -44,6 +46,18 @@ def describe_comparison(comparison: Comparison, judgement: Judgement, held_out: 
         held_out=held_out,
         **dict(show_figures(comparison.errors)),
         **dict(to_view(wire.Judgement, judgement, repetition=judgement.noise if judgement.noise.period > 0 else None)),
+    )
+
+
+def build_tables(result: wire.ComparisonResult) -> list[Table]:
+    """Build the table of the errors in a stored comparison, beside the noise; none for one of an earlier version."""
+    if not result.noise_floor:
+        return []
+    errors = ErrorKind("", result.moving or result, result)
+    floor, samples = result.noise_floor, result.effective_samples
+    title = "this measurement"
+    return show_tables(
+        [build_comparison_table(title, errors, result.joints, result.effort_units, floor, samples, result.n_samples)]
     )
 
 

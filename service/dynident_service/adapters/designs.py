@@ -22,12 +22,14 @@ from dynident.excitation.experiment_design import check_request
 from dynident.identification.shape_search import check_choices
 from dynident.motion.collision.exact_distances import Nearest
 from dynident.motion.collision.obstacle_geometry import Wall, build_block
+from dynident.presentation.design_tables import build_design_tables, build_expected_table
 from dynident.recordings.arrow_tables import table_column_to_floats, to_csv
 from dynident.robot import Robot
 from dynident.robot.collision_shapes import Block
 from dynident.simulation import Reference, SimulatedRecording
-from dynident_service.adapters.field_by_field import from_view, to_body, to_request, to_view
+from dynident_service.adapters.field_by_field import from_view, show_tables, to_body, to_request, to_view
 from dynident_service.wire_types import designs as wire
+from dynident_service.wire_types.shared_types import Table
 
 RATE_OF_SAMPLES = 1000.0
 """Sampling rate in Hz of a virtual robot that follows samples."""
@@ -240,15 +242,22 @@ def design_to_reference(design: Design) -> Reference:
     return Reference(design.t, design.q, design.dq, design.ddq)
 
 
-def restore_design(request: Mapping[str, object], result: Mapping[str, object], trajectory: Path) -> Design:
+def build_tables(request: Mapping[str, object], result: Mapping[str, object], robot: Robot) -> list[Table]:
+    """Build the tables of a stored design."""
+    design = restore_design(request, result, None)
+    expected = [build_expected_table(design.expected)] if design.expected else []
+    return show_tables([*build_design_tables(robot, design), *expected])
+
+
+def restore_design(request: Mapping[str, object], result: Mapping[str, object], trajectory: Path | None) -> Design:
     """Restore a stored design.
 
     Parameters
     ----------
     request, result : mapping
         The stored request and result, as JSON.
-    trajectory : Path
-        The file of its trajectory.
+    trajectory : Path, optional
+        The file of its trajectory; without it the motion is left out.
 
     Returns
     -------
@@ -256,7 +265,12 @@ def restore_design(request: Mapping[str, object], result: Mapping[str, object], 
         The design as the library made it.
     """
     wire_request, wire_result = wire.DesignRequest.model_validate(request), wire.DesignResult.model_validate(result)
-    motion = read_reference(trajectory, wire_result.joints)
+    nothing = np.zeros((0, len(wire_result.joints)))
+    motion = (
+        Reference(nothing[:, 0], nothing, nothing, nothing)
+        if trajectory is None
+        else read_reference(trajectory, wire_result.joints)
+    )
     baseline = wire_result.baseline_values
     return from_view(
         Design,

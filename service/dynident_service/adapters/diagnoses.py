@@ -9,12 +9,13 @@ from dynident.advice import AdvisedDiagnosis, NextExperiment
 from dynident.diagnosis import Diagnosis, Evidence
 from dynident.diagnosis.diagnosis_result import Change, ChangedValue
 from dynident.diagnosis.monitoring import Series, SeriesChange
+from dynident.presentation.diagnosis_tables import build_change_table, build_diagnosis_tables, format_first_day
 from dynident.robot import Robot
-from dynident_service.adapters.field_by_field import from_view, show_choice, to_view
+from dynident_service.adapters.field_by_field import from_view, show_choice, show_tables, to_view
 from dynident_service.problems import ProblemError, make_unusable
 from dynident_service.wire_types import diagnoses as wire
 from dynident_service.wire_types.designs import DesignRequest
-from dynident_service.wire_types.shared_types import to_plain_json
+from dynident_service.wire_types.shared_types import Table, to_plain_json
 
 
 def describe_diagnosis(
@@ -86,10 +87,25 @@ def restore_diagnosis(stored: Mapping[str, object]) -> AdvisedDiagnosis:
         next_experiment=None
         if wire_result.next_experiment is None
         else restore_next_experiment(wire_result.next_experiment),
-        changes=None
-        if wire_result.changes is None
-        else tuple(from_view(Change, change, main=from_view(ChangedValue, change)) for change in wire_result.changes),
+        changes=None if wire_result.changes is None else tuple(map(_restore_change, wire_result.changes)),
     )
+
+
+def _restore_change(wire_change: wire.Change) -> Change:
+    return from_view(Change, wire_change, main=from_view(ChangedValue, wire_change))
+
+
+def build_stored_tables(stored: Mapping[str, object], joints: Sequence[str]) -> list[Table]:
+    """Build the tables of a stored diagnosis."""
+    return show_tables(build_diagnosis_tables(restore_diagnosis(stored), joints))
+
+
+def build_stored_series_tables(stored: Mapping[str, object], joints: Sequence[str]) -> list[Table]:
+    """Build the table of what changed over the days of a stored series."""
+    changes = wire.SeriesResult.model_validate(stored).changes
+    since = [format_first_day(change.since, change.earliest, change.latest) for change in changes]
+    title, restored = "Changes over the days", [_restore_change(change) for change in changes]
+    return show_tables([build_change_table(title, restored, joints, since)] if changes else [])
 
 
 def restore_next_experiment(wire_experiment: wire.NextExperiment) -> NextExperiment:

@@ -28,7 +28,8 @@ from dynident_service.wire_types.request_bodies import BODIES, REQUESTS
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 from dynident.effects import CATALOGUE, Effect
-from dynident.reports.table_cells import ReportedTable
+from dynident.presentation import model_tables
+from dynident.presentation.tables import ReportedTable
 from dynident_service.wire_types import shared_types as wire
 from dynident_service.wire_types.shared_types import Table, TableColumn
 
@@ -306,12 +307,7 @@ def show_errors(errors: Errors, moving: Errors | None = None, sigma: FloatArray 
 
 def show_figures(errors: Errors) -> ErrorFigures:
     """Show errors on a set of rows; null for a joint without rows there."""
-    has_rows = errors.counts > 0
-    return ErrorFigures(
-        rms=to_json_numbers(np.where(has_rows, errors.rms, np.nan)),
-        relative=to_json_numbers(np.where(has_rows, errors.relative, np.nan)),
-        relative_total=replace_non_finite(errors.relative_total) if has_rows.any() else None,
-    )
+    return to_view(ErrorFigures, model_tables.ErrorFigures.from_errors(errors))
 
 
 def replace_non_finite(value: float) -> float | None:

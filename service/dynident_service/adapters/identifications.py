@@ -1,14 +1,11 @@
-"""Choices of an identification from bodies; views and tables of models, ladders and verdicts; exported files."""
+"""Choices of an identification from bodies; views and tables of models and verdicts; exported files."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
-from typing import TYPE_CHECKING, TypeVar
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from dynident.errors import DynidentError
 from dynident.export import ExportedFile, ExportFormat, export_model, model_to_document
@@ -18,229 +15,38 @@ from dynident.identification.identified_models.correlated_and_essential_paramete
     EssentialPath,
     parameter_dependence,
 )
-from dynident.identification.identified_models.held_out_gain import find_best_of_errors, list_confirming_rows
+from dynident.identification.identified_models.held_out_gain import list_confirming_rows
 from dynident.identification.shape_constant_intervals import ShapeConstant
 from dynident.identification.shape_search import check_choices
+from dynident.presentation.labels import CONDITION_MEANING
+from dynident.presentation.model_tables import (
+    ErrorKind,
+    build_error_table,
+    build_essential_tables,
+    build_parameter_table,
+    build_quality_table,
+    build_shape_table,
+)
+from dynident.presentation.tables import ReportedTable
+from dynident.presentation.validation_and_verdict_tables import build_verdict_tables
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
 from dynident.recordings.metadata_revisions import adapt_revision
-from dynident.reports.labels import CONDITION_MEANING
-from dynident.reports.result_tables import build_essential_tables, build_parameter_table, build_shape_table
-from dynident.reports.table_cells import ReportedTable
 from dynident.robot import Robot
 from dynident.verdict import ModelVerdict, Stop
-from dynident_service.adapters.field_by_field import from_view, show_errors, show_tables, to_request, to_view
+from dynident_service.adapters.field_by_field import (
+    from_view,
+    show_tables,
+    to_request,
+    to_view,
+)
+from dynident_service.adapters.ladders import select_judged, show_fit
 from dynident_service.adapters.measurements import show_revision, to_recording_metadata
 from dynident_service.wire_types import identifications as wire
 from dynident_service.wire_types import verdicts as verdict_wire
-from dynident_service.wire_types.identifications import (
-    ErrorFigures,
-    ErrorsView,
-    IdentificationView,
-    LadderStep,
-    LadderStepDifference,
-    Lineage,
-)
 from dynident_service.wire_types.measurements import MeasurementMetadata
-from dynident_service.wire_types.shared_types import EffectChoice
 
 if TYPE_CHECKING:
     from fastapi import Response
-
-T = TypeVar("T", int, float)
-
-
-def build_steps_of_views(views: Sequence[IdentificationView]) -> list[LadderStep]:
-    """Build the steps of a ladder of stored models, the first one first, with the intermediate ones of extensions."""
-    steps: list[LadderStep] = []
-    for view in views:
-        # An extension by several effects has made models on its way, which are steps as well.
-        steps += _build_intermediate_steps(view, steps[-1] if steps else None)
-        steps.append(_build_own_step(view, steps[-1] if steps else None))
-    return mark_best_step(steps)
-
-
-def mark_best_step(steps: Sequence[LadderStep]) -> list[LadderStep]:
-    """Return a ladder with its best step marked, and the later steps that increase the validation error."""
-    totals = [_select_judged_total(step.validation) for step in steps]
-    known_totals = [total for total in totals if total is not None]
-    preferred = [bool(step.confirmed_by or step.removed) for step in steps]
-    # Only where every step has a validation error: a step without one could be the best.
-    marks = find_best_of_errors(known_totals, preferred) if len(known_totals) == len(steps) else None
-    if marks is None:
-        return list(steps)
-    return [
-        step.model_copy(update={"best": k == marks.best, "rises": k in marks.rises}) for k, step in enumerate(steps)
-    ]
-
-
-def _select_judged_total(errors: ErrorsView | None) -> float | None:
-    """Return the error that models are compared by: of moving rows; where none are known, of all rows."""
-    if errors is None:
-        return None
-    moving = None if errors.moving is None else errors.moving.relative_total
-    return errors.relative_total if moving is None else moving
-
-
-def _build_intermediate_steps(view: IdentificationView, below: LadderStep | None) -> list[LadderStep]:
-    """Build the steps between a model and its parent; an extension by several effects has one for each."""
-    steps: list[LadderStep] = []
-    for number, step in enumerate(view.result.rungs if view.result is not None else [], start=1):
-        under = steps[-1] if steps else below
-        ladder_step = LadderStep(
-            id=f"{view.id}/{number}",
-            part_of=view.id,
-            name=view.name,
-            parent_id=None if under is None else under.id,
-            status=view.status,
-            added=step.added,
-            removed=[],
-            effects=[*([] if under is None else under.effects), *step.added],
-            n_parameters=step.n_parameters,
-            residual=step.residual,
-            validation=step.validation,
-            confirmed_by=step.confirmed_by,
-        )
-        steps.append(ladder_step)
-    return steps
-
-
-def _build_own_step(view: IdentificationView, below: LadderStep | None) -> LadderStep:
-    result = view.result
-    effects = view.request.effects if result is None else result.effects
-    return LadderStep(
-        id=view.id,
-        name=view.name,
-        parent_id=view.parent_id if below is None else below.id,
-        status=view.status,
-        added=_last_added(view, effects, below),
-        removed=view.removed,
-        effects=effects,
-        n_parameters=None if result is None else len(result.parameters),
-        residual=None if result is None else result.residual,
-        validation=None if result is None else result.validation,
-        confirmed_by=None if result is None else result.confirmed_by,
-    )
-
-
-def _last_added(view: IdentificationView, effects: list[EffectChoice], below: LadderStep | None) -> list[EffectChoice]:
-    """Return what the last step added, with the shape constants that were found."""
-    # The steps below have the first of the requested effects; the rest of the list is new at this step.
-    if not view.added or view.result is None or below is None:
-        return view.added
-    return effects[len(below.effects) :]
-
-
-def compare_ladders(own: Sequence[LadderStep], other: Sequence[LadderStep], same_data: bool) -> Lineage:
-    """Compare two ladders.
-
-    Parameters
-    ----------
-    own, other : sequence of LadderStep
-        The ladders, their first models first.
-    same_data : bool
-        Whether all their models rest on the same recordings.
-
-    Returns
-    -------
-    Lineage
-        Both ladders, their last common model, and the differences of errors step by step.
-    """
-    # Ladders of one robot may begin with the same models: the last pair of equal ids is where they part.
-    shared = [a.id for a, b in zip(own, other, strict=False) if a.id == b.id]
-    return Lineage(
-        items=list(own),
-        against=list(other),
-        common_ancestor=shared[-1] if shared else None,
-        differences=[_show_difference(k, a, b) for k, (a, b) in enumerate(zip_longest(own, other), start=1)],
-        same_data=same_data,
-    )
-
-
-def _show_difference(number: int, own: LadderStep | None, other: LadderStep | None) -> LadderStepDifference:
-    fit = (own.residual if own else None, other.residual if other else None)
-    held_out = (own.validation if own else None, other.validation if other else None)
-    counts = (own.n_parameters if own else None, other.n_parameters if other else None)
-    return LadderStepDifference(
-        rung=number,
-        id=own.id if own else None,
-        against_id=other.id if other else None,
-        n_parameters=_subtract(*counts),
-        residual=_subtract_per_joint(*fit),
-        residual_total=_subtract_totals(*fit),
-        validation=_subtract_per_joint(*held_out),
-        validation_total=_subtract_totals(*held_out),
-        residual_moving=_subtract_per_joint(*map(_get_moving, fit)),
-        residual_moving_total=_subtract_totals(*map(_get_moving, fit)),
-        validation_moving=_subtract_per_joint(*map(_get_moving, held_out)),
-        validation_moving_total=_subtract_totals(*map(_get_moving, held_out)),
-    )
-
-
-def _get_moving(errors: ErrorsView | None) -> ErrorFigures | None:
-    return None if errors is None else errors.moving
-
-
-def _subtract_per_joint(own: ErrorFigures | None, other: ErrorFigures | None) -> list[float | None] | None:
-    if own is None or other is None:
-        return None
-    return [_subtract(a, b) for a, b in zip(own.relative, other.relative, strict=True)]
-
-
-def _subtract_totals(own: ErrorFigures | None, other: ErrorFigures | None) -> float | None:
-    return None if own is None or other is None else _subtract(own.relative_total, other.relative_total)
-
-
-def _subtract(a: T | None, b: T | None) -> T | None:
-    return None if a is None or b is None else a - b
-
-
-def build_steps(
-    identification: Identification, name: str, other_ladder: tuple[Identification, str] | None = None
-) -> list[LadderStep]:
-    """Build the steps of a ladder from a model in a file.
-
-    Parameters
-    ----------
-    identification : Identification
-        The last model of the ladder.
-    name : str
-        Its name; the models before it are called name/1, name/2, ….
-    other_ladder : tuple of Identification and str, optional
-        Another ladder and its name. Steps at which both have the same model take the other ladder's ids, so that
-        `compare_ladders` sees what they share.
-
-    Returns
-    -------
-    list of LadderStep
-        The steps, the first model first.
-    """
-    models = list(identification.ladder())
-    ids = _step_ids(name, len(models))
-    if other_ladder is not None:
-        others = list(other_ladder[0].ladder())
-        for k, (model, other) in enumerate(zip(models, others, strict=False)):
-            # Models in files have no ids: they are the same if their choices and all their values are.
-            if model.choices != other.choices or not np.array_equal(model.values, other.values):
-                break
-            ids[k] = _step_ids(other_ladder[1], len(others))[k]
-    steps = [
-        to_view(
-            LadderStep,
-            model,
-            id=identifier,
-            name=identifier,
-            parent_id=ids[k - 1] if k else None,
-            status="succeeded",
-            residual=show_fit(model),
-            confirmed_by=list_confirming_rows(model),
-        )
-        for k, (identifier, model) in enumerate(zip(ids, models, strict=True))
-    ]
-    return mark_best_step(steps)
-
-
-def _step_ids(name: str, count: int) -> list[str]:
-    return [*(f"{name}/{k}" for k in range(1, count)), name]
 
 
 def to_choices(
@@ -313,8 +119,24 @@ def describe_essential(path: EssentialPath) -> wire.EssentialView:
     )
 
 
-def build_identification_tables(result: wire.IdentificationResult) -> Iterator[ReportedTable]:
-    """Yield the tables of parameters and of shape constants of a stored result."""
+def build_identification_tables(
+    result: wire.IdentificationResult, floor: Sequence[float | None] | None = None
+) -> Iterator[ReportedTable]:
+    """Yield the tables of errors, beside the noise floor where it is known, of parameters and of shape constants."""
+    kinds = [
+        ErrorKind(name, errors.moving or errors, errors)
+        for name, errors in (("fit", result.residual), ("held out", result.validation))
+        if errors is not None
+    ]
+    yield build_quality_table(
+        select_judged(result.residual).relative_total,
+        None if result.validation is None else select_judged(result.validation).relative_total,
+        [parameter.well_identified for parameter in result.parameters],
+        result.equilibrated_condition_number or result.condition_number,
+        result.n_equations,
+        result.equations_per_parameter,
+    )
+    yield build_error_table(kinds, result.joints, result.effort_units, floor)
     yield build_parameter_table("Base parameters", [_restore_parameter(parameter) for parameter in result.parameters])
     if result.shape_constants:
         yield build_shape_table(
@@ -326,11 +148,6 @@ def _restore_parameter(parameter: wire.ParameterView) -> IdentifiedParameter:
     # Models that older versions stored have no judgement; it follows from what they have.
     judgement = parameter.judgement or ("determined" if parameter.well_identified else "uncertain")
     return from_view(IdentifiedParameter, parameter, judgement=judgement)
-
-
-def show_fit(identification: Identification) -> wire.ErrorsView:
-    """Build the view of the errors on the data that a model was identified from."""
-    return show_errors(identification.fit, identification.fit_moving, identification.noise)
 
 
 def _list_steps_between(parent: Identification, identification: Identification) -> list[Identification]:
@@ -400,7 +217,8 @@ def show_verdict(verdict: ModelVerdict, measurements: Sequence[SeenMeasurement] 
         )
         for overlap in verdict.common
     ]
-    return to_view(verdict_wire.VerdictView, verdict, stop=stop, common=common)
+    tables = show_tables(build_verdict_tables(verdict))
+    return to_view(verdict_wire.VerdictView, verdict, stop=stop, common=common, tables=tables)
 
 
 def _measurement_id(measurements: Mapping[str, SeenMeasurement], name: str) -> str:

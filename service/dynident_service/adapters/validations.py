@@ -1,9 +1,10 @@
-"""Validations from bodies, their views and tables."""
+"""Validations from bodies, their views and tables; views and tables of drive gains and of weighed loads."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 from dynident.schema.registry import kind_to_document
@@ -21,15 +22,16 @@ from dynident.validation import (
 )
 from dynident.validation.validation_request import Payload, Stated, Trial, build_trial
 from dynident_service.adapters.field_by_field import show_errors, to_request, to_view
+from dynident_service.wire_types import drive_gains as gains_wire
 from dynident_service.wire_types import validations as wire
 
 if TYPE_CHECKING:
     from dynident.validation.validation_request import TrialResult
 from collections.abc import Iterator
 
-from dynident.number_format import format_number, format_percent
-from dynident.reports.reported_data import ReportedValidation
-from dynident.reports.table_cells import (
+from dynident.identification import DriveGains, PayloadEstimate
+from dynident.number_format import format_estimate, format_number, format_percent
+from dynident.presentation.tables import (
     Cell,
     ReportedTable,
     make_interval_cell,
@@ -38,6 +40,9 @@ from dynident.reports.table_cells import (
     make_percent_cells,
     make_text_cells,
 )
+from dynident.presentation.validation_and_verdict_tables import build_validation_table
+from dynident.reports.reported_data import ReportedValidation
+from dynident.robot import Robot
 from dynident.validation import ValidationOutcome
 from dynident_service.wire_types.identifications import ErrorsView
 from dynident_service.wire_types.validations import (
@@ -65,6 +70,12 @@ def build_reported_validation(result: ValidationResult, joints: Sequence[str]) -
     """Build the part of a report on a validation: title, verdict and tables."""
     verdict = ValidationOutcome(result.verdict, result.reason)
     return ReportedValidation(TITLES[result.kind], verdict, tuple(build_validation_tables(result, joints)), result.kind)
+
+
+def list_stored_tables(result: ValidationResult, joints: Sequence[str]) -> list[ReportedTable]:
+    """Return the verdict of a stored validation and its reason as a table, then the figures behind it."""
+    verdict = build_validation_table([(TITLES[result.kind], ValidationOutcome(result.verdict, result.reason))])
+    return [verdict, *build_validation_tables(result, joints)]
 
 
 def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> Iterator[ReportedTable]:
@@ -365,3 +376,82 @@ def _show_trial(trial: FilterTrial) -> wire.FilterTrialView:
 def _show_payload(payload: PayloadValidation, measurement_id: str) -> wire.PayloadView:
     gains = [] if payload.gains is None else [to_view(wire.DriveGainView, gain) for gain in payload.gains.each]
     return to_view(wire.PayloadView, payload, measurement_id=measurement_id, gains=gains)
+
+
+def describe_gains(
+    robot: Robot,
+    drive_gains: DriveGains,
+    loads: Sequence[tuple[str, str, PayloadEstimate]] = (),
+    warnings: Sequence[str] = (),
+) -> gains_wire.DriveGainsResult:
+    """Build the view of drive gains.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, for the units.
+    drive_gains : DriveGains
+        The identified gains.
+    loads : sequence of tuple
+        Id and name of a measurement, and the load that was weighed in it with these gains.
+    warnings : sequence of str
+        Warnings beyond those of the gains.
+
+    Returns
+    -------
+    DriveGainsResult
+        The view.
+    """
+    gains = [
+        to_view(gains_wire.IdentifiedGain, gain, unit=_gain_unit(robot, index))
+        for index, gain in enumerate(drive_gains.each)
+    ]
+    weighed = [
+        to_view(gains_wire.WeighedLoad, load, measurement_id=measurement_id, name=name)
+        for measurement_id, name, load in loads
+    ]
+    return gains_wire.DriveGainsResult(gains=gains, loads=weighed, warnings=[*drive_gains.warnings, *warnings])
+
+
+def build_gain_tables(result: gains_wire.DriveGainsResult) -> Iterator[ReportedTable]:
+    """Yield the table of gains and the table of weighed loads."""
+    gains = tuple(
+        (
+            Cell(gain.joint),
+            make_number_cell(gain.stated, 4),
+            *_value_cells(gain.drive_gain, gain.interval),
+            Cell("factor" if gain.unit == "-" else gain.unit),
+            Cell("✓ yes", mark="ok") if gain.identifiable else Cell("✕ no", mark="error"),
+        )
+        for gain in result.gains
+    )
+    yield ReportedTable("Drive gains", ("joint", "stated", "identified", "± 95 %", "unit", "identifiable"), gains)
+    if result.loads:
+        loads = tuple(
+            (
+                Cell(load.name),
+                *_value_cells(load.mass, load.interval),
+                make_interval_cell(load.interval),
+                make_number_cell(load.from_gains, 2),
+                *make_text_cells("yes" if load.identifiable else "no"),
+            )
+            for load in result.loads
+        )
+        columns = ("measurement", "mass", "± 95 %", "95 % interval", "σ from the gains", "not zero")
+        yield ReportedTable("Loads weighed with these gains, kg", columns, loads)
+
+
+def _value_cells(value: float, ends: tuple[float | None, float | None]) -> tuple[Cell, Cell]:
+    """Return the cells of a value and of half its interval; the interval decides the digits."""
+    low, high = ends
+    # An end that is null is infinite: then there is no half to show.
+    half = None if low is None or high is None else (high - low) / 2.0
+    texts = format_estimate(value, inf if half is None else half)
+    return Cell(texts[0], value), Cell(texts[1], half)
+
+
+def _gain_unit(robot: Robot, index: int) -> str:
+    # Without a stated gain the recorded torque is multiplied by a factor, which has no unit.
+    if robot.drives[index].gain is None:
+        return "-"
+    return "N m/A" if robot.joints[index].kind == "revolute" else "N/A"

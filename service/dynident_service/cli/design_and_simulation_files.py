@@ -25,7 +25,7 @@ from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.known_robots import locate_robot
 from dynident.motion import Surroundings
-from dynident.number_format import format_number, format_percent
+from dynident.presentation.design_tables import build_design_tables, describe_design
 from dynident.progress import Progress
 from dynident.robot import Limits, Robot
 from dynident.robot.collision_reader import find_mesh_folders
@@ -33,7 +33,7 @@ from dynident.simulation import ActingEffect, Reference
 from dynident_service.adapters.field_by_field import to_request
 from dynident_service.cli.argument_loading import load_diagnosis
 from dynident_service.cli.input_checks_and_writes import check_readable, read_json_object
-from dynident_service.cli.terminal import build_table
+from dynident_service.cli.terminal import print_tables
 from dynident_service.problems import to_problem_fields
 from dynident_service.wire_types.request_bodies import find_body
 from dynident_service.wire_types.robots import Limits as WireLimits
@@ -115,53 +115,15 @@ def _load_validated(fields: TypeAdapter[Wanted], path: Path, title: str) -> Want
         raise DynidentError(first.detail, pointer=f"{path}{first.pointer}", title=title) from error
 
 
-def show_design(console: Console, design: Design) -> None:
+def show_design(console: Console, design: Design, robot: Robot) -> None:
     """Print how good a design is, how near it comes to the limits, and its test motions."""
-    values, baseline = design.criterion_values, design.baseline
-    rows = [["this design", format_number(values.condition_number), format_number(values.smallest_singular_value)]]
-    if baseline is not None:
-        best = baseline.best
-        rows.append(
-            [
-                f"best of {baseline.count} random motions",
-                format_number(best.condition_number),
-                format_number(best.smallest_singular_value),
-            ]
-        )
-        rows.append(["median of these motions", format_number(baseline.median_condition_number), ""])
-    console.print(build_table("", ("trajectory", "condition number", "smallest singular value"), rows))
-    # A share of 1 touches the limit; the five nearest are what somebody decides by.
-    nearest = sorted(design.margins, key=lambda margin: -margin.share)[:5]
-    console.print(
-        build_table(
-            "Nearest limits",
-            ("joint", "limit", "reached", "allowed", "used"),
-            [
-                [m.joint, m.limit, format_number(m.value), format_number(m.bound), format_percent(m.share)]
-                for m in nearest
-            ],
-            right_from=2,
-        )
-    )
-    if design.runs:
-        console.print(
-            build_table(
-                "Runs",
-                ("segment", "purpose", "joints that move", "from (s)", "to (s)"),
-                [
-                    [str(k), run.label, ", ".join(run.joints), format_number(run.start, 4), format_number(run.end, 4)]
-                    for k, run in enumerate(design.runs, start=1)
-                ],
-                right_from=3,
-            )
-        )
+    # The nearest limits are what somebody decides by.
+    print_tables(console, build_design_tables(robot, design, most_limits=5))
     for note in design.notes:
         # Warnings are among the notes, and are printed by `print_warnings`.
         if note not in design.warnings:
             console.print(f"  {note}", style="dim")
-    console.print(
-        f"{design.n_samples} samples at {design.sampling_rate:g} Hz, {design.duration:.1f} s from rest to rest"
-    )
+    console.print(describe_design(design))
 
 
 _TITLE = "Unusable trajectory"

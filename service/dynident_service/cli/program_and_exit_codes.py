@@ -66,11 +66,12 @@ _COMMANDS = (
 """Commands in the order of the overview."""
 
 _MODULES = {
-    **dict.fromkeys(("essential", "extend", "ladder", "remove"), "identify"),
+    **dict.fromkeys(("effects", "essential", "extend", "ladder", "remove"), "identify"),
     **dict.fromkeys(("changes", "series"), "diagnose"),
     "simulate": "design",
     **dict.fromkeys(("restore", "export_robot", "import_robot", "doctor"), "backup"),
     "currents": "gains",
+    "export": "report",
     "mcp": "serve",
 }
 """Modules of `dynident_service.cli.commands`, for commands that do not stand in the one with their name."""

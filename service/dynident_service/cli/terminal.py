@@ -18,7 +18,7 @@ from dynident.progress import ignore_progress
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from dynident.reports.table_cells import ReportedTable
+    from dynident.presentation.tables import ReportedTable
 
 _MESSAGE = 40
 _WIDE = 120
@@ -67,15 +67,13 @@ def _advance(bar: Progress, task: TaskID, fraction: float, message: str) -> None
 
 
 def print_tables(console: Console, tables: Iterable[ReportedTable]) -> None:
-    """Print tables as they are shown elsewhere."""
-    for reported_table in tables:
+    """Print tables as they are shown elsewhere, without their notes."""
+    for table in tables:
+        last = len(table.columns) - 1
+        # Words in the last column may be long and are wrapped.
+        wrapped = None if table.is_figures(last) else last
         console.print(
-            build_table(
-                reported_table.title,
-                reported_table.columns,
-                reported_table.texts,
-                right_from=reported_table.numbers_from,
-            )
+            build_table(table.title, table.heads, table.texts, right_from=table.numbers_from, wrapped=wrapped)
         )
 
 
@@ -100,13 +98,12 @@ def build_table(
     right_from : int
         First column with figures, which stand at the right and are never wrapped.
     wrapped : int, optional
-        The only column that may be wrapped, with text; by default those before the figures.
+        Another column with text, which may be wrapped as those before the figures are.
     """
     rich_table = Table(title=title or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
     for index, column in enumerate(columns):
         is_figure = index >= right_from and index != wrapped
-        no_wrap = is_figure if wrapped is None else index != wrapped
-        rich_table.add_column(column, justify="right" if is_figure else "left", no_wrap=no_wrap)
+        rich_table.add_column(column, justify="right" if is_figure else "left", no_wrap=is_figure)
     for row in rows:
         rich_table.add_row(*row)
     return rich_table

@@ -14,13 +14,13 @@ from dynident.effects import get_effect
 from dynident.errors import DynidentError
 from dynident.identification import to_bytes
 from dynident.number_format import format_number, format_percent
+from dynident.presentation.diagnosis_tables import EVIDENCE, build_candidate_table, describe_rivals
+from dynident.presentation.ladder_tables import build_ladder_joint_table, build_ladder_table, list_steps
 from dynident.progress import scale_progress
-from dynident.reports.result_tables import CANDIDATE_COLUMNS, format_candidates
 from dynident.robot import Robot
 from dynident.text_encoding import encode_text
 from dynident_service.cli.input_checks_and_writes import write_atomically
-from dynident_service.cli.printed_results import format_choice
-from dynident_service.cli.terminal import build_table, show_progress_bar
+from dynident_service.cli.terminal import build_table, print_tables, show_progress_bar
 from dynident_service.demo.scenario import Scenario
 from dynident_service.demo.user_steps import (
     Analysis,
@@ -174,32 +174,19 @@ def print_files(console: Console, robot: Robot, runs: Sequence[MeasuredRun], fol
 
 
 def _print_candidates(console: Console, robot: Robot, analysis: Analysis) -> None:
-    rows = format_candidates(analysis.diagnosis.candidates[:_SHOWN_CANDIDATES], robot)
-    console.print(build_table("", CANDIDATE_COLUMNS, rows, right_from=3))
+    candidates = build_candidate_table(analysis.diagnosis.candidates[:_SHOWN_CANDIDATES], robot.joint_names)
+    print_tables(console, [candidates.drop_columns(*EVIDENCE)])
     console.print(analysis.diagnosis.summary, style="bold")
     for item in analysis.diagnosis.candidates:
         if item.significant and item.equivalent:
-            others = ", ".join(get_effect(name).title for name in item.equivalent)
-            console.print(f"These data cannot distinguish {item.title} from {others}.")
+            console.print(f"{item.title}:{describe_rivals(item.equivalent)}")
 
 
 def _print_ladder(console: Console, robot: Robot, analysis: Analysis) -> None:
-    """Print the ladder: joints as rows, models as columns: names of joints are long, of effects short."""
-    added = [", ".join(choice.effect for choice in model.step.added) for model in analysis.ladder[1:]]
-    over = [analysis.compute_floor_ratio(model) for model in analysis.ladder]
-    floor = analysis.diagnosis.noise_floor
-    rows = [
-        [joint.name, *(f"{values[j]:.2f}" for values in over), f"{floor[j]:.2g} {joint.effort_unit}"]
-        for j, joint in enumerate(robot.joints)
-    ]
-    judged = [model.held_out_judged for model in analysis.ladder]
-    totals = [format_percent(errors.relative_total) for errors in judged if errors is not None]
-    rows.append(["all joints, relative error", *totals, ""])
-    title = "Held-out residual per joint, as a multiple of the noise floor"
-    columns = ("joint", "first model", *(f"+ {name}" for name in added), "noise floor")
-    console.print(build_table(title, columns, rows))
-    for index, choice in enumerate(analysis.diagnosis.recommended):
-        console.print(f"{'+' if index == 0 else 'then +'} {format_choice(choice, robot)}")
+    steps = list_steps(analysis.last)
+    print_tables(
+        console, [build_ladder_table(steps, robot.joint_names), build_ladder_joint_table(steps, robot.joint_names)]
+    )
 
 
 def _print_heading(console: Console, text: str) -> None:

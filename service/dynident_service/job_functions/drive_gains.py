@@ -13,8 +13,8 @@ from dynident.identification.loads.drive_gain_request import KnownLoad
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Recording
 from dynident.robot import Robot
-from dynident_service.adapters.drive_gains import describe_gains
 from dynident_service.adapters.field_by_field import to_request
+from dynident_service.adapters.validations import describe_gains
 from dynident_service.job_functions.stored_inputs import load_stored_robot, open_recording_by_id
 from dynident_service.jobs.task_input_output import Outcome, Task
 from dynident_service.wire_types.drive_gains import DriveGainsRequest

@@ -6,12 +6,11 @@ They import the science where they use it, not at their top: it takes seconds to
 from dynident_service.routes import (
     batches,
     comparisons,
-    current_models,
     designs,
     diagnoses,
     drive_gains,
     effects,
-    health_and_metrics,
+    health_metrics_and_usage,
     identifications,
     imports,
     jobs,
@@ -21,15 +20,13 @@ from dynident_service.routes import (
     reports,
     robots,
     series,
-    simulations,
-    usage,
     validations,
 )
 
 # A path is held against one after the other: first those that are asked for most. Batches stand before identifications,
 # one of which `batch` would be taken for.
 ROUTERS = (
-    health_and_metrics.router,
+    health_metrics_and_usage.router,
     batches.router,
     identifications.router,
     jobs.router,
@@ -38,7 +35,7 @@ ROUTERS = (
     meshes.router,
     effects.router,
     designs.router,
-    simulations.router,
+    designs.simulations_router,
     imports.router,
     measurements.router,
     measurements.revisions_router,
@@ -48,9 +45,9 @@ ROUTERS = (
     series.router,
     validations.router,
     drive_gains.router,
-    current_models.router,
+    drive_gains.currents_router,
     reports.router,
-    usage.router,
+    health_metrics_and_usage.usage_router,
 )
 
 __all__ = ["ROUTERS"]

@@ -11,17 +11,18 @@ from dynident_service.routes.paging_and_retries import require_succeeded
 from dynident_service.routes.required_resources import depend_on, require_measurements, require_model
 from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.storage.repository_values import Dependency, NewJob
+from dynident_service.storage.repository_values import Dependency, NewJob, Resource
 from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.comparisons import (
     AutocorrelationView,
     ComparisonRequest,
+    ComparisonResult,
     ComparisonView,
     ResidualMap,
     Series,
     Spectrum,
 )
-from dynident_service.wire_types.shared_types import ViewModel
+from dynident_service.wire_types.shared_types import Table, ViewModel
 
 ShownT = TypeVar("ShownT", bound=ViewModel)
 
@@ -31,9 +32,16 @@ if TYPE_CHECKING:
 router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 
 
+def _build_tables(_: Services, resource: Resource) -> list[Table]:
+    with hold_import_lock():
+        from dynident_service.adapters.comparisons import build_tables
+
+    return build_tables(ComparisonResult.model_validate(resource.result))
+
+
 @add_create_route(
     router,
-    ResourceRoutes("comparison", ComparisonView, parent_kind="identification"),
+    ResourceRoutes("comparison", ComparisonView, parent_kind="identification", tables=_build_tables),
     NewJob("comparison", "dynident_service.job_functions.comparisons:compare_model"),
 )
 def create_comparison(services: Services, body: ComparisonRequest) -> Sequence[Dependency]:

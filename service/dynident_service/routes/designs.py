@@ -1,4 +1,4 @@
-"""Routes of designs: create, trajectory as file, clearances."""
+"""Routes of designs (create, trajectory as file, clearances) and of simulations."""
 
 from __future__ import annotations
 
@@ -11,19 +11,30 @@ from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
 from dynident.excitation.design_request import TRAJECTORY_FORMATS, TrajectoryFormat
 from dynident_service.routes.paging_and_retries import require_succeeded
-from dynident_service.routes.required_resources import depend_on, require_measurements, require_model_of, require_robot
+from dynident_service.routes.required_resources import (
+    depend_on,
+    require_design,
+    require_measurements,
+    require_model_of,
+    require_robot,
+)
 from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.storage.repository_values import Dependency, NewJob, find_mesh_files
+from dynident_service.storage.repository_values import Dependency, NewJob, Resource, find_mesh_files
 from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.designs import (
     DesignClearances,
     DesignRequest,
     DesignResult,
     DesignView,
+    Samples,
+    SimulationRequest,
+    SimulationView,
+    Trajectory,
     TrajectorySamples,
 )
 from dynident_service.wire_types.request_bodies import describe_choices
+from dynident_service.wire_types.shared_types import Table
 
 router = APIRouter(prefix="/v1/designs", tags=["designs"])
 
@@ -32,12 +43,22 @@ PARQUET = "application/vnd.apache.parquet"
 YAML = "application/yaml"
 
 
+def _build_tables(services: Services, resource: Resource) -> list[Table]:
+    with hold_import_lock():
+        from dynident_service.adapters.designs import build_tables
+        from dynident_service.adapters.robots import restore_robot
+
+    robot = services.resources.get("robot", resource.get_dependency("robot"))
+    return build_tables(resource.request, resource.result or {}, restore_robot(robot.request))
+
+
 @add_create_route(
     router,
     ResourceRoutes(
         "design",
         DesignView,
         parent_kind="robot",
+        tables=_build_tables,
         delete_description="Delete a design; 409 while other resources need it.",
     ),
     NewJob("design", "dynident_service.job_functions.designs:design"),
@@ -120,3 +141,44 @@ async def get_clearances(
 
     clearances = await services.interactive.call(request, CLEARANCES, dict, await to_thread.run_sync(collect_arguments))
     return DesignClearances.model_validate(clearances)
+
+
+simulations_router = APIRouter(prefix="/v1/simulations", tags=["simulations"])
+
+
+@add_create_route(
+    simulations_router,
+    ResourceRoutes(
+        "simulation",
+        SimulationView,
+        parent_kind="robot",
+        show_description="Show a simulation; its result names the measurement.",
+        delete_description="Delete a simulation; its measurement stays.",
+    ),
+    NewJob("simulation", "dynident_service.job_functions.simulations:measure_virtual_robot"),
+)
+def create_simulation(services: Services, body: SimulationRequest) -> Sequence[Dependency]:
+    """Simulate a motion of a virtual robot; this makes a measurement."""
+    robot = require_robot(services, body.robot_id)
+    _check_simulation(body, robot)
+    needs = [depend_on(robot)]
+    if body.design_id is not None:
+        needs.append(require_design(services, body.design_id, robot))
+    return needs
+
+
+def _check_simulation(body: SimulationRequest, robot_resource: Resource) -> None:
+    """Refuse at once what would fail later."""
+    with hold_import_lock():
+        from dynident.simulation import Simulated, check_acting_effects
+        from dynident_service.adapters.designs import build_random_design, samples_to_reference
+        from dynident_service.adapters.field_by_field import to_request
+        from dynident_service.adapters.robots import restore_robot
+
+    robot = restore_robot(robot_resource.request)
+    check_acting_effects(to_request(body, Simulated), robot)
+    # Building it is the check: samples must increase in time, and a family of motions must fit the limits.
+    if isinstance(body.trajectory, Samples):
+        samples_to_reference(body.trajectory)
+    elif isinstance(body.trajectory, Trajectory):
+        build_random_design(body.trajectory, robot)

@@ -9,14 +9,22 @@ from fastapi import APIRouter, Query
 
 from dynident_service.problems import ProblemError, make_unusable
 from dynident_service.routes.paging_and_retries import require_succeeded
-from dynident_service.routes.required_resources import depend_on, require_measurements, require_model
+from dynident_service.routes.required_resources import depend_on, get_model_joints, require_measurements, require_model
 from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.storage.repository_values import Dependency, NewJob
+from dynident_service.storage.repository_values import Dependency, NewJob, Resource
 from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.wire_types.diagnoses import DiagnosisRequest, DiagnosisView, Evidence
+from dynident_service.wire_types.shared_types import Table
 
 router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
+
+
+def _build_tables(services: Services, resource: Resource) -> list[Table]:
+    with hold_import_lock():
+        from dynident_service.adapters.diagnoses import build_stored_tables
+
+    return build_stored_tables(resource.result or {}, get_model_joints(services, resource))
 
 
 @add_create_route(
@@ -24,6 +32,7 @@ router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
     ResourceRoutes(
         "diagnosis",
         DiagnosisView,
+        tables=_build_tables,
         parent_kind="identification",
         plural="diagnoses",
         delete_description="Delete a diagnosis; 409 while other resources need it.",

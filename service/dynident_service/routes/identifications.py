@@ -138,16 +138,23 @@ def list_identifications(
 
 
 @router.get("/{identification_id}/tables")
-def get_tables(identification_id: str, services: ServicesDep) -> Tables:
-    """Show the parameters and shape constants as tables for people, as on the command line and in reports."""
+def get_tables(
+    identification_id: str,
+    services: ServicesDep,
+    diagnosis_id: Annotated[str | None, Query(description="Diagnosis that knows the noise floor")] = None,
+) -> Tables:
+    """Show errors, parameters and shape constants as tables for people, as on the command line and in reports."""
     with hold_import_lock():
         from dynident_service.adapters.field_by_field import show_tables
         from dynident_service.adapters.identifications import build_identification_tables
 
     identification = require_succeeded(services.resources.get("identification", identification_id))
-    return Tables(
-        items=show_tables(build_identification_tables(IdentificationResult.model_validate(identification.result)))
+    result = IdentificationResult.model_validate(identification.result)
+    diagnosis = None if diagnosis_id is None else require_resource(services, "diagnosis", diagnosis_id, "diagnosis_id")
+    floor = (
+        None if diagnosis is None else DiagnosisResult.model_validate(require_succeeded(diagnosis).result).noise_floor
     )
+    return Tables(items=show_tables(build_identification_tables(result, floor)))
 
 
 @router.post("/{identification_id}/extend", status_code=202)
@@ -213,18 +220,20 @@ def get_lineage(
     and the later ones whose error is larger.
     """
     with hold_import_lock():
-        from dynident_service.adapters.identifications import build_steps_of_views, compare_ladders
+        from dynident_service.adapters.ladders import add_ladder_tables, build_steps_of_views, compare_ladders
 
     own = _load_ladder(services, identification_id)
+    joints = [] if own[-1].result is None else own[-1].result.joints
     if against is None:
-        return Lineage(items=build_steps_of_views(own))
+        return add_ladder_tables(Lineage(items=build_steps_of_views(own)), joints, own[-1].parent_id)
     other = _load_ladder(services, require_resource(services, "identification", against, "against").id)
     if own[-1].robot_id != other[-1].robot_id:
         detail = f"{against} is a model of another robot; compare ladders of one robot"
         raise make_unusable(detail, "against", title="Another robot")
     # The errors of two ladders can be compared only on the same recordings.
     same_data = len({(*v.request.measurement_ids, "-", *v.request.validation_ids) for v in [*own, *other]}) == 1
-    return compare_ladders(build_steps_of_views(own), build_steps_of_views(other), same_data)
+    lineage = compare_ladders(build_steps_of_views(own), build_steps_of_views(other), same_data)
+    return add_ladder_tables(lineage, joints, own[-1].parent_id)
 
 
 @router.get("/{identification_id}/export", response_class=Response, responses={200: EXPORTED})

@@ -158,3 +158,10 @@ def refuse_coupled(robot: Resource, reason: str) -> None:
 def _list_drives(robot: Resource) -> list[tuple[str, str, float | None, dict[str, float]]]:
     joints: list[JointView] = RobotResult.model_validate(robot.result).joints
     return [(joint.name, joint.type, joint.drive_gain, joint.coupling) for joint in joints]
+
+
+def get_model_joints(services: HasResources, resource: Resource) -> list[str]:
+    """Return the names of the joints of the model that a resource is about."""
+    model = services.resources.get("identification", resource.get_dependency("identification"))
+    joints: list[str] = [] if model.result is None else model.result["joints"]
+    return joints

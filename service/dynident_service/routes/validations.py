@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from fastapi import APIRouter
 
 from dynident_service.problems import make_unusable
-from dynident_service.routes.required_resources import depend_on, require_measurements, require_model
+from dynident_service.routes.required_resources import depend_on, get_model_joints, require_measurements, require_model
 from dynident_service.routes.resource_routes import ResourceRoutes, add_create_route
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.storage.repository_values import Dependency, NewJob, Resource
@@ -22,11 +22,10 @@ router = APIRouter(prefix="/v1/validations", tags=["validations"])
 def _build_tables(services: Services, resource: Resource) -> list[Table]:
     with hold_import_lock():
         from dynident_service.adapters.field_by_field import show_tables
-        from dynident_service.adapters.validations import build_validation_tables
+        from dynident_service.adapters.validations import list_stored_tables
 
-    model = services.resources.get("identification", resource.get_dependency("identification"))
-    joints = [] if model.result is None else model.result["joints"]
-    return show_tables(build_validation_tables(ValidationResult.model_validate(resource.result), joints))
+    joints = get_model_joints(services, resource)
+    return show_tables(list_stored_tables(ValidationResult.model_validate(resource.result), joints))
 
 
 @add_create_route(

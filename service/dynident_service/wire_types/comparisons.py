@@ -8,7 +8,14 @@ from pydantic import ConfigDict, Field
 
 from dynident_service.wire_types.identifications import ErrorFigures
 from dynident_service.wire_types.measurements import PhasesView
-from dynident_service.wire_types.shared_types import Computed, Identifier, NamedRequest, SourcePath, ViewModel
+from dynident_service.wire_types.shared_types import (
+    Computed,
+    Identifier,
+    NamedRequest,
+    SourcePath,
+    ViewModel,
+    WithTables,
+)
 
 
 class ComparisonRequest(NamedRequest):
@@ -100,7 +107,7 @@ class ComparisonResult(Judgement):
     held_out: bool | None = Field(default=None, description="Whether the model was identified without this measurement")
 
 
-class ComparisonView(Computed[ComparisonRequest, ComparisonResult]):
+class ComparisonView(Computed[ComparisonRequest, ComparisonResult], WithTables):
     """A comparison."""
 
 

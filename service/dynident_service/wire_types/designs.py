@@ -23,6 +23,7 @@ from dynident_service.wire_types.shared_types import (
     RequestModel,
     SourcePath,
     ViewModel,
+    WithTables,
 )
 
 
@@ -188,7 +189,7 @@ class DesignClearances(ViewModel):
     walls: list[WallPlane]
 
 
-class DesignView(Computed[DesignRequest, DesignResult]):
+class DesignView(Computed[DesignRequest, DesignResult], WithTables):
     """A design."""
 
 

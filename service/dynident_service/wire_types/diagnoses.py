@@ -16,6 +16,7 @@ from dynident_service.wire_types.shared_types import (
     NamedRequest,
     SourcePath,
     ViewModel,
+    WithTables,
 )
 
 
@@ -299,7 +300,7 @@ class Evidence(ViewModel):
     )
 
 
-class DiagnosisView(Computed[DiagnosisRequest, DiagnosisResult]):
+class DiagnosisView(Computed[DiagnosisRequest, DiagnosisResult], WithTables):
     """A diagnosis."""
 
 
@@ -354,5 +355,5 @@ class SeriesResult(ViewModel):
     courses: list[Course]
 
 
-class SeriesView(Computed[SeriesRequest, SeriesResult]):
+class SeriesView(Computed[SeriesRequest, SeriesResult], WithTables):
     """A series of days."""

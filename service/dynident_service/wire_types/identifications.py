@@ -274,6 +274,7 @@ class LadderStep(ViewModel):
     residual: Annotated[ErrorsView | None, SourcePath("fit")]
     validation: Annotated[ErrorsView | None, SourcePath("held_out")]
     confirmed_by: ConfirmedBy = None
+    change: str = Field(default="", description="What the step added and removed, in words")
     best: bool = Field(
         default=False,
         description="Whether it has the smallest validation error of the ladder where joints move "
@@ -303,6 +304,13 @@ class LadderStepDifference(ViewModel):
     validation_moving_total: float | None = None
 
 
+class StepSentence(ViewModel):
+    """What the last step of a ladder did."""
+
+    text: str = Field(description="Effects, errors before and after, joints that got worse")
+    is_better: bool = Field(description="Whether it made nothing worse")
+
+
 class Lineage(ViewModel):
     """The models that led to one, the first one first; if requested, compared with those that led to another."""
 
@@ -312,6 +320,13 @@ class Lineage(ViewModel):
     differences: list[LadderStepDifference] | None = None
     same_data: bool | None = Field(
         default=None, description="Whether all models of both ladders use the same measurements"
+    )
+    tables: list[Table] = Field(
+        default=[],
+        description="The ladder as tables for people: ladder, joints; if compared with another one, two_ladders",
+    )
+    last_step: StepSentence | None = Field(
+        default=None, description="What the last model differs in from its parent; null for a first model"
     )
 
 

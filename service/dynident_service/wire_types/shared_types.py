@@ -225,6 +225,9 @@ class Table(ViewModel):
     columns: list[TableColumn]
     rows: list[list[TableCell]]
     groups: list[str] = Field(description="Heading above each row; [] if there are none")
+    notes: list[str] = Field(default=[], description="Sentences that explain the table or say what follows from it")
+    name: str = Field(default="", description="What programs know the table by")
+    marked_rows: list[int] = Field(default=[], description="Indices of rows that stand out, such as findings")
 
 
 class Tables(ViewModel):

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from dynident_service.wire_types.identifications import ErrorsView
 from dynident_service.wire_types.measurements import RevisionRequest
-from dynident_service.wire_types.shared_types import ViewModel
+from dynident_service.wire_types.shared_types import ViewModel, WithTables
 from dynident_service.wire_types.validations import DriftView
 
 
@@ -22,6 +22,20 @@ class UseView(ViewModel):
     )
     reason: str
     next_step: str = Field(description="The next thing to do")
+    next_action: (
+        Literal[
+            "diagnose",
+            "design",
+            "identify_feasible",
+            "check_gains",
+            "identify_gains",
+            "export_for_simulation",
+            "export_for_feed_forward",
+            "observe_momentum",
+            "weigh_load",
+        ]
+        | None
+    ) = Field(description="Which action of dynident does it; null where none does")
 
 
 class DetectableForceView(ViewModel):
@@ -68,7 +82,7 @@ class CommonView(ViewModel):
     detail: str
 
 
-class VerdictView(ViewModel):
+class VerdictView(WithTables):
     """What a model is fit for, and why or why not."""
 
     uses: list[UseView]

@@ -19,23 +19,14 @@ from dynident.api.recording_collection import Recordings, SomeRecordings, as_rec
 from dynident.diagnosis import Change, Diagnosis, diagnose
 from dynident.errors import DynidentError
 from dynident.identification import Identification
+from dynident.presentation.diagnosis_tables import EVIDENCE, build_diagnosis_tables, build_series_tables
+from dynident.presentation.labels import format_hidden_effects, format_joints
+from dynident.presentation.tables import ReportedTable
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.reports.labels import format_hidden_effects, format_joints
-from dynident.reports.result_tables import CHANGE_COLUMNS, FRICTION_COLUMNS, format_change, format_friction_difference
-from dynident.text_and_html_tables import (
-    format_text_table,
-    join_html,
-    render_details,
-    render_list,
-    render_paragraph,
-    render_table,
-)
+from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph
 
 if TYPE_CHECKING:
     from dynident.diagnosis.monitoring import Day, Measure, Series, SeriesChange
-
-
-_SERIES_COLUMNS = ("from", *CHANGE_COLUMNS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,21 +118,21 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
 
     def __repr__(self) -> str:
         head = f"FollowedRobot({len(self.days)} days): {self.summary}"
-        rows = self._rows()
-        return format_text_table(head, _SERIES_COLUMNS, rows, len(rows), right_from=4) if rows else head
+        table = self._table()
+        return table.to_text(head) if table is not None else head
 
     def _repr_html_(self) -> str:
-        rows = self._rows()
+        table = self._table()
         return join_html(
             render_paragraph(self.summary, strong=True),
-            render_table(_SERIES_COLUMNS, rows, right_from=4) if rows else "",
-            render_details("evidence", render_list(item.change.evidence for item in self.items)) if rows else "",
+            table.to_html() if table is not None else "",
+            render_details("evidence", render_list(item.change.evidence for item in self.items)) if self.items else "",
             self.plot()._repr_html_(),
         )
 
-    def _rows(self) -> list[tuple[str, ...]]:
-        robot, days = self.model.robot, self.series.days
-        return [(days[item.since], *row) for item in self.items for row in format_change(item.change, robot)]
+    def _table(self) -> ReportedTable | None:
+        table = next(build_series_tables(self.series, self.model.robot.joint_names), None)
+        return None if table is None else table.drop_columns(*EVIDENCE[1:])
 
 
 @check_arguments
@@ -325,24 +316,22 @@ class Changes(Sequence[Change], Framed):
 
     def __repr__(self) -> str:
         head = f"Changes({len(self.items)}): {self.summary}"
-        # A change of one effect may have several numbers, each a row of its own.
-        rows = [row for change in self.items for row in format_change(change, self.model.robot)]
-        text = format_text_table(head, CHANGE_COLUMNS, rows, len(rows), right_from=3) if rows else head
-        friction = [format_friction_difference(change) for change in self.diagnosis.friction]
-        return format_text_table(text, FRICTION_COLUMNS, friction, len(friction), right_from=1) if friction else text
+        for table in self._tables():
+            head = table.to_text(head)
+        return head
 
     def _repr_html_(self) -> str:
-        rows = [row for item in self.items for row in format_change(item, self.model.robot)]
         invisible = format_hidden_effects(self.diagnosis, self.model.robot)
         return join_html(
             render_paragraph(self.summary, strong=True),
-            render_table(CHANGE_COLUMNS, rows, right_from=3) if rows else "",
-            render_table(
-                FRICTION_COLUMNS, [format_friction_difference(item) for item in self.diagnosis.friction], right_from=1
-            ),
+            *(table.to_html() for table in self._tables()),
             render_details("evidence", render_list(item.evidence for item in self.items)) if self.items else "",
             render_paragraph(f"These motions cannot show: {invisible}.") if invisible else "",
         )
+
+    def _tables(self) -> list[ReportedTable]:
+        tables = build_diagnosis_tables(self.diagnosis, self.model.robot.joint_names)
+        return [table.drop_columns(*EVIDENCE[1:]) for table in tables if table.name in ("changes", "friction")]
 
 
 @check_arguments

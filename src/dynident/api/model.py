@@ -19,29 +19,15 @@ from dynident.diagnosis import compare
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import Identification, check_same_recordings, extend, remove, to_bytes
-from dynident.identification.identified_models.held_out_gain import find_best_step
 from dynident.number_format import format_count, format_percent
+from dynident.presentation.labels import describe_condition_number
+from dynident.presentation.ladder_tables import build_ladder_table, find_best, make_step
+from dynident.presentation.tables import ReportedTable
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.reports.labels import (
-    describe_condition_number,
-    format_joints,
-    format_shape_constants,
-    get_effect_title,
-    get_step_mark,
-)
-from dynident.robot import Robot
-from dynident.text_and_html_tables import (
-    format_text_table,
-    join_html,
-    render_details,
-    render_list,
-    render_paragraph,
-    render_table,
-)
+from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph
 from dynident.verdict import ModelVerdict, Outcome, verdict
 
 NO_RECORDINGS = Recordings(())
-_LONGEST = 90
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,8 +301,9 @@ class Ladder(Sequence[Model], Framed):
 
     def _columns(self) -> Table:
         models = [model.identification for model in self.items]
+        steps = [make_step(model) for model in models]
         # Without a held-out error of every model no step is best, and no column says so.
-        best_step = find_best_step(models)
+        best_step = find_best(steps)
         rows = []
         for k, identification in enumerate(models):
             errors = (
@@ -328,7 +315,14 @@ class Ladder(Sequence[Model], Framed):
             totals = (None if error is None else error.relative_total for error in errors)
             best, rises = (False, False) if best_step is None else (k == best_step.best, k in best_step.rises)
             rows.append(
-                (k + 1, _format_whole_change(identification), identification.model.n_parameters, *totals, best, rises)
+                (
+                    k + 1,
+                    steps[k].describe_change(identification.model.robot.joint_names),
+                    identification.model.n_parameters,
+                    *totals,
+                    best,
+                    rises,
+                )
             )
         return build_columns(_FRAME_COLUMNS, rows)
 
@@ -361,29 +355,15 @@ class Ladder(Sequence[Model], Framed):
         return Ladder(self.items[index]) if isinstance(index, slice) else self.items[index]
 
     def __repr__(self) -> str:
-        return format_text_table(
-            f"Ladder({len(self.items)})", _COLUMNS, list(self._rows()), len(self.items), right_from=2
-        )
+        return self._table().to_text(f"Ladder({len(self.items)})")
 
     def _repr_html_(self) -> str:
-        return render_table(_COLUMNS, list(self._rows()), right_from=2)
+        table = self._table()
+        return join_html(table.to_html(), *map(render_paragraph, table.notes))
 
-    def _rows(self) -> Iterator[tuple[str, ...]]:
-        models = [model.identification for model in self.items]
-        best_step = find_best_step(models)
-        for k, identification in enumerate(models):
-            judged = identification.held_out_judged
-            held_out = "–" if judged is None else format_percent(judged.relative_total)
-            fit = format_percent(identification.fit_judged.relative_total)
-            mark = get_step_mark(best_step, k, len(models))
-            yield (
-                str(k + 1),
-                _format_change(identification),
-                str(identification.model.n_parameters),
-                fit,
-                held_out,
-                mark,
-            )
+    def _table(self) -> ReportedTable:
+        steps = [make_step(model.identification) for model in self.items]
+        return build_ladder_table(steps, self.items[0].robot.joint_names)
 
 
 def _describe_quality(identification: Identification) -> str:
@@ -415,23 +395,3 @@ def _check_recording_names(recordings: Recordings, names: tuple[str, ...], use: 
 _FRAME_COLUMNS = (
     "model", "new", "parameters", "fit", "fit_moving", "held_out", "held_out_moving", "best", "rises",
 )  # fmt: skip
-_COLUMNS = ("model", "what is new", "parameters", "fit", "held out", "")
-
-
-def _format_whole_change(identification: Identification) -> str:
-    robot = identification.model.robot
-    # The first model of a ladder adds nothing to another: its effects are named, each once.
-    if identification.step.parent is None:
-        return ", ".join(dict.fromkeys(get_effect_title(choice.effect) for choice in identification.choices.effects))
-    added = [_format_choice(choice, robot) for choice in identification.step.added]
-    return ", ".join([*added, *(f"without {_format_choice(choice, robot)}" for choice in identification.step.removed)])
-
-
-def _format_change(identification: Identification) -> str:
-    words = _format_whole_change(identification)
-    return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 1]}…"
-
-
-def _format_choice(choice: EffectChoice, robot: Robot) -> str:
-    shape = f" ({format_shape_constants(choice)})" if choice.shape else ""
-    return f"{get_effect_title(choice.effect)} on {format_joints(choice.joints, robot.joint_names)}{shape}"

@@ -31,10 +31,11 @@ from dynident.effects import EffectChoice
 from dynident.effects.effect_text_format import format_effect
 from dynident.errors import DynidentError
 from dynident.identification import Identification
+from dynident.presentation.diagnosis_tables import EVIDENCE, build_candidate_table
+from dynident.presentation.labels import format_hidden_effects, format_joints, format_shape_constants
+from dynident.presentation.tables import ReportedTable
 from dynident.progress import Progress, ignore_progress
-from dynident.reports.labels import format_hidden_effects, format_joints, format_shape_constants
-from dynident.reports.result_tables import CANDIDATE_COLUMNS, format_candidates
-from dynident.text_and_html_tables import format_text_table, join_html, render_list, render_paragraph, render_table
+from dynident.text_and_html_tables import join_html, render_list, render_paragraph
 
 _MOST_BARS, _MOST_PANELS = 12, 8
 
@@ -227,11 +228,9 @@ class DiagnosedModel(Framed):
 
     def __repr__(self) -> str:
         # A terminal shows the significant candidates alone; the notebook's table and `to_frame` have all.
-        rows = format_candidates(
-            (candidate for candidate in self.candidates if candidate.significant), self.model.robot
-        )
+        findings = [candidate for candidate in self.candidates if candidate.significant]
         head = f"DiagnosedModel({self.verdict}): {self.summary}"
-        text = format_text_table(head, CANDIDATE_COLUMNS, rows, len(rows), right_from=3) if rows else head
+        text = self._table(findings).to_text(head) if findings else head
         return "\n".join((text, *self._list_open_questions()))
 
     def _repr_html_(self) -> str:
@@ -246,10 +245,14 @@ class DiagnosedModel(Framed):
             render_paragraph("Recommended, in this order:") + render_list(recommended) if recommended else "",
             render_paragraph("Evidence:") if recommended else "",
             render_list(candidate.evidence for candidate in diagnosis.candidates if candidate.significant),
-            render_table(CANDIDATE_COLUMNS, format_candidates(diagnosis.candidates, robot), right_from=3),
+            self._table(diagnosis.candidates).to_html(),
             render_paragraph(f"These data cannot show: {invisible}.") if invisible else "",
             *(render_paragraph(sentence) for sentence in self._list_open_questions()),
         )
+
+    def _table(self, candidates: Sequence[RankedEffect]) -> ReportedTable:
+        # The evidence stands above the table.
+        return build_candidate_table(candidates, self.model.robot.joint_names).drop_columns(*EVIDENCE)
 
     def _list_open_questions(self) -> list[str]:
         count = len(self.examination.doubts)

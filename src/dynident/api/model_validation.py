@@ -11,8 +11,10 @@ from dynident.api.model import Model
 from dynident.api.model_identification import as_model
 from dynident.api.recording_collection import SomeRecordings, as_recordings
 from dynident.identification import Identification
+from dynident.presentation.tables import ReportedTable
+from dynident.presentation.validation_and_verdict_tables import VALIDATION_WORDS, build_validation_table
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.text_and_html_tables import format_text_table, join_html, render_paragraph, render_table
+from dynident.text_and_html_tables import join_html, render_paragraph
 from dynident.validation import (
     LARGEST_ERROR,
     ValidationOutcome,
@@ -23,9 +25,6 @@ from dynident.validation import (
     validate_inertia_matrix,
 )
 from dynident.verdict import Outcome
-
-_COLUMNS = ("validation", "verdict", "why")
-_WORDS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not evaluated"}
 
 
 @dataclass(frozen=True)
@@ -81,16 +80,14 @@ class Validations(Sequence[Validation]):
         return Validations(self.items[index]) if isinstance(index, slice) else self.items[index]
 
     def __repr__(self) -> str:
-        return format_text_table(f"Validations({self.verdict})", _COLUMNS, self._rows(), len(self.items), right_from=3)
+        return self._table().to_text(f"Validations({self.verdict})")
 
     def _repr_html_(self) -> str:
-        return join_html(
-            render_paragraph(f"Validations: {_WORDS[self.verdict]}", strong=True),
-            render_table(_COLUMNS, self._rows(), right_from=3),
-        )
+        title = f"Validations: {VALIDATION_WORDS[self.verdict].words}"
+        return join_html(render_paragraph(title, strong=True), self._table().to_html())
 
-    def _rows(self) -> list[tuple[str, ...]]:
-        return [(validation.title, _WORDS[validation.verdict], validation.judged.reason) for validation in self.items]
+    def _table(self) -> ReportedTable:
+        return build_validation_table((validation.title, validation.judged) for validation in self.items)
 
 
 @check_arguments

@@ -19,12 +19,12 @@ from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
 from dynident.excitation.design_files import design_table, format_joint_trajectory
 from dynident.excitation.design_request import Kind
-from dynident.number_format import format_number, format_percent
+from dynident.presentation.design_tables import build_limits_table, describe_design
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings.arrow_tables import table_column_to_numbers
 from dynident.recordings.row_storage import list_signal_units
 from dynident.robot import Robot
-from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph, render_table
+from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph
 from dynident.text_encoding import encode_text
 
 _FILE_ENDINGS = (".csv", ".parquet", ".yaml")
@@ -53,21 +53,7 @@ class DesignedMotion(Framed):
     @property
     def summary(self) -> str:
         """The quality of the design, in a few sentences."""
-        design = self.design
-        baseline = design.baseline
-        random_text = (
-            ""
-            if baseline is None
-            else f"; the best of {baseline.count} random motions has {format_number(baseline.best.condition_number)}"
-        )
-        # The limit that is used most: it is the one to relax where the motion is too poor.
-        nearest = max(design.margins, key=lambda margin: margin.share)
-        return (
-            f"{design.duration:.3g} s from standstill to standstill, {design.n_samples} samples at "
-            f"{design.sampling_rate:g} Hz. Condition number "
-            f"{format_number(design.criterion_values.condition_number)}{random_text}. Nearest limit: "
-            f"{nearest.limit.replace('_', ' ')} of {nearest.joint}, {format_percent(nearest.share)} used."
-        )
+        return describe_design(self.design)
 
     def save(self, path: str | Path) -> None:
         """Write the trajectory: t, q_<joint>…, dq_<joint>…, ddq_<joint>… as .csv or .parquet, or .yaml for ROS 2.
@@ -115,21 +101,10 @@ class DesignedMotion(Framed):
         return f"DesignedMotion({self.robot.name}): {self.summary}"
 
     def _repr_html_(self) -> str:
-        nearest = sorted(self.design.margins, key=lambda margin: -margin.share)[:_SHOWN_MARGINS]
-        rows = [
-            (
-                m.joint,
-                m.limit.replace("_", " "),
-                format_number(m.value),
-                format_number(m.bound),
-                format_percent(m.share),
-            )
-            for m in nearest
-        ]
         return join_html(
             render_paragraph(f"Motion of {self.robot.name}", strong=True),
             render_paragraph(self.summary),
-            render_table(("joint", "nearest limits", "reached", "allowed", "used"), rows, right_from=2),
+            build_limits_table(self.robot, self.design.margins, _SHOWN_MARGINS).to_html(),
             render_details("notes", render_list(self.design.notes)) if self.design.notes else "",
         )
 

@@ -3,19 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from textwrap import wrap
 from typing import overload
 
 from dynident.api.named_tables import Framed, Table
 from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
-from dynident.number_format import format_count, format_estimate, format_number, format_percent
-from dynident.reports.labels import PARAMETER_JUDGEMENTS, describe_condition_number
-from dynident.text_and_html_tables import format_text_table, join_html, render_paragraph, render_table
+from dynident.number_format import format_count, format_percent
+from dynident.presentation.labels import describe_condition_number
+from dynident.presentation.model_tables import (
+    GROUPING,
+    RATIO,
+    TIMES_SMALLEST,
+    ErrorFigures,
+    ErrorKind,
+    build_error_table,
+    build_parameter_table,
+)
+from dynident.presentation.tables import Cell, ReportedTable
+from dynident.text_and_html_tables import join_html, render_paragraph
 
 _SHOWN = 30
-_LONGEST, _LONGEST_JOINT, _WIDTH = 40, 16, 100
+_TOO_WIDE = (GROUPING, TIMES_SMALLEST, "relative")
+"""Columns of parameters that notebooks and frames have, and plain text has not."""
+_LONGEST_JOINT, _WIDTH = 16, 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,21 +92,14 @@ class Parameters(Sequence[IdentifiedParameter], Framed):
 
     def __repr__(self) -> str:
         title = f"Parameters({len(self.items)}; .to_frame() gives all)"
-        return format_text_table(
-            title,
-            _COLUMNS,
-            [_format_parameter(parameter) for parameter in self.items[:_SHOWN]],
-            len(self.items),
-            right_from=2,
-        )
+        return self._table().drop_columns(*_TOO_WIDE).to_text(title, most=_SHOWN)
 
     def _repr_html_(self) -> str:
-        columns = (*_COLUMNS, "standard parameters")
-        rows = [(*_format_parameter(parameter), _shorten(parameter.grouping)) for parameter in self.items]
-        return join_html(
-            render_paragraph(f"{len(self.items)} base parameters", strong=True),
-            render_table(columns, rows, right_from=2),
-        )
+        title = format_count(len(self.items), "base parameter")
+        return join_html(render_paragraph(title, strong=True), self._table().to_html())
+
+    def _table(self) -> ReportedTable:
+        return build_parameter_table("Parameters", self.items)
 
 
 @dataclass(frozen=True)
@@ -194,11 +199,26 @@ class ErrorTable(Sequence[JointError], Framed):
         return ErrorTable(self.items[index]) if isinstance(index, slice) else self.items[index]
 
     def __repr__(self) -> str:
-        rows = [_format_joint_error(joint_error) for joint_error in self.items[:_SHOWN]]
-        return format_text_table(f"ErrorTable({len(self.items)} joints)", _ERROR_COLUMNS, rows, len(self.items))
+        return self._table().to_text(f"ErrorTable({len(self.items)} joints)", most=_SHOWN)
 
     def _repr_html_(self) -> str:
-        return render_table(_ERROR_COLUMNS, [_format_joint_error(joint_error) for joint_error in self.items])
+        return self._table().to_html()
+
+    def _table(self) -> ReportedTable:
+        items = self.items
+        fit = [(item.fit_rms, item.fit_moving, item.fit) for item in items]
+        held_out = [(item.held_out_rms, item.held_out_moving, item.held_out) for item in items]
+        kinds = [_join_errors("fit", fit)]
+        kinds += [] if all(errors[-1] is None for errors in held_out) else [_join_errors("held out", held_out)]
+        table = build_error_table(kinds, [item.joint for item in items], [item.unit for item in items])
+        # These may be some of the joints: their total is that of no model.
+        return replace(table.drop_columns(RATIO), rows=table.drop_columns(RATIO).rows[:-1])
+
+
+def _join_errors(name: str, joints: Sequence[tuple[float | None, float | None, float | None]]) -> ErrorKind:
+    """Return the rms, the moving and the overall relative error of each joint as one kind of errors."""
+    rms, moving, everywhere = zip(*joints, strict=True) if joints else ((), (), ())
+    return ErrorKind(name, ErrorFigures(rms, moving, None), ErrorFigures((), everywhere, None))
 
 
 class PlainText(str):
@@ -208,43 +228,12 @@ class PlainText(str):
         return str(self)
 
 
-_COLUMNS = ("parameter", "joint", "value", "deviation", "95 % interval", "unit", "determined")
-_ERROR_COLUMNS = ("joint", "fit, moving", "rms", "all rows", "held out, moving", "rms", "all rows")
-
-
-def _format_parameter(parameter: IdentifiedParameter) -> tuple[str, ...]:
-    # The deviation decides how many digits of the value are shown: more would only pretend to be known.
-    value, deviation = format_estimate(parameter.value, parameter.standard_deviation)
-    interval = " to ".join(format_estimate(end, parameter.standard_deviation)[0] for end in parameter.interval)
-    judgement = PARAMETER_JUDGEMENTS[parameter.judgement].words if parameter.essential else "not essential"
-    return parameter.name, parameter.link, value, deviation, interval, parameter.unit, judgement
-
-
-def _format_joint_error(error: JointError) -> tuple[str, ...]:
-    def format_rms(value: float | None) -> str:
-        return "–" if value is None else f"{format_number(value)} {error.unit}"
-
-    return (
-        error.joint,
-        format_percent(error.fit_moving),
-        format_rms(error.fit_rms),
-        format_percent(error.fit),
-        format_percent(error.held_out_moving),
-        format_rms(error.held_out_rms),
-        format_percent(error.held_out),
-    )
-
-
 def _get_moving_error(errors: Errors | None, joint: int) -> tuple[float | None, float | None]:
     """Return relative error and rms of one joint where it moves; None for both where it never does."""
     # Without rows the ratio would be 0 / 0, and an error of zero would look like a perfect joint.
     if errors is None or not errors.counts[joint]:
         return None, None
     return float(errors.relative[joint]), float(errors.rms[joint])
-
-
-def _shorten(text: str, longest: int = _LONGEST) -> str:
-    return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
 def format_summary(identification: Identification) -> str:
@@ -284,20 +273,27 @@ def format_summary(identification: Identification) -> str:
         for name, value in facts
         for line in wrap(value, _WIDTH, initial_indent=f"  {name:<{width}}  ", subsequent_indent=indent)
     ]
-    joints = [_format_joint_error(error) for error in ErrorTable.from_identification(identification)]
-    rows = [_format_parameter(parameter) for parameter in parameters]
+    errors_table = ErrorTable.from_identification(identification)._table()
+    parameter_table = build_parameter_table("Parameters", parameters).drop_columns(*_TOO_WIDE)
+    tables = (_shorten_column(errors_table, 0), _shorten_column(parameter_table, 1))
     return "\n".join(
         [
             f"Model of {identification.model.robot.name}",
             *lines,
-            "",
-            format_text_table("Errors", _ERROR_COLUMNS, _shorten_first(joints, 0), len(joints)),
-            "",
-            format_text_table("Parameters", _COLUMNS, _shorten_first(rows, 1), len(rows), right_from=2),
+            *(
+                line
+                for name, table in zip(("Errors", "Parameters"), tables, strict=True)
+                for line in ("", table.to_text(name))
+            ),
         ]
     )
 
 
-def _shorten_first(rows: Sequence[tuple[str, ...]], column: int) -> list[tuple[str, ...]]:
-    """Return rows in which the names of joints are cut to what leaves room for the other columns."""
-    return [(*row[:column], _shorten(row[column], _LONGEST_JOINT), *row[column + 1 :]) for row in rows]
+def _shorten_column(table: ReportedTable, column: int) -> ReportedTable:
+    """Return a table in which the names of joints are cut to what leaves room for the other columns."""
+    rows = ((*row[:column], Cell(_shorten(row[column].text)), *row[column + 1 :]) for row in table.rows)
+    return replace(table, rows=tuple(rows))
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= _LONGEST_JOINT else f"{text[: _LONGEST_JOINT - 1]}…"

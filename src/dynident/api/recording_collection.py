@@ -15,13 +15,20 @@ from dynident.api.argument_checks import describe_value
 from dynident.api.figure import Figure, join_figures
 from dynident.api.named_tables import Framed, Table
 from dynident.errors import DynidentError
+from dynident.number_format import format_count
+from dynident.presentation.recording_tables import (
+    ShownRecording,
+    build_recording_table,
+    describe_findings,
+    format_duration,
+    format_windows,
+)
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
 from dynident.recordings.file_names_and_digests import compute_digest, split_path
 from dynident.recordings.row_storage import StoredSamples, load_stored_samples
 from dynident.robot import Robot
-from dynident.text_and_html_tables import join_html, render_list, render_paragraph, render_table
+from dynident.text_and_html_tables import join_html, render_list, render_paragraph
 
-_MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
 _SHOWN = 8
 _LONGEST = 160
 
@@ -269,31 +276,22 @@ class Recordings(Sequence[CheckedRecording], Framed):
     def __repr__(self) -> str:
         lines = [f"  {_format_line(item.recording)}" for item in self.items[:_SHOWN]]
         lines += [f"  … and {len(self.items) - _SHOWN} more"] if len(self.items) > _SHOWN else []
-        findings = list(_format_findings(self.items))
+        findings = [f"  {line}" for line in describe_findings(self._show())]
         # Details of checks may be long; `findings` has them in full.
         lines += [text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…" for text in findings[:_SHOWN]]
         lines += [f"  … and {len(findings) - _SHOWN} more findings (.findings)"] if len(findings) > _SHOWN else []
         return "\n".join([f"Recordings({len(self.items)})", *lines])
 
     def _repr_html_(self) -> str:
-        rows = [
-            (
-                item.name,
-                str(item.recording.n_samples),
-                f"{item.recording.sampling_rate:.4g} Hz",
-                f"{item.recording.n_samples * item.recording.period:.4g} s",
-                str(len(item.recording.segments)),
-                _format_windows(item.recording),
-                str(len(item.findings)),
-            )
-            for item in self.items
-        ]
-        columns = ("recording", "samples", "rate", "duration", "runs", "windows", "findings")
+        shown = self._show()
         return join_html(
-            render_paragraph(f"{len(self.items)} recording{'' if len(self.items) == 1 else 's'}", strong=True),
-            render_table(columns, rows),
-            render_list(text.strip() for text in _format_findings(self.items)),
+            render_paragraph(format_count(len(self.items), "recording"), strong=True),
+            build_recording_table(shown).drop_columns("used for").to_html(),
+            render_list(describe_findings(shown)),
         )
+
+    def _show(self) -> list[ShownRecording]:
+        return [ShownRecording(item.recording, item.checks) for item in self.items]
 
 
 SomeRecordings = Recordings | CheckedRecording | Recording | Iterable[CheckedRecording | Recording]
@@ -338,20 +336,8 @@ def _to_checked(item: object) -> CheckedRecording:
 
 
 def _format_line(recording: Recording) -> str:
-    runs = f" in {len(recording.segments)} runs" if len(recording.segments) > 1 else ""
-    used = f"; used: {_format_windows(recording)}" if recording.windows else ""
+    used = f"; used: {format_windows(recording)}" if recording.windows else ""
     return (
         f"{recording.name}: {recording.n} joints, {recording.n_samples} samples at {recording.sampling_rate:.4g} Hz, "
-        f"{recording.n_samples * recording.period:.4g} s{runs}{used}"
+        f"{format_duration(recording)}{used}"
     )
-
-
-def _format_windows(recording: Recording) -> str:
-    texts = [f"{start:g} to {end:g} s" for start, end in recording.windows]
-    return ", ".join(texts if len(texts) <= _SHOWN else [*texts[:_SHOWN], "…"]) or "all"
-
-
-def _format_findings(items: Iterable[CheckedRecording]) -> Iterator[str]:
-    for item in items:
-        for check in item.findings:
-            yield f"  {_MARKS[check.status]} {item.name}, {check.name.replace('_', ' ')}: {check.detail}"

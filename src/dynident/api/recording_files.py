@@ -22,14 +22,14 @@ from dynident.identification.robot_recording_import import (
     word_contradiction,
 )
 from dynident.number_format import format_percent
+from dynident.presentation.recording_tables import build_guess_table
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Check, RecordingError, RecordingMetadata, Revision
 from dynident.recordings.file_names_and_digests import check_readable_path, make_unique_names
 from dynident.recordings.recording_metadata import RevisionFields
 from dynident.robot import Robot
-from dynident.text_and_html_tables import join_html, render_list, render_paragraph, render_table
+from dynident.text_and_html_tables import join_html, render_list, render_paragraph
 
-_COLUMNS = ("what", "proposed", "confidence", "why")
 _SHOWN, _NAMES = 30, 12
 
 
@@ -88,13 +88,9 @@ class InspectedFile:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        rows = [
-            (guess.field, guess.value, format_percent(guess.confidence, decimals=0), guess.reason)
-            for guess in self.guesses
-        ]
         return join_html(
             render_paragraph(self._format_head(), strong=True),
-            render_table(_COLUMNS, rows, right_from=len(_COLUMNS)) if rows else "",
+            build_guess_table(self.guesses).to_html() if self.guesses else "",
             render_paragraph("Questions to answer:") if self.questions else "",
             render_list(_format_question(question) for question in self.questions),
         )

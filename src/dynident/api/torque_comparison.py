@@ -19,14 +19,15 @@ from dynident.diagnosis import Comparison, Judgement, judge
 from dynident.diagnosis import compare as compare_recording
 from dynident.errors import DynidentError
 from dynident.identification import Identification, check_same_recordings
-from dynident.number_format import format_number, format_percent
+from dynident.number_format import format_percent
+from dynident.presentation.model_tables import compare_by_joint, describe_interval
+from dynident.presentation.tables import ReportedTable
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings.joint_phases import Phase
-from dynident.text_and_html_tables import format_text_table, join_html, render_list, render_paragraph, render_table
+from dynident.text_and_html_tables import join_html, render_list, render_paragraph
 
 _SHOWN = 5
 _PHASES = np.array([phase.name.lower() for phase in Phase])
-_COLUMNS = ("joint", "error, moving", "rms", "all rows", "noise floor", "over noise")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,41 +116,25 @@ class ComparedRecording(Framed):
         }
 
     def __repr__(self) -> str:
-        rows = [self._format_row(j) for j in range(len(self.comparison.joint_names))]
-        return format_text_table(f"ComparedRecording({self._format_head()})", _COLUMNS, rows, len(rows))
+        return self._table().to_text(f"ComparedRecording({self._format_head()})")
 
     def _repr_html_(self) -> str:
-        rows = [self._format_row(j) for j in range(len(self.comparison.joint_names))]
-        worst = [
-            f"{interval.joint}, {interval.start:.2f} to {interval.end:.2f} s: "
-            f"{interval.ratio:.1f} times the rms of the joint"
-            for interval in self.comparison.worst[:_SHOWN]
-        ]
+        worst = [describe_interval(interval) for interval in self.comparison.worst[:_SHOWN]]
         return join_html(
             render_paragraph(self._format_head(), strong=True),
-            render_table(_COLUMNS, rows),
+            self._table().to_html(),
             render_list(self.judgement.notes),
             render_paragraph("Worst:") + render_list(worst) if worst else "",
         )
+
+    def _table(self) -> ReportedTable:
+        return compare_by_joint(self.name, self.comparison, self.judgement)
 
     def _format_head(self) -> str:
         comparison = self.comparison
         moving, everywhere = comparison.moving_errors.relative_total, comparison.errors.relative_total
         return (
             f"{self.name}: error {format_percent(moving)} where joints move, {format_percent(everywhere)} on all rows"
-        )
-
-    def _format_row(self, joint: int) -> tuple[str, ...]:
-        comparison, judgement = self.comparison, self.judgement
-        moving, unit = comparison.moving_errors, comparison.units[joint]
-        moves = bool(moving.counts[joint])
-        return (
-            comparison.joint_names[joint],
-            format_percent(float(moving.relative[joint])) if moves else "never",
-            f"{format_number(float(moving.rms[joint]))} {unit}" if moves else "–",
-            format_percent(float(comparison.errors.relative[joint])),
-            f"{format_number(float(judgement.noise.values[joint]))} {unit}",
-            f"{judgement.over_noise[joint]:.1f} x" if moving.counts[joint] else "–",
         )
 
 

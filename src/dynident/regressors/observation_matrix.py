@@ -225,7 +225,7 @@ class Observation:
         runs = self.runs + tuple(item for item in tail.runs if item not in self.runs)
         widths, selections = list(tail.program.widths), _select_everything(len(tail.program.widths))
         for place, together, own in ((_MEMORY, memory, tail.memory), (_RUNS, runs, tail.runs)):
-            # The tail knows only its own hysteresis states and runs: it picks them from those of the whole.
+            # The tail knows only its own hysteresis states and runs: it marked_rows them from those of the whole.
             widths[place] = len(together)
             selections[place] = np.array([together.index(item) for item in own], dtype=np.intp)
         return Observation(

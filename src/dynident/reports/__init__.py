@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
+    from dynident.presentation.tables import Cell, ReportedTable
     from dynident.reports.html_page import html_report
     from dynident.reports.pdf_report import render_pdf
     from dynident.reports.report_request import ReportChoices
     from dynident.reports.reported_data import ReportedRecording, ReportedValidation
-    from dynident.reports.table_cells import Cell, ReportedTable
 
 __all__ = [
     "Cell",

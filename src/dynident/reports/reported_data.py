@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from dynident.diagnosis import Comparison
+from dynident.presentation.tables import ReportedTable
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
-from dynident.reports.table_cells import ReportedTable
 from dynident.validation import ValidationOutcome
 
 

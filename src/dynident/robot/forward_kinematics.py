@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from dynident.array_types import FloatArray
@@ -34,20 +36,29 @@ def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:
     sines, versines = np.sin(q)[:, :, None, None], (1.0 - np.cos(q))[:, :, None, None]
     # One pass is enough, since every antecedent comes before its successors.
     for index, joint in enumerate(robot.joints):
-        rotation, origin = joint.placement[:3, :3], joint.placement[:3, 3]
+        rotation, origin, once, twice = _get_constants(joint)
         if joint.kind == "prismatic":
-            origin = origin + q[:, index, None] * (rotation @ joint.axis)
+            origin = origin + q[:, index, None, None] * once
         else:
             # Rodrigues' formula for a rotation about the axis, as in `joint_motion`, behind the placement.
-            cross = _cross_matrix(joint.axis)
-            once = rotation @ cross
-            rotation = rotation + sines[:, index] * once + versines[:, index] * (once @ cross)
+            rotation = rotation + sines[:, index] * once + versines[:, index] * twice
         if joint.parent >= 0:
-            before = frames[:, joint.parent]
-            rotation = before[:, :3, :3] @ rotation
-            origin = (before[:, :3, :3] @ np.atleast_2d(origin)[:, :, None])[:, :, 0] + before[:, :3, 3]
-        frames[:, index, :3, :3], frames[:, index, :3, 3] = rotation, origin
+            before = frames[:, joint.parent, :3, :3]
+            rotation, origin = before @ rotation, before @ origin + frames[:, joint.parent, :3, 3:]
+        frames[:, index, :3, :3], frames[:, index, :3, 3:] = rotation, origin
     return frames
+
+
+@lru_cache(1024)
+def _get_constants(joint: Joint) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return what does not depend on the posture: rotation and origin of the placement, and how they follow q."""
+    rotation, origin = joint.placement[:3, :3], joint.placement[:3, 3:]
+    if joint.kind == "prismatic":
+        slide = rotation @ joint.axis[:, None]
+        return rotation, origin, slide, slide
+    cross = _cross_matrix(joint.axis)
+    once = rotation @ cross
+    return rotation, origin, once, once @ cross
 
 
 def _cross_matrix(axis: FloatArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlaps
 from dynident.verdict.detectable_loads import DetectableForce
-from dynident.verdict.fitness_by_use import MARKS, State, Use, UseName
+from dynident.verdict.fitness_by_use import MARKS, Action, NextStep, State, Use, UseName
 from dynident.verdict.held_out_evidence import Outcome
 from dynident.verdict.model_verdict import ModelVerdict, explain_stop, is_stopped, verdict
 from dynident.verdict.momentum_observer import (
@@ -15,11 +15,13 @@ from dynident.verdict.stop_cause import Stop
 
 __all__ = [
     "MARKS",
+    "Action",
     "ContactDetection",
     "DataOverlap",
     "DetectableForce",
     "ModelVerdict",
     "MomentumObserver",
+    "NextStep",
     "ObservedContacts",
     "Outcome",
     "State",

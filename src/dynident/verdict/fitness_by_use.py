@@ -32,9 +32,39 @@ UseName = Literal["simulation", "feed_forward", "collision_detection", "payload"
 USES: tuple[UseName, ...] = ("simulation", "feed_forward", "collision_detection", "payload")
 State = Literal["yes", "limited", "no", "not_judged"]
 MARKS: dict[State, str] = {"yes": "✓", "limited": "!", "no": "✕", "not_judged": "?"}
-DIAGNOSE = "Find the missing effects: dynident diagnose MODEL RUN."
-FASTER = "Record a faster motion: dynident design."
-GIVE_RECORDINGS = "Give the held-out recordings of the model."
+Action = Literal[
+    "diagnose",
+    "design",
+    "identify_feasible",
+    "check_gains",
+    "identify_gains",
+    "export_for_simulation",
+    "export_for_feed_forward",
+    "observe_momentum",
+    "weigh_load",
+]
+"""What dynident can do next. Each front end knows its own command, call or button for it."""
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """One thing to do next.
+
+    Parameters
+    ----------
+    sentence : str
+        What to do, for people.
+    action : str or None
+        Which of the actions does it; None where it is done at the robot, or by what the sentence says.
+    """
+
+    sentence: str
+    action: Action | None = None
+
+
+DIAGNOSE = NextStep("Find the missing effects.", "diagnose")
+FASTER = NextStep("Record a faster motion.", "design")
+GIVE_RECORDINGS = NextStep("Give the held-out recordings of the model.")
 """Next steps that several uses have."""
 FACE_CONTACT_FORCE_LIMIT, HAND_CONTACT_FORCE_LIMIT = 65.0, 140.0
 """Examples of forces in N that a face, and a hand or a chest, may bear while they are clamped. Secondary sources give
@@ -55,14 +85,24 @@ class Use:
         "yes", "limited" (fit within a limit that the reason says), "no" or "not_judged" (nothing was there to tell by).
     reason : str
         The reason in a sentence or two.
-    next_step : str
+    next : NextStep
         What to do next.
     """
 
     use: UseName
     state: State
     reason: str
-    next_step: str
+    next: NextStep
+
+    @property
+    def next_step(self) -> str:
+        """What to do next, as a sentence."""
+        return self.next.sentence
+
+    @property
+    def next_action(self) -> Action | None:
+        """Which action does it; None where no action of dynident does."""
+        return self.next.action
 
     @property
     def fit(self) -> bool:
@@ -90,16 +130,16 @@ class UseFinding:
         "yes", "limited", "no" or "not_judged".
     sentence : str
         The result in a whole sentence.
-    next_step : str
+    next : NextStep or None
         What to do about it where it is not good.
     """
 
     state: State
     sentence: str
-    next_step: str = ""
+    next: NextStep | None = None
 
 
-def combine_findings(name: UseName, findings: Sequence[UseFinding], when_good: str) -> Use:
+def combine_findings(name: UseName, findings: Sequence[UseFinding], when_good: NextStep) -> Use:
     """Combine all findings about a use into one statement: the gravest decide.
 
     Parameters
@@ -108,7 +148,7 @@ def combine_findings(name: UseName, findings: Sequence[UseFinding], when_good: s
         The use.
     findings : sequence of UseFinding
         Results of its tests, in the order in which they are to be cured.
-    when_good : str
+    when_good : NextStep
         What to do next where nothing speaks against the use.
 
     Returns
@@ -121,12 +161,12 @@ def combine_findings(name: UseName, findings: Sequence[UseFinding], when_good: s
     # Where there is nothing to tell by, figures say nothing; a limit stands beside the figures that it limits.
     reported = (state, "yes") if state == "limited" else (state,)
     sentences = [finding.sentence for grade in reported for finding in findings if finding.state == grade]
-    steps = [finding.next_step for finding in findings if finding.state == state and finding.next_step]
+    steps = [finding.next for finding in findings if finding.state == state and finding.next]
     return Use(name, state, " ".join(sentences), steps[0] if steps else when_good)
 
 
 _FORCE_THAT_COUNTS = "The limit that counts is that of your risk assessment."
-_LONGER = f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that carry the tool."
+_LONGER = NextStep(f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that carry the tool.")
 
 
 def judge_collision_detection(
@@ -197,7 +237,7 @@ def judge_collision_detection(
 _NAMED = 3
 # Postures of the held-out motion that the mass matrix is computed in, spread evenly.
 _POSTURES = 200
-CURE = "Identify again with physically feasible bodies: dynident identify … --estimator feasible."
+CURE = NextStep("Identify again with physically feasible bodies.", "identify_feasible")
 
 
 def judge_simulation(evidence: HeldOutEvidence, drift: Drift | None) -> list[UseFinding]:
@@ -306,24 +346,21 @@ def _judge_drift(drift: Drift) -> UseFinding:
     return UseFinding("yes", figures)
 
 
-GAINS = (
-    "Record the motion of the identification with a load of known mass: dynident validate MODEL payload LOADED "
-    "--unloaded RUN --mass KG."
-)
+GAINS = NextStep("Record the motion of the identification with a load of known mass.", "check_gains")
 _LEAST_DETERMINED = 0.5
 """Share of the links' parameters that the data have to determine before a load is weighed against them."""
 
 
 def judge_scale(evidence: HeldOutEvidence) -> list[UseFinding]:
     """List the known loads that came out wrong: then all torques, forces and masses are off by the same factor."""
-    step = "Find the drive gains from the recordings without and with the load: dynident gains."
+    step = NextStep("Find the drive gains from the recordings without and with the load.", "identify_gains")
     return [UseFinding("no", outcome.judged.reason, step) for outcome in evidence.list_failed("payload")]
 
 
 def judge_units(evidence: HeldOutEvidence) -> list[UseFinding]:
     """List wrong known loads as limits, for uses in which torques are only compared with torques."""
     sentence = "Only in the unit of the recorded torque: a known load came out wrong, so all masses are wrong."
-    return [UseFinding("limited", sentence, finding.next_step) for finding in judge_scale(evidence)]
+    return [UseFinding("limited", sentence, finding.next) for finding in judge_scale(evidence)]
 
 
 def judge_payload(evidence: HeldOutEvidence, mass: float | None) -> list[UseFinding]:
@@ -362,7 +399,7 @@ def judge_payload(evidence: HeldOutEvidence, mass: float | None) -> list[UseFind
             f"The data determine only {sure} of the {len(links)} nonzero parameters of the links: the estimate of a "
             "load would rest on uncertain parameters."
         )
-        findings.append(UseFinding("no", sentence, "Record a longer, designed motion: dynident design."))
+        findings.append(UseFinding("no", sentence, NextStep("Record a longer, designed motion.", "design")))
     checked = evidence.list_passed("payload")
     # A wrong gain scales torque and parameters alike: residuals stay small, so that only a known load shows it.
     if not checked:
@@ -378,7 +415,7 @@ def judge_payload(evidence: HeldOutEvidence, mass: float | None) -> list[UseFind
     return [*findings, *(UseFinding("yes", outcome.judged.reason) for outcome in checked), UseFinding("yes", figures)]
 
 
-_PRESLIDING = "Find the missing effect, most often presliding friction: dynident diagnose MODEL RUN."
+_PRESLIDING = NextStep("Find the missing effect, most often presliding friction.", "diagnose")
 
 
 def judge_errors(evidence: HeldOutEvidence) -> list[UseFinding]:
@@ -400,15 +437,14 @@ def judge_errors(evidence: HeldOutEvidence) -> list[UseFinding]:
             f"These joints have an error above {format_percent(LARGEST_OF_JOINT, decimals=0)} where they move: "
             f"{', '.join(bad)}."
         )
-        findings.append(
-            UseFinding(
-                "no", sentence, f"Find the missing effects on {bad[0].split(' (')[0]}: dynident diagnose MODEL RUN."
-            )
-        )
+        step = NextStep(f"Find the missing effects on {bad[0].split(' (')[0]}.", "diagnose")
+        findings.append(UseFinding("no", sentence, step))
     if evidence.never_moving:
         names = ", ".join(evidence.never_moving)
         sentence = f"The held-out data contain no information about {names}, which never moves in them."
-        findings.append(UseFinding("limited", sentence, f"Hold out a motion of all joints: {names} does not move."))
+        findings.append(
+            UseFinding("limited", sentence, NextStep(f"Hold out a motion of all joints: {names} does not move."))
+        )
     return findings
 
 

@@ -20,6 +20,8 @@ from dynident.verdict.detectable_loads import DetectableForce, compute_detectabl
 from dynident.verdict.fitness_by_use import (
     DIAGNOSE,
     USES,
+    Action,
+    NextStep,
     State,
     Use,
     UseFinding,
@@ -95,8 +97,26 @@ class ModelVerdict:
     def _lines(self) -> list[str]:
         """List the uses with their reasons, unless the model is not to be used at all, and the next steps."""
         uses = () if self.stop is not None else self.uses
-        lines = [f"{use.mark} {use.words}: {use.reason} → {use.next_step}" for use in uses]
+        lines = [f"{use.mark} {use.words}: {use.reason} → {_word_next_step(use.next)}" for use in uses]
         return [*lines, *(f"→ {step}" for step in self.next_steps)]
+
+
+_CALLS: Mapping[Action, str] = {
+    "diagnose": "dynident.diagnose(model, recordings)",
+    "design": "dynident.design(robot)",
+    "identify_feasible": 'dynident.identify(robot, recordings, estimator="feasible")',
+    "check_gains": "dynident.validation.validate_payload",
+    "identify_gains": "dynident.identification.identify_gains",
+    "export_for_simulation": 'model.export("arm.urdf")',
+    "export_for_feed_forward": 'model.export("arm.c")',
+    "observe_momentum": "dynident.verdict.MomentumObserver",
+    "weigh_load": "dynident.validation.validate_payload",
+}
+"""How each next step is done in Python."""
+
+
+def _word_next_step(step: NextStep) -> str:
+    return step.sentence if step.action is None else f"{step.sentence} In Python: {_CALLS[step.action]}"
 
 
 _STATES: Mapping[State, str] = {
@@ -145,7 +165,7 @@ def verdict(
     if identification.model.robot.joints_without_torque:
         silent = ", ".join(identification.model.robot.joints_without_torque)
         sentence = f"Not for {silent}, whose torque was not recorded."
-        reservations.append(UseFinding("limited", sentence, f"Record the torque of {silent}, too."))
+        reservations.append(UseFinding("limited", sentence, NextStep(f"Record the torque of {silent}, too.")))
     against = _find_universal_objection(identification, stop, common, checks or {})
     held_out = identification.held_out
     drift, force, mass, contact = None, None, None, None
@@ -153,9 +173,9 @@ def verdict(
         finding = against or UseFinding(
             "not_judged",
             "There are no held-out data to judge the model by: give a recording that the fit does not use.",
-            "Record another motion, and hold it out.",
+            NextStep("Record another motion, and hold it out."),
         )
-        uses = tuple(combine_findings(name, [finding], "") for name in USES)
+        uses = tuple(combine_findings(name, [finding], finding.next or _ANOTHER) for name in USES)
     else:
         # Each use has its own findings. Failed validations and reservations count for all of them, and come first,
         # since the first of the gravest findings gives the next step.
@@ -199,12 +219,12 @@ def _calibrate_contacts(evidence: HeldOutEvidence) -> ContactDetection | None:
         return None
 
 
-_ANOTHER = "Hold out another motion: this one is the motion of the fit."
-_WHEN_GOOD: Mapping[UseName, str] = {
-    "simulation": "Export it: dynident export MODEL -f urdf, or -f mjcf.",
-    "feed_forward": "Export it: dynident export MODEL -f c, or -f casadi.",
-    "collision_detection": "Watch the residual of a momentum observer: dynident.verdict.MomentumObserver.",
-    "payload": "Weigh a load: hold out recordings with it, and run dynident validate MODEL payload.",
+_ANOTHER = NextStep("Hold out another motion: this one is the motion of the fit.")
+_WHEN_GOOD: Mapping[UseName, NextStep] = {
+    "simulation": NextStep("Export it for a simulator.", "export_for_simulation"),
+    "feed_forward": NextStep("Export it for the controller.", "export_for_feed_forward"),
+    "collision_detection": NextStep("Watch the residual of a momentum observer.", "observe_momentum"),
+    "payload": NextStep("Weigh a load: hold out recordings with it, and validate the model by them.", "weigh_load"),
 }
 _REVISES: Mapping[UseName, tuple[str, ...]] = {
     "simulation": ("simulation", "inertia_matrix", "cross", "direct"),
@@ -236,11 +256,11 @@ def _find_universal_objection(
     """Return what speaks against every use, or leaves nothing to judge by; None where nothing does."""
     if identification.model.is_at_rest:
         sentence = "Poses at rest contain no information about motion."
-        return UseFinding("no", sentence, "Record a designed motion: dynident design ROBOT.")
+        return UseFinding("no", sentence, NextStep("Record a designed motion.", "design"))
     # Before the size of the error: on copied data it is as small as in the fit, and says nothing.
     copied = [overlap for overlap in common if overlap.kind == "copied"]
     if copied:
-        return UseFinding("not_judged", " ".join(map(str, copied)), "Hold out a recording of another motion.")
+        return UseFinding("not_judged", " ".join(map(str, copied)), NextStep("Hold out a recording of another motion."))
     if stop is not None:
         worst = max(
             errors.relative_total for errors in (identification.fit, identification.held_out) if errors is not None
@@ -249,10 +269,11 @@ def _find_universal_objection(
             f"The error is {format_percent(worst, decimals=0)}, above {format_percent(STOP, decimals=0)}: the cause is "
             "not a missing effect."
         )
-        return UseFinding("no", sentence, "Remove the cause above first.")
+        return UseFinding("no", sentence, NextStep("Remove the cause above first."))
     # Last, since a gross error has a cause of its own that helps more.
     veto = _find_veto(checks)
-    return UseFinding("no", veto, "Correct the recording as its check says, and identify again.") if veto else None
+    correct = NextStep("Correct the recording as its check says, and identify again.")
+    return UseFinding("no", veto, correct) if veto else None
 
 
 def _find_veto(checks: Mapping[str, Sequence[Check]]) -> str:
@@ -340,7 +361,7 @@ def _list_next_steps(identification: Identification, stop: Stop | None, common: 
         return [*steps, "Record another motion, and hold it out."]
     error, own = identification.held_out_judged.relative_total, identification.fit_judged.relative_total
     if any(overlap.kind == "repeated" for overlap in common):
-        steps.append(_ANOTHER)
+        steps.append(_ANOTHER.sentence)
     if error > OVERFIT * own:
         steps.append(
             f"The held-out error is {error / max(own, 1e-12):.1f} times that of the fit: record a designed motion."

@@ -171,6 +171,8 @@ class LadderStep(TypedDict):
     best: bool
     """Whether it has the smallest validation error of the ladder where joints move (`validation.moving`). Less than 0.5
     % of it is no difference, unless held-out data confirm what was added."""
+    change: str
+    """What the step added and removed, in words"""
     confirmed_by: list[Literal["moving", "reversing", "starting"]] | None
     """Held-out rows on which what was added surely lowers the error: where joints move; at reversals and at starts of
     its joints, where the effect claims to explain these; [] if none do; null if not judged"""
@@ -221,8 +223,12 @@ class Lineage(TypedDict):
     """The last model that both ladders contain"""
     differences: list[LadderStepDifference] | None
     items: list[LadderStep]
+    last_step: StepSentence | None
+    """What the last model differs in from its parent; null for a first model"""
     same_data: bool | None
     """Whether all models of both ladders use the same measurements"""
+    tables: list[Table]
+    """The ladder as tables for people: ladder, joints; if compared with another one, two_ladders"""
 
 
 class ParameterView(TypedDict):
@@ -297,6 +303,15 @@ class ShapeConstantView(TypedDict):
     value: float
 
 
+class StepSentence(TypedDict):
+    """What the last step of a ladder did."""
+
+    is_better: bool
+    """Whether it made nothing worse"""
+    text: str
+    """Effects, errors before and after, joints that got worse"""
+
+
 class StepView(TypedDict):
     """A model between the parent and this one; it has one effect more than the model before it."""
 
@@ -325,6 +340,12 @@ class Table(TypedDict):
     columns: list[TableColumn]
     groups: list[str]
     """Heading above each row; [] if there are none"""
+    marked_rows: list[int]
+    """Indices of rows that stand out, such as findings"""
+    name: str
+    """What programs know the table by"""
+    notes: list[str]
+    """Sentences that explain the table or say what follows from it"""
     rows: list[list[TableCell]]
     title: str
 
@@ -360,6 +381,19 @@ class UseView(TypedDict):
 
     fit: bool
     """Whether it may be used so, at least within the limit that the reason names"""
+    next_action: Literal[
+        "diagnose",
+        "design",
+        "identify_feasible",
+        "check_gains",
+        "identify_gains",
+        "export_for_simulation",
+        "export_for_feed_forward",
+        "observe_momentum",
+        "weigh_load",
+        None,
+    ]
+    """Which action of dynident does it; null where none does"""
     next_step: str
     """The next thing to do"""
     reason: str
@@ -388,4 +422,7 @@ class VerdictView(TypedDict):
     stop: StopView | None
     """Why it must not be used at all; null if it may be used"""
     summary: str
+    tables: list[Table]
+    """The figures of the result as tables for people, as on the command line and in reports; only in the answer for one
+    resource, not in lists"""
     uses: list[UseView]

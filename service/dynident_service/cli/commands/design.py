@@ -201,6 +201,6 @@ def design(
         experiment = design_experiment(machine, request, data.progress, data.recordings, identified=identified)
     csv_and_parquet_output.write_trajectory(experiment, out)
     described, message = lambda: describe_design(experiment), f"trajectory written to {out}"
-    command_output.print_result(as_json, described, lambda console: show_design(console, experiment), message)
+    command_output.print_result(as_json, described, lambda console: show_design(console, experiment, machine), message)
     # On stderr, so that they are seen where the result goes into a file or as JSON to a script.
     print_warnings(terminal.message_console(), experiment)

@@ -82,7 +82,7 @@ def _without_scale_checks(measurements: Sequence[LoadedRecording]) -> list[Loade
 
 def _print_current_models(console: Console, models: Sequence[CurrentModel]) -> None:
     from dynident.number_format import format_estimate, format_number, format_percent
-    from dynident.reports.labels import PARAMETER_JUDGEMENTS
+    from dynident.presentation.labels import PARAMETER_JUDGEMENTS
     from dynident_service.cli import terminal
 
     rows = [
@@ -145,7 +145,7 @@ def gains(
     """
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import scale_progress
-    from dynident_service.adapters.drive_gains import build_gain_tables, describe_gains
+    from dynident_service.adapters.validations import build_gain_tables, describe_gains
     from dynident_service.cli import argument_loading, command_output, terminal
 
     if weigh_unloaded and not weigh:

@@ -1,4 +1,4 @@
-"""`dynident identify`, `extend`, `remove`, `essential` and `ladder`."""
+"""`dynident effects`, `identify`, `extend`, `remove`, `essential` and `ladder`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,36 @@ from dynident_service.cli.shared_options import (
 )
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
     from rich.console import Console
+
+
+def effects(as_json: Json = False) -> None:
+    """List the effects that a model can contain."""
+    from dynident.effects import CATALOGUE
+    from dynident_service.cli import command_output, terminal
+
+    rows = [
+        [
+            effect.id,
+            effect.title,
+            ", ".join(
+                f"{parameter.name} ({parameter.unit})" if parameter.unit != "-" else parameter.name
+                for parameter in effect.parameters
+            ),
+            effect.signature,
+        ]
+        for effect in CATALOGUE.values()
+    ]
+    columns = ("effect", "what it is", "parameters", "what it leaves in the residual")
+    table = terminal.build_table("", columns, rows, right_from=len(columns))
+
+    def describe_catalogue() -> BaseModel:
+        from dynident_service.adapters.field_by_field import show_catalogue
+
+        return show_catalogue()
+
+    command_output.print_result(as_json, describe_catalogue, lambda console: console.print(table))
 
 
 def ladder(
@@ -43,7 +72,7 @@ def ladder(
 ) -> None:
     """Show the steps that led to a model, with their errors. The step that predicts held-out data best is marked."""
     from dynident.errors import DynidentError
-    from dynident_service.adapters.identifications import build_steps, compare_ladders
+    from dynident_service.adapters.ladders import build_steps, compare_ladders
     from dynident_service.cli import argument_loading, command_output, printed_results
     from dynident_service.wire_types.identifications import Lineage
 

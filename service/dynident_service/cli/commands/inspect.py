@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dynident.number_format import format_percent
 from dynident.text_encoding import encode_text
 from dynident_service.cli.input_checks_and_writes import KNOWN_ROBOT, READABLE_FILE
 from dynident_service.cli.shared_options import Json, Out, Rate, RobotAdditions
@@ -72,6 +71,7 @@ def _to_document(inspection: Inspection) -> dict[str, Any]:
 
 def _print_inspection(console: Console, inspection: Inspection) -> None:
     from dynident.errors import word_remedies
+    from dynident.presentation.recording_tables import build_guess_table
     from dynident_service.cli import metadata_files, terminal
     from dynident_service.cli.request_options import write_option
 
@@ -80,17 +80,7 @@ def _print_inspection(console: Console, inspection: Inspection) -> None:
         console.print(", ".join(inspection.columns), soft_wrap=True)
         console.print("To find out what the columns are, give the robot: --robot ROBOT.")
         return
-    rows = [
-        [
-            guess.field,
-            guess.value,
-            format_percent(guess.confidence, decimals=0),
-            word_remedies(guess.reason, guess.remedies, write_option),
-        ]
-        for guess in inspection.proposal.guesses
-    ]
-    table = terminal.build_table("", ("field", "guess", "sure", "why"), rows, right_from=4)
-    console.print(table)
+    terminal.print_tables(console, [build_guess_table(inspection.proposal.guesses, write_option)])
     for question in inspection.proposal.questions:
         choices = f" ({', '.join(question.choices[:8])})" if question.choices else ""
         detail = word_remedies(question.detail, question.remedies, write_option)

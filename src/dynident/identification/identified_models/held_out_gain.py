@@ -28,14 +28,14 @@ from dynident.regressors.row_phases import remembers_path, shows_at_starts
 SURE_T, _CHANCE = 2.0, 1.0
 """t of the gain over blocks of time: sure from the first on; below the second it is less than its own spread."""
 
-_WORSE = 1.02
+WORSE_ERROR = 1.02
 """Ratio of held-out errors from which on a joint is said to be worse, where it is no chance either."""
 
 IN_PASSING = 0.1
 """Share of what an addition takes away in all that it may add on one joint: what sits on the wrong link helps most
 joints and disturbs another; what is right changes other joints' parameters a little."""
 
-_SAME = 1.005
+SAME_ERROR = 1.005
 """Ratio of the errors where joints move up to which nobody would notice a difference: then it decides whether held-out
 data confirm what was added, and otherwise the model with fewer effects is better."""
 
@@ -176,7 +176,7 @@ def list_confirming_rows(grown: Identification) -> tuple[ClaimedRows, ...] | Non
 
 def _select_confirming_rows(gains: Sequence[HeldOutGain]) -> tuple[ClaimedRows, ...]:
     """Select the kinds of rows that confirm an addition: reversals and starts do where moving rows get no worse."""
-    harmless = all(gain.after <= _SAME * gain.before for gain in gains if gain.rows == "moving")
+    harmless = all(gain.after <= SAME_ERROR * gain.before for gain in gains if gain.rows == "moving")
     return tuple(gain.rows for gain in gains if gain.is_sure and harmless)
 
 
@@ -248,7 +248,7 @@ def _list_worse_joints(grown: Identification) -> list[str]:
     return [
         f"{name} ({format_percent(old[j], decimals=2)} to {format_percent(new[j], decimals=2)})"
         for j, name in enumerate(grown.model.robot.joint_names)
-        if new[j] > _WORSE * old[j]
+        if new[j] > WORSE_ERROR * old[j]
         and -drops[j].sum() > IN_PASSING * drops.sum()
         and (drops.shape[1] < _FEWEST or compute_t(-drops[j]) >= SURE_T)
     ]
@@ -268,25 +268,6 @@ class BestStep:
 
     best: int
     rises: tuple[int, ...]
-
-
-def find_best_step(models: Sequence[Identification]) -> BestStep | None:
-    """Return the model of a ladder that predicts held-out data best; None where one of them has no held-out error.
-
-    Parameters
-    ----------
-    models : sequence of Identification
-        The ladder, first model first.
-
-    Returns
-    -------
-    BestStep or None
-        The best step, and those after it that raise the error.
-    """
-    errors = [model.held_out_judged for model in models]
-    totals = [error.relative_total for error in errors if error is not None]
-    preferred = [bool(list_confirming_rows(model) or model.step.removed) for model in models]
-    return find_best_of_errors(totals, preferred) if len(totals) == len(models) else None
 
 
 def find_best_of_errors(totals: Sequence[float], preferred: Sequence[bool]) -> BestStep | None:
@@ -310,7 +291,7 @@ def find_best_of_errors(totals: Sequence[float], preferred: Sequence[bool]) -> B
     best = 0
     for k, total in enumerate(totals):
         # What lowers the error by less than anybody would notice, and is not confirmed, is no better.
-        if total * _SAME < totals[best] or (k > 0 and preferred[k] and total <= _SAME * totals[best]):
+        if total * SAME_ERROR < totals[best] or (k > 0 and preferred[k] and total <= SAME_ERROR * totals[best]):
             best = k
     return BestStep(best, tuple(k for k in range(best + 1, len(totals)) if totals[k] > _ROUNDING * totals[best]))
 

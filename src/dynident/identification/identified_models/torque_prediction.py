@@ -1,5 +1,7 @@
 """Predict torque with its interval, and gravity, mass matrix, Coriolis matrix and friction at given states.
 
+Refuses what a state does not determine (friction that depends on temperature, for example).
+
 Gravity, mass matrix and Coriolis matrix are evaluations of the observation matrix, whose torque is linear in the base
 parameters: no link needs a mass of its own, which the torque does not determine.
 """

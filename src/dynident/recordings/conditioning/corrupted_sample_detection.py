@@ -29,6 +29,10 @@ LIGHT_SHARE, TAIL_GROWTH = 0.002, 900.0
 Student's t with 5 degrees of freedom, 0.0075 with 3. And how the threshold grows, exponentially, with a larger one:
 among 16,384 rows the largest swings are 3, 11 and 32 usual steps."""
 
+FARTHER = 0.15
+"""Share of these swings of noise, of Student's t with 3 degrees of freedom, that it has of four to eight usual steps
+(the others have less)."""
+
 
 def measure_usual_steps(steps: FloatArray) -> FloatArray:
     """Return the usual size of the steps of signals near each row.
@@ -128,8 +132,12 @@ def choose_step_threshold(steps: FloatArray, usual: FloatArray) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         # A swing is as large as the smaller of its two steps: a single step does not come back.
         size = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:])) / usual[:-1]
-    middle = (size >= 0.5 * TIMES_USUAL) & (size < TIMES_USUAL) & (steps[:-1] * steps[1:] < 0.0)
-    excess = np.count_nonzero(middle) / len(steps) - LIGHT_SHARE
+    size = size[steps[:-1] * steps[1:] < 0.0]
+    middle, large = (np.count_nonzero((size >= k * TIMES_USUAL) & (size < 2.0 * k * TIMES_USUAL)) for k in (0.5, 1.0))
+    # Corrupted samples of any size swing as often twice as far as in the middle. What noise adds there is a small share
+    # of what it has in the middle, so that the two counts tell how much of the middle is noise.
+    noise = np.clip((middle - large) / (1.0 - FARTHER), 0.0, middle)
+    excess = noise / len(steps) - LIGHT_SHARE
     return float(TIMES_USUAL * np.exp(np.clip(TAIL_GROWTH * excess, 0.0, 20.0)))
 
 
@@ -148,6 +156,9 @@ LATE_ROWS = 4
 BESIDE = (0.04, 0.12)
 """Share of what a torque is off by that the two samples before it, or behind it, may differ by, and a position's steps
 there; and the inner two of a torque."""
+
+JUMP_BESIDE = 0.5
+"""Share of what a single sample of a torque is off by that the torque may jump by itself on one side of it."""
 
 MORE_THAN_SWINGS = 4.0
 """Times as many samples have to be off as the signal swings by half as much and back again of its own: what happens
@@ -359,4 +370,8 @@ def _continues(
     outer = np.maximum(steps[:, 0], steps[:, 2])
     # A torque may change while a block lasts: the longer it is, the farther apart its two sides may be.
     across = np.maximum(min(5.0, max(2.5, length + 1.0)) * usual, BESIDE[1] * off)
-    return np.asarray((outer <= np.maximum(3.0 * usual, BESIDE[0] * off)) & (steps[:, 1] <= across))
+    quiet = outer <= np.maximum(3.0 * usual, BESIDE[0] * off)
+    if length == 1:
+        # Beside a single sample the torque may jump on one side, as friction does, if by much less.
+        quiet |= (np.minimum(steps[:, 0], steps[:, 2]) <= 3.0 * usual) & (outer <= JUMP_BESIDE * off)
+    return np.asarray(quiet & (steps[:, 1] <= across))

@@ -9,6 +9,7 @@ them in thousands is enough to spoil a model, since differentiation turns it int
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.conditioning.angle_wrapping import TURN, find_wrapping_columns
@@ -122,10 +123,16 @@ class CorruptedSamples:
             turns, slow = _find_reversals(window.t, window.values[:, position])
             measured = x.copy()
             measured[rows] = np.nan
-            # The jump of friction at a reversal, from some rows before it to some rows behind, without the suspects.
+            # The jump of friction at a reversal, from some rows before it to some rows behind, without the suspects. It
+            # is about the same at all of them; the inertia of fast moves adds to it at those where they begin or end.
+            # Counts of an encoder that come and go are no reversals: nothing jumps there, so that jumps are weighed by
+            # themselves in their mean.
             at = np.flatnonzero(turns[TURN_ROWS:-TURN_ROWS]) + TURN_ROWS
-            jumps = np.abs(measured[at + TURN_ROWS] - measured[at - TURN_ROWS])
-            friction = float(np.nanmax(jumps)) if np.isfinite(jumps).any() else 0.0
+            jumps = np.zeros(len(x))
+            jumps[at] = np.nan_to_num(np.abs(measured[at + TURN_ROWS] - measured[at - TURN_ROWS]))
+            usual = float(jumps @ jumps) / max(float(jumps.sum()), np.finfo(float).tiny)
+            moment = max(TURN_ROWS, round(MOMENT / self._signals.step))
+            friction = np.maximum(maximum_filter1d(jumps, 2 * moment + 1)[rows], usual)
             present = np.isfinite(measured)
             # How far off the suspects are is measured from a straight line between the samples that are no suspects.
             off = np.abs(x[rows] - np.interp(window.t[rows], window.t[present], measured[present]))

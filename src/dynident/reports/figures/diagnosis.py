@@ -14,6 +14,8 @@ from dynident.diagnosis import Evidence, RankedEffect
 from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.effects import get_effect
 from dynident.number_format import format_percent
+from dynident.presentation.diagnosis_tables import format_share
+from dynident.presentation.labels import get_effect_title
 from dynident.reports.figures.svg import (
     BAND,
     GOOD,
@@ -26,8 +28,6 @@ from dynident.reports.figures.svg import (
     shorten_name,
     to_svg,
 )
-from dynident.reports.labels import get_effect_title
-from dynident.reports.result_tables import format_share
 from dynident.robot import Robot
 
 _EVIDENCE_HEIGHT, _LABEL_HEIGHT = 2.1, 0.44

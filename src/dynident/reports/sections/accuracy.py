@@ -2,39 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan
 
 from markupsafe import Markup
 
-from dynident.diagnosis import Diagnosis, WorstInterval
-from dynident.estimation import Errors
+from dynident.diagnosis import Diagnosis
 from dynident.identification import Identification
-from dynident.number_format import format_number, format_percent
+from dynident.presentation.model_tables import (
+    ErrorFigures,
+    ErrorKind,
+    ErrorNumbers,
+    build_error_table,
+    describe_interval,
+    list_error_kinds,
+)
+from dynident.presentation.tables import Cell, ReportedTable, make_percent_cells
+from dynident.presentation.validation_and_verdict_tables import build_validation_table
 from dynident.recordings.joint_phases import Phase
 from dynident.reports.figures.residuals import draw_residuals, draw_spectra
 from dynident.reports.figures.signals_over_time import JOINTS_PER_FIGURE, draw_torque
 from dynident.reports.reported_data import ReportedRecording, ReportedValidation, Section
 
-_VERDICT_TEXTS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not evaluated"}
-_VERDICT_MARKS = {"pass": "ok", "fail": "error", "not_evaluated": "warning"}
-
-
-@dataclass(frozen=True)
-class ValidationRow:
-    """One validation in words; `mark` is the CSS class of its verdict."""
-
-    validation: ReportedValidation
-    verdict: str
-    mark: str
-
 
 @dataclass(frozen=True)
 class ValidationContent:
-    """The content of the section: all validations."""
+    """The content of the section: the verdicts of all validations, and the figures behind them."""
 
-    rows: tuple[ValidationRow, ...]
+    verdicts: ReportedTable
+    tables: tuple[ReportedTable, ...]
 
 
 def build_validation_section(validations: Sequence[ReportedValidation]) -> Section:
@@ -50,11 +46,11 @@ def build_validation_section(validations: Sequence[ReportedValidation]) -> Secti
     Section
         A row for each validation.
     """
-    rows = tuple(
-        ValidationRow(validation, _VERDICT_TEXTS[validation.judged.verdict], _VERDICT_MARKS[validation.judged.verdict])
-        for validation in validations
+    content = ValidationContent(
+        build_validation_table((validation.title, validation.judged) for validation in validations),
+        tuple(table for validation in validations for table in validation.tables),
     )
-    return Section("validation", "Validation", "validation", ValidationContent(rows))
+    return Section("validation", "Validation", "validation", content)
 
 
 @dataclass(frozen=True)
@@ -99,29 +95,6 @@ def build_residuals_section(runs: Sequence[ReportedRecording]) -> Section:
 
 
 @dataclass(frozen=True)
-class ErrorCell:
-    """The residual of one joint: its rms with unit and its relative error, as numbers and as text."""
-
-    rms: float
-    relative: float
-    rms_text: str
-    relative_text: str
-
-
-@dataclass(frozen=True)
-class ErrorRow:
-    """The errors of one joint: in the fit and held out, each where it moves and on all rows.
-
-    `cells` are in the order of the table's columns; `floor` is the rms that sensor noise alone leaves.
-    """
-
-    joint: str
-    cells: tuple[ErrorCell, ...]
-    ratio: str
-    floor: str
-
-
-@dataclass(frozen=True)
 class RunFigures:
     """The figures and errors of one recording; `folded` where another recording's figures say more."""
 
@@ -129,21 +102,18 @@ class RunFigures:
     role: str
     folded: bool
     figures: tuple[Markup, ...]
-    worst: tuple[WorstInterval, ...]
+    worst: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class ErrorsContent:
-    """The content of the section: the table of errors and the figures of every recording.
+    """The content of the section: tables of errors and the figures of every recording.
 
-    `by_recording` is empty where it would repeat the first table.
+    `by_recording` is None where it would repeat the first table.
     """
 
-    kinds: tuple[str, ...]
-    rows: tuple[ErrorRow, ...]
-    totals: tuple[str, ...]
-    by_recording: tuple[tuple[str, tuple[str, ...]], ...]
-    has_floor: bool
+    errors: ReportedTable
+    by_recording: ReportedTable | None
     rests: bool
     runs: tuple[RunFigures, ...]
 
@@ -167,76 +137,45 @@ def build_errors_section(
     Section
         Errors by joint, and the figures of every recording.
     """
-    kinds = _list_error_kinds(identification)
+    kinds = list_error_kinds(identification)
+    joints = identification.model.robot.joints
+    names = [joint.name for joint in joints]
+    floor = None if diagnosis is None else diagnosis.noise_floor.tolist()
     content = ErrorsContent(
-        tuple(name for name, _, _ in kinds),
-        tuple(_build_error_rows(identification, kinds, diagnosis)),
-        tuple(format_percent(errors.relative_total) for _, moving, all_rows in kinds for errors in (moving, all_rows)),
-        tuple(_build_recording_rows(identification.model.robot.joint_names, kinds, runs)),
-        diagnosis is not None,
+        build_error_table(kinds, names, [joint.effort_unit for joint in joints], floor),
+        _build_recording_table(names, kinds, runs),
         any(bool((run.comparison.phase == Phase.STANDING).any()) for run in runs),
         tuple(_build_run_figures(run, any(other.held_out for other in runs)) for run in runs),
     )
     return Section("torque", "Measured and predicted torque", "errors", content)
 
 
-def _list_error_kinds(identification: Identification) -> list[tuple[str, Errors, Errors]]:
-    """Return the kinds of errors: a name, the errors of moving rows, the errors of all rows."""
-    kinds = [("fit", identification.fit_moving, identification.fit)]
-    if identification.held_out is not None and identification.held_out_moving is not None:
-        kinds.append(("held out", identification.held_out_moving, identification.held_out))
-    return kinds
+def _build_recording_table(
+    joints: Sequence[str], kinds: Sequence[ErrorKind], runs: Sequence[ReportedRecording]
+) -> ReportedTable | None:
+    """Return the relative errors in each recording, moving and on all rows.
 
-
-def _build_error_rows(
-    identification: Identification, kinds: Sequence[tuple[str, Errors, Errors]], diagnosis: Diagnosis | None
-) -> Iterator[ErrorRow]:
-    for j, joint in enumerate(identification.model.robot.joints):
-        cells = tuple(
-            _build_error_cell(errors, j, joint.effort_unit)
-            for _, moving, all_rows in kinds
-            for errors in (moving, all_rows)
-        )
-        # The cells alternate between moving and all rows; these two are the moving ones of the first and the last kind.
-        fit, held_out = cells[0].relative, cells[-2].relative
-        yield ErrorRow(
-            joint.name,
-            cells,
-            format_number(held_out / fit) if len(kinds) > 1 and fit > 0 else "–",
-            f"{format_number(float(diagnosis.noise_floor[j]))} {joint.effort_unit}" if diagnosis is not None else "",
-        )
-
-
-def _build_error_cell(errors: Errors, joint: int, unit: str) -> ErrorCell:
-    # A joint that never moved, or whose torque was not recorded, has no rows and so no error.
-    if not errors.counts[joint]:
-        return ErrorCell(nan, nan, "never", "–")
-    rms, relative = float(errors.rms[joint]), float(errors.relative[joint])
-    return ErrorCell(rms, relative, f"{format_number(rms)} {unit}", format_percent(relative))
-
-
-def _build_recording_rows(
-    joints: Sequence[str], kinds: Sequence[tuple[str, Errors, Errors]], runs: Sequence[ReportedRecording]
-) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield the relative errors in each recording: one row a joint, moving and on all rows, and one for all joints.
-
-    Nothing is yielded where these are the errors of the fit and of held-out data to the last digit.
+    None where these are the errors of the fit and of held-out data to the last digit.
     """
-    # Columns are compared as text, as the reader sees them: equal text is a repetition whatever the digits behind.
-    known = {_format_column(errors) for _, *both in kinds for errors in both}
     columns = [
-        _format_column(errors) for run in runs for errors in (run.comparison.moving_errors, run.comparison.errors)
+        _make_column(ErrorFigures.from_errors(errors))
+        for run in runs
+        for errors in (run.comparison.moving_errors, run.comparison.errors)
     ]
-    if not known.issuperset(columns):
-        yield from zip((*joints, "all joints"), zip(*columns, strict=True), strict=True)
-
-
-def _format_column(errors: Errors) -> tuple[str, ...]:
-    each = (
-        format_percent(float(share)) if count else "–"
-        for share, count in zip(errors.relative, errors.counts, strict=True)
+    known = [_make_column(errors) for kind in kinds for errors in (kind.moving, kind.all_rows)]
+    # Columns are compared as text, as the reader sees them: equal text is a repetition whatever the digits behind.
+    texts = {tuple(cell.text for cell in column) for column in known}
+    if texts.issuperset(tuple(cell.text for cell in column) for column in columns):
+        return None
+    heads = (words for run in runs for words in (f"{run.name}, moving ({run.role})", "all rows"))
+    rows = tuple(
+        (Cell(name), *cells) for name, cells in zip((*joints, "all joints"), zip(*columns, strict=True), strict=True)
     )
-    return (*each, format_percent(errors.relative_total))
+    return ReportedTable("Relative error per recording", ("joint", *heads), rows)
+
+
+def _make_column(errors: ErrorNumbers) -> list[Cell]:
+    return make_percent_cells([*errors.relative, errors.relative_total])
 
 
 def _build_run_figures(run: ReportedRecording, some_held_out: bool) -> RunFigures:
@@ -249,5 +188,5 @@ def _build_run_figures(run: ReportedRecording, some_held_out: bool) -> RunFigure
         # Recordings of the fit are folded where held-out ones, which say more, are shown.
         some_held_out and not run.held_out,
         tuple(draw_torque(comparison, joints, run.name) for joints in parts),
-        comparison.worst[:4],
+        tuple(map(describe_interval, comparison.worst[:4])),
     )

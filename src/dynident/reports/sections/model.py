@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -14,17 +14,22 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis import Diagnosis
 from dynident.effects import EffectChoice, get_effect
 from dynident.effects.effect_columns import find_joints
-from dynident.estimation import CovarianceName, Errors
+from dynident.estimation import CovarianceName
 from dynident.identification import Identification
 from dynident.identification.identified_models.correlated_and_essential_parameters import parameter_dependence
-from dynident.identification.identified_models.held_out_gain import find_best_step
 from dynident.number_format import format_number, format_percent, format_range
+from dynident.presentation.labels import format_shape_constants
+from dynident.presentation.ladder_tables import (
+    build_ladder_joint_table,
+    build_ladder_table,
+    list_steps,
+    select_comparable_errors,
+)
+from dynident.presentation.model_tables import GROUPING, build_parameter_table, build_shape_table
+from dynident.presentation.tables import ReportedTable
 from dynident.reports.figures.ladder import draw_models
 from dynident.reports.figures.svg import draw_formula
-from dynident.reports.labels import describe_best_step, format_joints, format_shape_constants, get_step_mark
 from dynident.reports.reported_data import Section
-from dynident.reports.result_tables import GROUPING, build_parameter_table, build_shape_table
-from dynident.reports.table_cells import ReportedTable
 from dynident.robot import Joint, Robot
 
 
@@ -262,39 +267,11 @@ def _build_effect_row(choice: EffectChoice, robot: Robot, added: bool) -> Effect
 
 
 @dataclass(frozen=True)
-class StepRow:
-    """One model of the ladder, with its errors where joints move, and on all rows of the held-out data."""
-
-    number: int
-    changes: tuple[str, ...]
-    n_parameters: int
-    fit: float
-    fit_text: str
-    held_out: float | None
-    held_out_text: str
-    all_rows_text: str
-    mark: str
-
-
-@dataclass(frozen=True)
-class JointErrorRow:
-    """One joint's error in every model, the last over the first, and what sensor noise alone would leave."""
-
-    joint: str
-    errors: tuple[str, ...]
-    change: str
-    floor: str
-
-
-@dataclass(frozen=True)
 class LadderContent:
-    """The content of the section: the models, their errors per joint, and both as a figure."""
+    """The content of the section: the models, and their errors per joint."""
 
-    steps: tuple[StepRow, ...]
-    joints: tuple[JointErrorRow, ...]
-    kind: str
-    best: str
-    has_floor: bool
+    models: ReportedTable
+    joints: ReportedTable
 
 
 @dataclass(frozen=True)
@@ -308,18 +285,9 @@ class LadderFigure:
 
 def build_ladder_figure(identification: Identification, diagnosis: Diagnosis | None) -> LadderFigure:
     """Draw the errors of every model, in total and by joint, with the noise floor where a diagnosis tells it."""
-    models = list(identification.ladder())
-    kind, errors = select_comparable_errors(models)
-    floor = _compute_relative_floor(diagnosis, errors[-1])
-    return LadderFigure(draw_models(models, floor), kind, floor is not None)
-
-
-def select_comparable_errors(models: Sequence[Identification]) -> tuple[str, list[Errors]]:
-    """Return "held out" and the held-out errors of all models where each has one, else "fit" and those of the fit."""
-    held_out_errors = [model.held_out_judged for model in models if model.held_out_judged is not None]
-    if len(held_out_errors) == len(models):
-        return "held out", held_out_errors
-    return "fit", [model.fit_judged for model in models]
+    floor = _compute_relative_floor(identification, diagnosis)
+    kind, _ = select_comparable_errors(list_steps(identification))
+    return LadderFigure(draw_models(list(identification.ladder()), floor), kind, floor is not None)
 
 
 def build_ladder_section(identification: Identification, diagnosis: Diagnosis | None) -> Section:
@@ -337,59 +305,22 @@ def build_ladder_section(identification: Identification, diagnosis: Diagnosis | 
     Section
         A row for each model, and their errors by joint.
     """
-    models = list(identification.ladder())
-    kind, errors = select_comparable_errors(models)
-    floor = _compute_relative_floor(diagnosis, errors[-1])
-    names = identification.model.robot.joint_names
-    best = find_best_step(models)
+    steps, joints = list_steps(identification), identification.model.robot.joint_names
+    floor = _compute_relative_floor(identification, diagnosis)
     content = LadderContent(
-        tuple(_build_step_row(k, model, get_step_mark(best, k, len(models))) for k, model in enumerate(models)),
-        tuple(_build_joint_error_row(name, [e.relative[j] for e in errors], floor, j) for j, name in enumerate(names)),
-        kind,
-        describe_best_step(best, len(models)),
-        floor is not None,
+        build_ladder_table(steps, joints),
+        build_ladder_joint_table(steps, joints, None if floor is None else floor.tolist()),
     )
     return Section("ladder", "The ladder of models", "ladder", content)
 
 
-def _build_step_row(index: int, model: Identification, mark: str) -> StepRow:
-    held_out = model.held_out_judged.relative_total if model.held_out_judged is not None else None
-    robot = model.model.robot
-    changes = tuple(_format_choice(choice, robot) for choice in model.step.added)
-    changes += tuple(f"without {_format_choice(choice, robot)}" for choice in model.step.removed)
-    return StepRow(
-        index + 1,
-        changes,
-        model.model.n_parameters,
-        model.fit_judged.relative_total,
-        format_percent(model.fit_judged.relative_total),
-        held_out,
-        format_percent(held_out),
-        format_percent(model.held_out.relative_total) if model.held_out is not None else "–",
-        mark,
-    )
-
-
-def _format_choice(choice: EffectChoice, robot: Robot) -> str:
-    shape = f" ({format_shape_constants(choice)})" if choice.shape else ""
-    return f"{get_effect(choice.effect).title} on {format_joints(choice.joints, robot.joint_names)}{shape}"
-
-
-def _build_joint_error_row(name: str, errors: Sequence[float], floor: FloatArray | None, joint: int) -> JointErrorRow:
-    # The ratio says what all steps together have brought this joint.
-    first, last = float(errors[0]), float(errors[-1])
-    return JointErrorRow(
-        name,
-        tuple(format_percent(float(value)) for value in errors),
-        f"× {last / first:.2f}" if len(errors) > 1 and first > 0 else "–",
-        format_percent(float(floor[joint])) if floor is not None else "",
-    )
-
-
-def _compute_relative_floor(diagnosis: Diagnosis | None, errors: Errors) -> FloatArray | None:
+def _compute_relative_floor(identification: Identification, diagnosis: Diagnosis | None) -> FloatArray | None:
     """Return the noise floor over the rms of the measured torque, (n,); None where it is unknown."""
     if diagnosis is None:
         return None
+    is_held_out = all(model.held_out_judged is not None for model in identification.ladder())
+    errors = identification.held_out_judged if is_held_out else identification.fit_judged
+    assert errors is not None
     # A joint without torque or without rows must not divide by zero.
     measured = np.sqrt(errors.measured / np.maximum(errors.counts, 1.0))
     return np.asarray(diagnosis.noise_floor / np.maximum(measured, np.finfo(float).tiny))

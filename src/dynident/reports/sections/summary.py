@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from dynident.diagnosis import Diagnosis
 from dynident.identification import Identification
-from dynident.number_format import format_count, format_number, format_percent
-from dynident.reports.labels import CONDITION_MEANING, format_joints, get_effect_title
+from dynident.number_format import format_count, format_number
+from dynident.presentation.labels import get_effect_title
+from dynident.presentation.ladder_tables import describe_gain
+from dynident.presentation.model_tables import build_quality_table
+from dynident.presentation.tables import ReportedTable
+from dynident.presentation.validation_and_verdict_tables import build_verdict_tables
 from dynident.reports.reported_data import ReportedRecording, ReportedValidation, Section
-from dynident.reports.sections.model import (
-    LadderFigure,
-    build_ladder_figure,
-    select_comparable_errors,
-)
-from dynident.verdict import ModelVerdict, Outcome, State, verdict
+from dynident.reports.sections.model import LadderFigure, build_ladder_figure
+from dynident.verdict import ModelVerdict, Outcome, verdict
 
 
 @dataclass(frozen=True)
@@ -26,18 +26,6 @@ class Figure:
     name: str
     value: str
     note: str
-
-
-@dataclass(frozen=True)
-class DriftRow:
-    """How far a simulation drifts on one joint, as shares of its way, as text."""
-
-    joint: str
-    shares: tuple[str, ...]
-
-
-_FIT: Mapping[State, str] = {"yes": "yes", "limited": "within limits", "no": "no", "not_judged": "not judged"}
-_COLOURS: Mapping[State, str] = {"yes": "ok", "limited": "warning", "no": "error", "not_judged": "warning"}
 
 
 @dataclass(frozen=True)
@@ -53,28 +41,7 @@ class SummaryContent:
     warnings: tuple[str, ...]
     data_warnings: tuple[str, ...]
     verdict: ModelVerdict
-
-    @property
-    def states(self) -> Mapping[State, str]:
-        """What the state of each use is called."""
-        return _FIT
-
-    @property
-    def colours(self) -> Mapping[State, str]:
-        """The CSS class of each state."""
-        return _COLOURS
-
-    @property
-    def drift(self) -> tuple[DriftRow, ...]:
-        """The drift of a simulation, joint by joint; empty where none was made."""
-        drift = self.verdict.drift
-        if drift is None:
-            return ()
-        shares = drift.share.T.tolist()
-        return tuple(
-            DriftRow(joint, tuple(format_percent(fraction, 2) for fraction in joint_shares))
-            for joint, joint_shares in zip(drift.joint_names, shares, strict=True)
-        )
+    verdict_tables: tuple[ReportedTable, ...]
 
 
 def build_summary_section(
@@ -104,6 +71,13 @@ def build_summary_section(
     Section
         Numbers, fitness for use, diagnosis and warnings.
     """
+    model_verdict = verdict(
+        identification,
+        [run.recording for run in runs if not run.held_out],
+        [run.recording for run in runs if run.held_out],
+        {run.name: run.checks for run in runs},
+        [Outcome(validation.kind, validation.judged) for validation in validations],
+    )
     content = SummaryContent(
         _list_facts(identification, created),
         describe_gain(identification),
@@ -113,13 +87,8 @@ def build_summary_section(
         is_recommendation_added(identification, diagnosis),
         identification.warnings,
         _join_data_warnings(runs),
-        verdict(
-            identification,
-            [run.recording for run in runs if not run.held_out],
-            [run.recording for run in runs if run.held_out],
-            {run.name: run.checks for run in runs},
-            [Outcome(validation.kind, validation.judged) for validation in validations],
-        ),
+        model_verdict,
+        tuple(build_verdict_tables(model_verdict)),
     )
     return Section("summary", "Summary", "summary", content)
 
@@ -134,40 +103,6 @@ def _list_facts(identification: Identification, created: datetime) -> tuple[tupl
         ("held-out recordings", ", ".join(data.validation_names) or "none"),
         ("in the model", ", ".join(effects)),
     )
-
-
-def describe_gain(identification: Identification) -> str:
-    """Return the model's error, that of the model that it began from, and what was added and removed.
-
-    Parameters
-    ----------
-    identification : Identification
-        The identified model, with its ladder.
-
-    Returns
-    -------
-    str
-        One sentence for the errors, one for each kind of change.
-    """
-    models = list(identification.ladder())
-    kind, errors = select_comparable_errors(models)
-    data = "on held-out data" if kind == "held out" else "in the fit"
-    last = f"Where joints move, the relative error of the torque is {format_percent(errors[-1].relative_total)} {data}"
-    if len(models) == 1:
-        return f"{last}."
-    all_joints = identification.model.robot.joint_names
-    kinds = {
-        "Added": [choice for model in models for choice in model.step.added],
-        "Removed": [choice for model in models for choice in model.step.removed],
-    }
-    changes = "".join(
-        f" {kind}: "
-        + "; ".join(f"{get_effect_title(each.effect)} on {format_joints(each.joints, all_joints)}" for each in choices)
-        + "."
-        for kind, choices in kinds.items()
-        if choices
-    )
-    return f"{last}; it was {format_percent(errors[0].relative_total)} before.{changes}"
 
 
 def _join_data_warnings(runs: Sequence[ReportedRecording]) -> tuple[str, ...]:
@@ -208,33 +143,17 @@ def is_recommendation_added(identification: Identification, diagnosis: Diagnosis
 
 def _build_figures(identification: Identification) -> tuple[Figure, ...]:
     held_out = identification.held_out_judged
-    good = sum(parameter.well_identified for parameter in identification.parameters)
-    figures = []
-    if held_out is not None:
-        figures.append(Figure("held-out error", format_percent(held_out.relative_total), "relative, where joints move"))
-    figures += [
-        Figure(
-            "error of the fit", format_percent(identification.fit_judged.relative_total), "relative, where joints move"
-        ),
-        Figure(
-            "base parameters",
-            str(identification.model.n_parameters),
-            f"{good} of them determined by the data",
-        ),
-        Figure(
-            "condition number",
-            format_number(identification.equilibrated_condition_number),
-            CONDITION_MEANING,
-        ),
-        Figure(
-            "equations",
-            str(identification.n_equations),
-            f"{format_number(identification.equations_per_parameter)} a parameter",
-        ),
-        Figure(
-            "inertia matrix",
-            "positive definite" if identification.inertia_matrix_positive_definite else "not positive definite",
-            f"smallest scaled eigenvalue {format_number(identification.worst_inertia_eigenvalue, 2)}",
-        ),
-    ]
-    return tuple(figures)
+    table = build_quality_table(
+        identification.fit_judged.relative_total,
+        None if held_out is None else held_out.relative_total,
+        [parameter.well_identified for parameter in identification.parameters],
+        identification.equilibrated_condition_number,
+        identification.n_equations,
+        identification.equations_per_parameter,
+    )
+    inertia = Figure(
+        "inertia matrix",
+        "positive definite" if identification.inertia_matrix_positive_definite else "not positive definite",
+        f"smallest scaled eigenvalue {format_number(identification.worst_inertia_eigenvalue, 2)}",
+    )
+    return (*(Figure(*texts) for texts in table.texts), inertia)

@@ -1,48 +1,42 @@
 // Table of the ranked effects of a diagnosis, with evidence figures and buttons that add an effect.
 
-import { placeOf, shapeInWords, titleOf } from "./catalogue.js";
-import { figures, h, listed, numeric, put, right, row, table } from "./dom.js";
+import { placeOf, titleOf } from "./catalogue.js";
+import { figures, h, listed, put } from "./dom.js";
 import { evidenceOf } from "./evidence.js";
 import { number, percent, pValue } from "./format.js";
+import { shownTable } from "./tables.js";
 
-const COLUMNS = 9;
+const BAR = 5; // the column of the drop, which is drawn as well
 
 /** Every family that was tried, best first; a row opens to its evidence. */
-export function candidatesTable(model, result, add, signal) {
-  if (!result.candidates.length) return null;
+export function candidatesTable(model, { result, tables }, add, signal) {
+  const table = tables.find((one) => one.name === "candidates");
+  if (!table) return null;
   const most = Math.max(...result.candidates.map((one) => one.error_drop ?? 0), 1e-9);
-  const head = ["rank", "effect", "where", right("error (%)"), "drop, held out", right("p"), right("separable"), "why, or why not", ""];
-  const rows = result.candidates.flatMap((one) => candidateRows(model, one, most, result, add, signal));
-  const notes = "Errors are relative, of the given joints, on blocks of time that the fit leaves out; the model already contains everything that ranks above the effect. Separable: the share of the effect's columns that the model does not explain; near zero, these data cannot distinguish the effect from the model.";
-  return [table("Ranked effects", head, rows, { id: "candidates" }), h("p", { class: "note" }, notes)];
-}
-
-function candidateRows(model, one, most, result, add, signal) {
-  const evidence = h("tr", { class: "evidence", hidden: true }, h("td", { colspan: COLUMNS }));
-  const title = one.question ? one.title : titleOf(model.effects, one.effect);
-  const opener = h("button", { type: "button", class: "plain", "aria-expanded": "false", onclick: () => toggle() }, title);
-  const toggle = () => {
-    const open = evidence.toggleAttribute("hidden") === false;
+  // The evidence stands in the row that opens below.
+  const columns = table.columns.slice(0, -1).map((one, at) => ({ ...one, figures: one.figures && at !== BAR }));
+  const shown = { ...table, columns, rows: table.rows.map((cells) => cells.slice(0, -1)) };
+  const evidence = result.candidates.map(() => h("tr", { class: "evidence", hidden: true }, h("td", { colspan: shown.columns.length + 1 })));
+  const titles = table.rows.map((cells) => cells[1].text);
+  const toggle = (opener, k) => {
+    const open = evidence[k].toggleAttribute("hidden") === false;
     opener.setAttribute("aria-expanded", String(open));
-    if (open && !evidence.dataset.filled) {
-      evidence.dataset.filled = "yes";
-      fillEvidence(evidence.firstChild, model, one, result, signal);
+    if (open && !evidence[k].dataset.filled) {
+      evidence[k].dataset.filled = "yes";
+      fillEvidence(evidence[k].firstChild, model, result.candidates[k], result, signal);
     }
   };
-  const shape = shapeInWords(model.effects, one);
-  const share = Math.max(0, one.error_drop ?? 0) / most;
-  const cells = [
-    { text: String(one.rank), scope: "row" },
-    [opener, one.significant ? h("span", { class: "mark ok" }, " ✓ significant") : null, shape ? h("small", { class: "note" }, h("br"), shape) : null],
-    placeOf(model.effects, one, model.joints),
-    { class: "n", text: [percent(one.error_before), h("br"), "→ ", percent(one.error_after)] },
-    h("span", { class: "share" }, h("span", { class: one.significant ? "fill good" : "fill", style: { width: `${(100 * share).toFixed(1)}%` } }), h("data", { value: one.error_drop ?? "" }, percent(one.error_drop))),
-    numeric(pValue(one.p_value), one.p_value),
-    numeric(percent(one.separability, 2), one.separability),
-    reasonBrief(one),
-    addButton(model, one, title, add),
-  ];
-  return [row(cells, { "data-effect": one.effect, class: one.significant ? "pick" : null }), evidence];
+  const opener = ([title, ...note], k) => [h("button", { type: "button", class: "plain", "aria-expanded": "false", onclick: (event) => toggle(event.currentTarget, k) }, title), note];
+  const bar = (content, k) => {
+    const { error_drop: drop, significant } = result.candidates[k];
+    return h("span", { class: "share" }, h("span", { class: significant ? "fill good" : "fill", style: { width: `${((100 * Math.max(0, drop ?? 0)) / most).toFixed(1)}%` } }), content);
+  };
+  return shownTable(shown, { id: "candidates" }, {
+    wrap: { 1: opener, [BAR]: bar },
+    more: [["", (k) => addButton(model, result.candidates[k], titles[k], add)]],
+    rowProps: (k) => ({ "data-effect": result.candidates[k].effect }),
+    below: (k) => evidence[k],
+  });
 }
 
 /** Adds the effect, or says why it cannot be added. */
@@ -61,12 +55,6 @@ function fillEvidence(cell, model, one, result, signal) {
   const { words, figure, about } = evidenceOf(model, one, signal);
   const doubt = `Not a finding (t = ${number(one.t_value)}, p = ${pValue(one.p_value)}): add it only if you know that the robot has it.`;
   put(cell, words, one.significant ? null : h("p", {}, doubt), otherPlaces(model, one, result), h("div", { class: "two" }, figure, about));
-}
-
-/** Why it is a finding or not, in a few words; the sentence is in the evidence. */
-function reasonBrief(one) {
-  if (!one.reason) return one.significant ? "accepted" : "not accepted";
-  return h("span", { title: one.reason.text }, one.reason.brief);
 }
 
 /** Why, or why not, on every joint: folded away, since most rows say the same. */

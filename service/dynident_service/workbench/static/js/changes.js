@@ -1,10 +1,10 @@
 // Form and table of the changes between an earlier and a later set of measurements.
 
 import { get } from "./api.js";
-import { placeOf, titleOf } from "./catalogue.js";
-import { figures, h, listed, numeric, put, right, row, table } from "./dom.js";
-import { interval, number, pValue, percent } from "./format.js";
+import { h, put } from "./dom.js";
+import { percent } from "./format.js";
 import { orSay, sending } from "./problem.js";
+import { shownTable } from "./tables.js";
 import { usesOf } from "./measurement_uses.js";
 
 const SETS = [["", "leave out"], ["before", "before"], ["after", "after"]];
@@ -27,31 +27,20 @@ export function changesForm(model, ask, signal) {
 }
 
 /** The changes that a diagnosis found, and what friction did, each with its interval; nothing where it had no baseline. */
-export function changesTable(model, result) {
+export function changesTable({ result, tables }) {
   if (!result.changes) return null;
-  return h("div", {}, changedTable(model, result), frictionTable(result));
-}
-
-function changedTable(model, result) {
-  if (!result.changes.length) return h("p", { class: "box good", id: "changes" }, "These recordings show no change since the baseline.");
-  const rows = result.changes.flatMap((one) => changeRows(model, one));
-  const head = ["changed", "where", "parameter", right("before"), right("difference"), right("95 % interval"), right("p"), "evidence"];
-  return h("div", { id: "changes" }, table("Changes since the baseline", head, rows));
-}
-
-function frictionTable(result) {
-  if (!result.friction?.length) return null;
+  const [changed, friction] = ["changes", "friction"].map((name) => tables.find((one) => one.name === name));
   const reach = Math.max(1e-9, ...result.friction.filter((one) => one.before > 0).flatMap(shares).map(Math.abs));
-  const columns = [
-    ["joint", (one) => h("code", {}, one.joint)],
-    [right("at a speed of"), (one) => ({ class: "n", text: `${number(one.speed)} ${one.unit === "N" ? "m/s" : "rad/s"}` })],
-    figures("before", (one) => one.before, (value) => number(value)),
-    figures("difference", (one) => one.value, (value) => number(value)),
-    [right("95 % interval"), (one) => ({ class: "n", text: interval(...one.interval, one.unit) })],
-    figures("relative to before", (one) => (one.before > 0 ? one.value / one.before : null), (value) => percent(value)),
-    [`−${percent(reach)} to +${percent(reach)}`, (one) => (one.before > 0 ? spanOf(one, reach) : "")],
-  ];
-  return h("div", { id: "friction-since" }, listed("Friction of each joint since the baseline, significant or not", columns, result.friction));
+  const span = [`−${percent(reach)} to +${percent(reach)}`, (k) => (result.friction[k].before > 0 ? spanOf(result.friction[k], reach) : "")];
+  return h("div", {},
+    h("div", { id: "changes" }, changed ? shownChanges(changed, result) : h("p", { class: "box good" }, "These recordings show no change since the baseline.")),
+    friction ? h("div", { id: "friction-since" }, shownTable(friction, {}, { more: [span] })) : null);
+}
+
+/** A row for each value of a change. */
+export function shownChanges(table, { changes }) {
+  const effects = changes.flatMap((one) => [one.effect, ...one.more.map(() => null)]);
+  return shownTable(table, {}, { rowProps: (k) => ({ "data-change": effects[k] }) });
 }
 
 function shares(one) {
@@ -65,24 +54,4 @@ function spanOf(one, reach) {
   const band = h("span", { class: "band", style: { left: place(low), width: `${((50 * (high - low)) / reach).toFixed(1)}%` } });
   const dot = h("span", { class: low <= 0 && high >= 0 ? "dot" : "dot told", style: { left: place(value) } });
   return h("span", { class: "span-of", role: "img", "aria-label": `${percent(low)} to ${percent(high)}` }, band, dot);
-}
-
-/** A row for each value of a change; `first` are cells before the others, of its first row. */
-export function changeRows(model, one, first = []) {
-  return [one, ...one.more].map((value) => row([
-    ...first.map((cell) => (value === one ? cell : "")),
-    value === one ? titleOf(model.effects, one.effect) : "",
-    value === one ? placeOf(model.effects, one, model.joints) : "",
-    h("code", {}, value.parameter),
-    numeric(number(value.before), value.before ?? ""),
-    numeric(number(value.value), value.value),
-    { class: "n", text: interval(...value.interval, value.unit) },
-    numeric(value === one ? pValue(one.p_value) : "", one.p_value),
-    value === one ? said(model, one) : "",
-  ], { "data-change": value === one ? one.effect : null }));
-}
-
-function said(model, one) {
-  const others = one.equivalent.map((name) => titleOf(model.effects, name) ?? name).join(", ");
-  return [one.evidence, others ? h("strong", {}, ` These data cannot distinguish it from: ${others}.`) : null];
 }

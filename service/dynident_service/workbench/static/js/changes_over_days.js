@@ -1,9 +1,9 @@
 // Section on many days of a robot: changes with their first day, and parameters day by day.
 
 import { get, post } from "./api.js";
-import { changeRows } from "./changes.js";
+import { shownChanges } from "./changes.js";
 import { courseFigure } from "./parameter_over_days.js";
-import { announce, h, put, right, section, table } from "./dom.js";
+import { announce, h, put, section } from "./dom.js";
 import { awaited, newestOf } from "./jobs.js";
 import { orSay, sending } from "./problem.js";
 
@@ -14,13 +14,16 @@ export function daysSection(model, signal) {
   const state = { latest: null };
 
   async function known() {
-    state.latest = await newestOf("/series", { identification_id: model.id }, signal, (one) => one.status === "succeeded");
-    if (state.latest) put(body, shown(model, state.latest, signal));
+    const newest = await newestOf("/series", { identification_id: model.id }, signal, (one) => one.status === "succeeded");
+    if (!newest) return;
+    // Lists have no tables.
+    state.latest = await get(`/series/${newest.id}`, {}, signal);
+    put(body, shown(state.latest, signal));
   }
   async function ask(asked) {
     const made = await post("/series", { identification_id: model.id, ...asked });
     state.latest = await awaited("/series", made, "Following the days", said, signal);
-    put(body, shown(model, state.latest, signal));
+    put(body, shown(state.latest, signal));
     announce(state.latest.result.summary);
   }
 
@@ -87,17 +90,11 @@ function inOrder(days) {
   return [...groups.keys()].sort((a, b) => a - b).map((day) => ({ measurement_ids: groups.get(day) }));
 }
 
-function shown(model, series, signal) {
+function shown(series, signal) {
   const { result } = series;
-  const head = ["since", "changed", "where", "parameter", right("before"), right("difference"), right("95 % interval"), right("p"), "evidence"];
   return [
     h("p", { class: result.changes.length ? "box warning" : "box good", id: "series-summary" }, result.summary),
-    result.changes.length ? table("Changes over the days", head, result.changes.flatMap((one) => changeRows(model, one, [sinceWhen(one)]))) : null,
+    series.tables.map((one) => shownChanges(one, result)),
     courseFigure(result, signal),
   ];
-}
-
-function sinceWhen(one) {
-  const span = one.earliest === one.latest ? "" : `, or any day from ${one.earliest} to ${one.latest}`;
-  return `${one.since}${span}`;
 }

@@ -31,7 +31,7 @@ export async function page(target, wanted, signal) {
     try {
       const found = await awaited("/diagnoses", asked, "Comparing the days", said, signal);
       announce(found.result.summary);
-      put(result, h("p", { class: "box" }, found.result.summary), changesTable(model, found.result));
+      put(result, h("p", { class: "box" }, found.result.summary), changesTable(found));
     } catch (error) {
       if (!signal.aborted) put(said, problemBox(error));
     }

@@ -4,15 +4,15 @@ import { get, patch, post } from "./api.js";
 import { addByHand } from "./add_effect.js";
 import { candidatesTable } from "./candidates.js";
 import { changesForm, changesTable } from "./changes.js";
-import { choiceInWords, findingTitle, placeOf, shapeInWords, titleOf } from "./catalogue.js";
+import { choiceInWords, findingTitle, placeOf, shapeInWords } from "./catalogue.js";
 import { nextBox } from "./design/proposals.js";
-import { announce, figures, h, listed, put, section } from "./dom.js";
-import { percent } from "./format.js";
+import { announce, h, put, section } from "./dom.js";
 import { detectionLimits } from "./detection_limits.js";
 import { effectCards } from "./effect_cards.js";
 import { awaited } from "./jobs.js";
 import { nextRung } from "./extended_model.js";
 import { pressed, problemBox, showInForm } from "./problem.js";
+import { shownTable } from "./tables.js";
 
 const HEADLINES = {
   adequate: "These data show no missing effect",
@@ -77,15 +77,16 @@ function whole(model, add, run, signal) {
 
 function shown(model, add, run, signal) {
   const { result } = model.diagnosis;
+  const tables = Object.fromEntries(model.diagnosis.tables.map((one) => [one.name, one]));
   return [
     verdict(model, result, add, run),
-    changesTable(model, result),
+    changesTable(model.diagnosis),
     effectCards(model, result, add, signal),
-    candidatesTable(model, result, add, signal),
-    unknown(result),
+    candidatesTable(model, model.diagnosis, add, signal),
+    tables.unknown ? shownTable(tables.unknown) : null,
     nextExperiment(model, result),
     detectionLimits(model, result),
-    invisible(model, result),
+    tables.hidden ? h("details", {}, h("summary", {}, `${tables.hidden.title} (${tables.hidden.rows.length})`), shownTable(tables.hidden)) : null,
   ];
 }
 
@@ -126,16 +127,6 @@ function partQuestions(model, result, run) {
   });
 }
 
-function unknown(result) {
-  if (!result.unknown.length) return null;
-  const columns = [["joints", (one) => one.joints], ["over", (one) => one.variable.replaceAll("_", " ")], figures("share of their variance, at most", (one) => one.share, (value) => percent(value))];
-  const rows = [...new Set(result.unknown.map((one) => one.variable))].map((variable) => {
-    const all = result.unknown.filter((one) => one.variable === variable);
-    return { variable, joints: [...new Set(all.map((one) => one.joint))].join(", "), share: Math.max(...all.map((one) => one.share ?? 0)) };
-  });
-  return listed("With all recommended effects, the residual still depends on", columns, rows);
-}
-
 function nextExperiment(model, result) {
   const next = result.next_experiment;
   if (!next) return null;
@@ -143,20 +134,4 @@ function nextExperiment(model, result) {
   const body = JSON.stringify(next.design, null, 1);
   const copy = () => navigator.clipboard.writeText(body).then(() => { said.textContent = " copied"; }, () => { said.textContent = " select the text below and copy it"; });
   return nextBox("Next experiment", next, h("details", {}, h("summary", {}, "Body for POST /v1/designs"), h("pre", {}, body), h("button", { type: "button", class: "small", onclick: copy }, "Copy"), said));
-}
-
-function invisible(model, result) {
-  if (!result.not_visible.length) return null;
-  // A row an effect, however many joints the robot has.
-  const groups = [...new Set(result.not_visible.map((one) => one.effect))].map((effect) => {
-    const all = result.not_visible.filter((one) => one.effect === effect);
-    const reasons = [...new Set(all.map((one) => one.reason))];
-    return { effect, joints: [...new Set(all.flatMap((one) => one.joints))], reason: reasons.length > 1 ? `${reasons[0]}; and ${reasons.length - 1} more, as the detection limits show` : reasons[0] };
-  });
-  const columns = [["effect", (one) => titleOf(model.effects, one.effect)], ["where", (one) => placeOf(model.effects, one, model.joints)], ["why", (one) => one.reason]];
-  return h("details", {},
-    h("summary", {}, `Not visible in these data (${groups.length})`),
-    h("p", { class: "note" }, "The robot may have these effects: these data cannot show them in their usual size."),
-    listed("Effects that these data cannot show", columns, groups),
-  );
 }

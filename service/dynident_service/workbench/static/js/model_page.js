@@ -5,18 +5,18 @@ import { choiceInWords, placeOf, titleOf } from "./catalogue.js";
 import { announce, h, put, tiles } from "./dom.js";
 import { dataSection } from "./data_of_model.js";
 import { daysSection } from "./changes_over_days.js";
-import { errorsSection, judged } from "./joint_errors.js";
+import { errorsSection } from "./joint_errors.js";
 import { exportLinks } from "./exports.js";
 import { failureSection } from "./where_model_fails.js";
-import { counted, grouped, moment, number, percent, quantity } from "./format.js";
+import { counted, moment, number, quantity } from "./format.js";
 import { awaited, ENDED } from "./jobs.js";
-import { ladderSection, stepInWords } from "./ladder.js";
+import { ladderSection } from "./ladder.js";
 import { takeNote } from "./page_address.js";
 import { methodInWords, methods } from "./methods.js";
 import { missingSection } from "./missing_effects.js";
 import { Model, newestDiagnosis } from "./shown_model.js";
 import { parametersSection } from "./parameters.js";
-import { pressed, problemBox } from "./problem.js";
+import { orSay, pressed, problemBox } from "./problem.js";
 import { save } from "./save_file.js";
 import { spectraSection } from "./spectra.js";
 import { tabs } from "./tabs.js";
@@ -38,7 +38,7 @@ export async function modelPage(target, wanted, signal) {
     const ladder = document.getElementById("ladder-title");
     ladder?.scrollIntoView({ block: "start" });
     ladder?.focus({ preventScroll: true });
-    announce(stepInWords(model));
+    announce(model.lastStep?.text ?? "");
   }
   model.setDiagnosis(await newestDiagnosis(model, signal));
   await idle();
@@ -53,7 +53,7 @@ function idle() {
 /** What is made of the model when its tab is opened. */
 function parts(model, ways, signal) {
   return [
-    { id: "verdict", title: "Verdict", sections: () => [verdictSection(model, signal), figures(model), warnings(model.result), errorsSection(model)] },
+    { id: "verdict", title: "Verdict", sections: () => [verdictSection(model, signal), figures(model, signal), warnings(model.result), errorsSection(model, signal)] },
     { id: "compare", title: "Compare", sections: () => [torqueSection(model, signal), failureSection(model, signal), spectraSection(model, signal)] },
     { id: "missing", title: "Missing", sections: () => [ladderSection(model, signal), missingSection(model, signal)] },
     { id: "parameters", title: "Parameters", sections: () => [parametersSection(model, signal)] },
@@ -102,15 +102,16 @@ function header(model, ways) {
   );
 }
 
-function figures({ result }) {
-  const { residual, validation } = result;
-  return tiles([
-    ["held-out error", percent(validation && judged(validation).relative_total), validation ? "where joints move" : "no validation data", "tile-held_out"],
-    ["error of the fit", percent(judged(residual).relative_total), "where joints move", "tile-fit"],
-    ["base parameters", String(result.parameters.length), `${result.parameters.filter((one) => one.well_identified).length} determined by the data`],
-    ["condition number of W", number(result.equilibrated_condition_number ?? result.condition_number), result.condition_meaning],
-    ["equations", grouped(result.n_equations), `${number(result.equations_per_parameter)} a parameter`],
-  ]);
+/** The main figures of the model. */
+function figures(model, signal) {
+  const body = h("div");
+  const read = () => orSay(body, async () => {
+    const [{ rows }] = await model.tables(["quality"], signal);
+    const ids = ["tile-held_out", "tile-fit"];
+    put(body, tiles(rows.map(([name, value, meaning], k) => [name.text, value.text, meaning.text, ids[k]])));
+  }, signal, read);
+  read();
+  return body;
 }
 
 function filters(used) {

@@ -10,8 +10,8 @@ export function parametersSection(model, signal) {
   const { parameters, dependence } = model.result;
   const found = h("div", { id: "parameters" }, h("p", { class: "note" }, "Loading …"));
   const read = () => orSay(found, async () => {
-    const { items } = await get(`/identifications/${model.id}/tables`, {}, signal);
-    put(found, items.map((one) => shownTable(one)));
+    const tables = await model.tables(["parameters", "shapes"], signal);
+    put(found, tables.map((one) => shownTable(one)));
   }, signal, read);
   read();
   return section("parameters", `Base parameters (${parameters.length})`, found, together(dependence), essentialPart(model, signal));

@@ -10,12 +10,13 @@ const MOST_AHEAD = 1e6; // samples of all joints, which a service compares in ab
 /** Fires "joint", "measurement", "diagnosis", "comparison" when that changes, and "zoom" with { from, to }. */
 export class Model extends EventTarget {
   #asked = new Map(); // measurement's id -> promise of a comparison
+  #tables = new Map(); // diagnosis's id, "" for none -> promise of the model's tables
 
   constructor(identification, parts, wanted) {
     super();
     this.identification = identification;
     this.result = identification.result;
-    Object.assign(this, parts); // robot, effects, rungs, measurements
+    Object.assign(this, parts); // robot, effects, rungs, ladder (its tables by name), lastStep, measurements
     this.diagnosis = null;
     this.comparison = null;
     this.joint = this.joints.includes(wanted.joint) ? wanted.joint : this.#worstJoint();
@@ -33,7 +34,9 @@ export class Model extends EventTarget {
       ...[...heldOut, ...fitted].map((id) => get(`/measurements/${id}`, {}, signal)),
     ]);
     for (const one of measurements) one.heldOut = heldOut.includes(one.id);
-    return new Model(identification, { robot, effects, rungs: lineage.items, measurements }, wanted);
+    const { items: rungs, tables, last_step: lastStep } = lineage;
+    const ladder = Object.fromEntries(tables.map((one) => [one.name, one]));
+    return new Model(identification, { robot, effects, rungs, ladder, lastStep, measurements }, wanted);
   }
 
   get id() {
@@ -42,6 +45,18 @@ export class Model extends EventTarget {
 
   get joints() {
     return this.result.joints;
+  }
+
+  /** Tables of the model by their names, with the noise floor where a diagnosis knows it. */
+  async tables(names, signal) {
+    const diagnosis = this.diagnosis?.result ? this.diagnosis.id : "";
+    const asked = this.#tables.get(diagnosis) ?? get(`/identifications/${this.id}/tables`, diagnosis ? { diagnosis_id: diagnosis } : {}, signal);
+    this.#tables.set(diagnosis, asked);
+    const { items } = await asked.catch((error) => {
+      this.#tables.delete(diagnosis);
+      throw error;
+    });
+    return items.filter((one) => names.includes(one.name));
   }
 
   /** N m or N. */
@@ -128,7 +143,8 @@ export async function newestDiagnosis(model, signal) {
   // What an extension made on its way is no model of its own: nobody could ask about it.
   for (const rung of model.rungs.filter((one) => !one.part_of).reverse()) {
     const usable = await newestOf("/diagnoses", { identification_id: rung.id }, signal);
-    if (usable) return usable;
+    // Lists have no tables.
+    if (usable) return get(`/diagnoses/${usable.id}`, {}, signal);
   }
   return null;
 }
@@ -140,6 +156,8 @@ export function existingComparison(modelId, measurementId, signal) {
 
 /** The newest comparison of a model with a measurement, or a new one. */
 export async function requestedComparison(modelId, measurementId, signal) {
-  const body = { identification_id: modelId, measurement_id: measurementId };
-  return (await existingComparison(modelId, measurementId, signal)) ?? post("/comparisons", body, { signal });
+  const existing = await existingComparison(modelId, measurementId, signal);
+  // Lists have no tables.
+  if (existing) return get(`/comparisons/${existing.id}`, {}, signal);
+  return post("/comparisons", { identification_id: modelId, measurement_id: measurementId }, { signal });
 }

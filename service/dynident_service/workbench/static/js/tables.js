@@ -2,13 +2,22 @@
 
 import { h, right, row, table } from "./dom.js";
 
-/** A table of an answer; rows that belong together stand under their heading. */
-export function shownTable({ title, columns, rows, groups }, props = {}) {
+const SHORT = 10; // Units and the like are not broken into lines.
+
+/**
+ * A table of an answer and its notes; rows that belong together stand under their heading. What only a page has comes
+ * besides: `wrap[column](content, k)` makes a cell's content a link or a button, `more` are further columns
+ * [head, cell(k)], `rowProps(k)` attributes of a row, `below(k)` a row under it.
+ */
+export function shownTable({ title, columns, rows, groups, notes = [], marked_rows = [] }, props = {}, { wrap = {}, more = [], rowProps = () => ({}), below = () => null } = {}) {
+  const cellOf = (cell, at, k) => ({ class: columns[at].figures ? "n" : cell.text.length < SHORT ? "short" : null, text: wrap[at] ? wrap[at](shownCell(cell), k) : shownCell(cell) });
   const lines = rows.map((cells, k) => [
-    groups.length && groups[k] !== groups[k - 1] ? h("tr", { class: "group" }, h("th", { scope: "rowgroup", colspan: columns.length }, groups[k])) : null,
-    row(cells.map((cell, at) => ({ class: columns[at].figures ? "n" : null, text: shownCell(cell) }))),
+    groups.length && groups[k] !== groups[k - 1] ? h("tr", { class: "group" }, h("th", { scope: "rowgroup", colspan: columns.length + more.length }, groups[k])) : null,
+    row([...cells.map((cell, at) => cellOf(cell, at, k)), ...more.map(([, cell]) => cell(k))], { class: marked_rows.includes(k) ? "pick" : null, ...rowProps(k) }),
+    below(k),
   ]);
-  return table(title, columns.map((one) => (one.figures ? right(one.word) : one.word)), lines, props);
+  const heads = columns.map((one) => (one.figures ? right(one.word) : one.word));
+  return [table(title, [...heads, ...more.map(([head]) => head)], lines, props), notes.length ? h("p", { class: "note" }, notes.join(" ")) : null];
 }
 
 function shownCell({ text, value, mark, note }) {

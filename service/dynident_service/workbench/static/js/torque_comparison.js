@@ -1,11 +1,12 @@
 // Section of measured against predicted torque, and the worst intervals.
 
 import { CompareStack } from "./compare/joint_stack.js";
-import { field, figures, h, jointButton, listed, put, section, select } from "./dom.js";
+import { field, h, jointButton, put, section, select } from "./dom.js";
 import { number, percent, positionUnit, quantity } from "./format.js";
 import { awaited } from "./jobs.js";
 import { address, remember } from "./page_address.js";
 import { problemBox } from "./problem.js";
+import { shownTable } from "./tables.js";
 
 /** Compares by itself as soon as the section is there. */
 export function torqueSection(model, signal) {
@@ -65,20 +66,6 @@ export function torqueSection(model, signal) {
   );
 }
 
-/** The residual against what noise alone would leave, joint by joint. */
-function overNoise(model) {
-  const { noise_floor: floor, over_noise: over, noise_source: source, effective_samples: few, n_samples: all } = model.comparison.result;
-  if (!floor.length) return null;
-  const from = source === "repeated_periods" ? "repeated periods" : "high frequencies";
-  const columns = [
-    ["joint", (joint) => joint],
-    figures(`noise floor, from ${from}`, (_, k) => floor[k], (value, joint) => quantity(value, model.unitOf(joint))),
-    figures("residual over noise", (_, k) => over[k], (value) => (value === null ? "–" : `${number(value, 2)} ×`)),
-    figures(`independent samples, of ${all}`, (_, k) => few[k], (value) => number(value)),
-  ];
-  return h("details", {}, h("summary", {}, "Residual against the noise"), listed("On this measurement", columns, model.joints, { id: "over-noise" }));
-}
-
 function worstStretches(model) {
   const { worst, relative_total: total, moving, notes } = model.comparison.result;
   const both = moving ? `${percent(moving.relative_total)} where they move, ${percent(total)} on all rows` : percent(total);
@@ -92,6 +79,7 @@ function worstStretches(model) {
     const where = pose(one);
     return h("li", {}, h("button", { type: "button", class: "small", onclick: () => model.zoomTo(one.joint, one.from, one.to) }, text), h("span", { title: where ? `at ${number(one.time, 4)} s: ${where}` : null }, size, where ? h("small", { class: "note" }, h("br"), short) : null));
   });
+  const overNoise = model.comparison.tables.map((one) => h("details", {}, h("summary", {}, "Residual against the noise"), shownTable(one, { id: "over-noise" })));
   const remarks = notes.length ? h("ul", { class: "note", id: "comparison-notes" }, notes.map((one) => h("li", {}, one))) : null;
-  return [remarks, overNoise(model), h("h3", {}, "Worst intervals"), h("p", { class: "note" }, `Error on this measurement, all joints: ${both}. Choose an interval to see it.`), h("ol", { class: "worst" }, buttons)];
+  return [remarks, overNoise, h("h3", {}, "Worst intervals"), h("p", { class: "note" }, `Error on this measurement, all joints: ${both}. Choose an interval to see it.`), h("ol", { class: "worst" }, buttons)];
 }

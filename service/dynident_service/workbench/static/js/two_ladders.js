@@ -2,12 +2,13 @@
 
 import { get, lastAsked } from "./api.js";
 import { choiceInWords } from "./catalogue.js";
-import { field, h, numeric, put, right, row, select, table } from "./dom.js";
+import { field, h, put, select } from "./dom.js";
 import { judged } from "./joint_errors.js";
-import { moment, number } from "./format.js";
+import { moment } from "./format.js";
 import { laddersFigure } from "./ladder_figures.js";
 import { address } from "./page_address.js";
 import { orSay } from "./problem.js";
+import { shownTable } from "./tables.js";
 
 /** Folded away until somebody asks for it. */
 export function twoLadders(model, signal) {
@@ -31,7 +32,7 @@ function chooser(model, others, signal) {
   const drawing = lastAsked(signal);
   const show = (against) => {
     const mine = drawing();
-    orSay(figure, async () => put(figure, shown(model, await get(`/identifications/${model.id}/lineage`, { against }, mine))), mine);
+    orSay(figure, async () => put(figure, shown(await get(`/identifications/${model.id}/lineage`, { against }, mine))), mine);
   };
   const options = others.map((one) => [one.id, `${one.name || model.robot.name}, ${changeOf(model, one)}, ${moment(one.created_at)}`]);
   const pick = select(options, options[0][0], show, { id: "other-ladder" });
@@ -40,12 +41,12 @@ function chooser(model, others, signal) {
 }
 
 /** What a step changed, in words. */
-export function changeOf(model, rung) {
+function changeOf(model, rung) {
   const words = (one) => choiceInWords(model.effects, one, model.joints);
-  return [...rung.added.map(words), ...rung.removed.map((one) => `without ${words(one)}`)].join("; ") || "the first model";
+  return [...rung.added.map(words), ...rung.removed.map((one) => `without ${words(one)}`)].join("; ") || "first model";
 }
 
-function shown(model, found) {
+function shown(found) {
   const [own, other] = [found.items, found.against];
   const heldOut = [...own, ...other].every((one) => one.validation);
   const kind = heldOut ? "validation" : "residual";
@@ -53,7 +54,7 @@ function shown(model, found) {
   return [
     found.same_data ? null : h("p", { class: "box warning" }, "Not all of these models use the same measurements, so their errors are not comparable."),
     both(totals(own), totals(other), heldOut),
-    differences(model, found, kind),
+    differences(found),
   ];
 }
 
@@ -70,23 +71,12 @@ function both(own, other, heldOut) {
   });
 }
 
-function differences(model, found, kind) {
-  const head = ["model", "this ladder", "the other", right("difference (points)"), ...model.joints.map((joint) => ({ text: joint, class: "n" }))];
-  const rows = found.differences.map((one, k) => {
-    const link = (rung) => (rung ? (rung.part_of ? changeOf(model, rung) : h("a", { href: address({ identification: rung.id, tab: "missing" }) }, changeOf(model, rung))) : "–");
-    // Where no joint moves, as in poses at rest, all rows count.
-    const rows = one[`${kind}_moving_total`] === null ? kind : `${kind}_moving`;
-    const total = one[`${rows}_total`];
-    const joints = one[rows] ?? model.joints.map(() => null);
-    return row([`${one.rung}`, link(found.items[k]), link(found.against[k]), points(total), ...joints.map(points)], { class: one.id === found.common_ancestor && one.id === one.against_id ? "total" : null });
-  });
-  return [
-    table(`Difference of the relative errors where joints move, ${kind === "validation" ? "held out" : "fit"}, in percentage points`, head, rows, { id: "ladder-differences" }),
-    h("p", { class: "note" }, "Below zero: this ladder is better."),
-  ];
-}
-
-function points(value) {
-  if (value === null) return numeric("–");
-  return numeric(`${value > 0 ? "+" : ""}${number(100 * value, 2)}`, value);
+function differences(found) {
+  const table = found.tables.find((one) => one.name === "two_ladders");
+  const linkTo = (rungs) => (content, k) => (rungs[k] && !rungs[k].part_of ? h("a", { href: address({ identification: rungs[k].id, tab: "missing" }) }, content) : content);
+  const rowProps = (k) => {
+    const one = found.differences[k];
+    return { class: one.id === found.common_ancestor && one.id === one.against_id ? "total" : null };
+  };
+  return shownTable(table, { id: "ladder-differences" }, { wrap: { 1: linkTo(found.items), 3: linkTo(found.against) }, rowProps });
 }

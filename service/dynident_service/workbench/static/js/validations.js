@@ -7,7 +7,9 @@ import { pressed, problemBox } from "./problem.js";
 import { shownTable } from "./tables.js";
 
 const OPEN = new Set(["methods", "bootstrap"]); // Here the table is the answer.
-const WORDS = { pass: "✓ pass", fail: "✕ fail", not_evaluated: "– not evaluated" };
+
+/** The verdict of a validation in words, which is the first of its tables. */
+const verdictOf = ({ tables }) => tables[0].rows[0][1].text;
 
 /** A line for each kind of validation, with what the newest of its kind found; each can be made anew. */
 export function validationsSection(model, kinds, signal) {
@@ -59,7 +61,7 @@ function lineOf(model, { name: kind, label, words: about }, signal) {
   const show = (validation) => {
     const { result } = validation;
     chip.className = `chip verdict ${result.verdict}`;
-    put(chip, WORDS[result.verdict]);
+    put(chip, verdictOf(validation));
     put(said, h("p", {}, result.reason), details(validation, kind));
     button.textContent = "Again";
   };
@@ -67,7 +69,7 @@ function lineOf(model, { name: kind, label, words: about }, signal) {
     const found = await awaited("/validations", made, `${name} validation`, said, signal);
     show(found);
     if (made.status !== "succeeded") {
-      announce(`${name}: ${WORDS[found.result.verdict]}. ${found.result.reason}`);
+      announce(`${name}: ${verdictOf(found)}. ${found.result.reason}`);
       model.dispatchEvent(new Event("validated"));
     }
   };
@@ -95,5 +97,5 @@ async function known(model, lines, signal) {
 
 /** The figures behind the verdict; `kind` names the first table. */
 function details({ tables }, kind) {
-  return tables.map((one, k) => h("details", { open: OPEN.has(kind) && !k }, h("summary", {}, one.title), shownTable(one, { id: k ? null : `${kind}-table` })));
+  return tables.slice(1).map((one, k) => h("details", { open: OPEN.has(kind) && !k }, h("summary", {}, one.title), shownTable(one, { id: k ? null : `${kind}-table` })));
 }

@@ -2,8 +2,9 @@
 
 import { get } from "./api.js";
 import { h, put, section } from "./dom.js";
-import { percent } from "./format.js";
+import { address } from "./page_address.js";
 import { orSay } from "./problem.js";
+import { shownTable } from "./tables.js";
 import { goToTab } from "./tabs.js";
 
 /** Asks the service for its verdict; the next click follows the diagnosis. */
@@ -14,7 +15,7 @@ export function verdictSection(model, signal) {
   const showNext = () => put(next, found && nextClick(model, found));
   const judge = () => orSay(body, async () => {
     found = await get(`/identifications/${model.id}/verdict`, {}, signal);
-    put(body, judged(found));
+    put(body, judged(found, model.robot.id));
     showNext();
   }, signal, judge);
   model.addEventListener("diagnosis", showNext);
@@ -23,33 +24,34 @@ export function verdictSection(model, signal) {
   return section("fitness", "What it is fit for", body, next);
 }
 
-function judged(found) {
+function judged(found, robot) {
   const fit = !found.stop && found.uses.every((one) => one.state === "yes");
+  const [uses, drift] = ["uses", "drift"].map((name) => found.tables.find((one) => one.name === name));
   return [
     h("div", { class: fit ? "box good" : "box warning", id: "fitness-summary" }, h("p", {}, found.summary)),
-    h("ul", { class: "verdicts", id: "uses" }, found.uses.map(useLine)),
-    found.drift ? driftTable(found.drift) : null,
+    // After a gross fault the uses mean nothing.
+    uses ? h("ul", { class: "verdicts", id: "uses" }, uses.rows.map((cells, k) => useLine(found.uses[k], cells, robot))) : null,
+    drift ? h("details", { id: "drift" }, h("summary", {}, drift.title), shownTable(drift)) : null,
     found.common.length ? h("ul", { class: "note" }, found.common.map((one) => h("li", {}, one.detail))) : null,
     found.next_steps.length ? h("details", { id: "next-steps" }, h("summary", {}, "What to do about the error"), h("ol", {}, found.next_steps.map((one) => h("li", {}, one)))) : null,
   ];
 }
 
-const STATES = {
-  yes: ["pass", "✓ fit"], limited: ["not_evaluated", "! within limits"], no: ["fail", "✕ not fit"], not_judged: ["not_evaluated", "? not judged"],
-};
+const LOOKS = { ok: "pass", warning: "not_evaluated", error: "fail" };
 
-function useLine({ use, state, reason, next_step }) {
-  const [look, words] = STATES[state];
-  const chip = h("span", { class: `chip verdict ${look}` }, words);
-  return h("li", { "data-use": use }, h("div", { class: "verdict-head" }, h("strong", {}, use.replaceAll("_", " ")), chip),
-    h("div", { class: "reason" }, h("p", {}, reason), h("p", { class: "note" }, `Next: ${next_step}`)));
+/** The tab, or the page, on which each next step is done. */
+const PLACES = { diagnose: "missing", check_gains: "trust", weigh_load: "trust" };
+const PAGES = { design: "design", identify_feasible: "new", identify_gains: "new" };
+
+function goOn(action, robot) {
+  if (PLACES[action]) return h("button", { type: "button", class: "small", onclick: () => goToTab(PLACES[action]) }, "Do it here");
+  return PAGES[action] ? h("a", { href: address({ view: PAGES[action], robot }) }, "Do it here") : null;
 }
 
-/** How far a simulation is off that is left alone, joint by joint. */
-function driftTable(drift) {
-  const head = h("tr", {}, h("th", { scope: "col" }, "joint"), drift.after.map((after) => h("th", { scope: "col" }, `after ${after} s`)));
-  const rows = drift.joint_names.map((joint, j) => h("tr", {}, h("th", { scope: "row" }, joint), drift.share.map((each) => h("td", { class: "right" }, each[j] === null ? "–" : percent(each[j], 2)))));
-  return h("details", { id: "drift" }, h("summary", {}, "Drift of an open-loop simulation under the measured torque, relative to the joint's travel"), h("table", {}, h("thead", {}, head), h("tbody", {}, rows)));
+function useLine({ use, next_action }, [name, fit, reason, next], robot) {
+  const chip = h("span", { class: `chip verdict ${LOOKS[fit.mark]}` }, fit.text);
+  return h("li", { "data-use": use }, h("div", { class: "verdict-head" }, h("strong", {}, name.text), chip),
+    h("div", { class: "reason" }, h("p", {}, reason.text), h("p", { class: "note" }, `Next: ${next.text} `, goOn(next_action, robot))));
 }
 
 /** A gross fault lies in the data; else what is missing comes before whether the rest is to be trusted. */

@@ -1,10 +1,11 @@
 // Result of a design: criterion, motion, margins, expected uncertainties, downloads.
 
 import { get } from "../api.js";
-import { figures, h, listed, part, put, tiles } from "../dom.js";
-import { grouped, number, percent, positionUnit, quantity } from "../format.js";
+import { h, part, put, tiles } from "../dom.js";
+import { grouped, number, positionUnit, quantity } from "../format.js";
 import { formatLinks } from "../save_file.js";
 import { choicesOfQuery } from "../schema.js";
+import { shownTable } from "../tables.js";
 import { motionCurves } from "./joint_curves.js";
 import { virtualRobot } from "./virtual_measurement.js";
 
@@ -16,7 +17,8 @@ export async function designResult(target, design, robot, signal) {
   const { result } = design;
   const formats = await choicesOfQuery("/v1/designs/{design_id}/trajectory", "format");
   const motion = part("The motion", h("p", { class: "note" }, "Loading …"));
-  put(target, worth(result), take(design, formats), virtualRobot(design, robot, signal), motion, promises(result), margins(result, robot));
+  const tables = Object.fromEntries(design.tables.map((one) => [one.name, one]));
+  put(target, worth(result), take(design, formats), virtualRobot(design, robot, signal), motion, promises(tables.expected), margins(tables.limits));
   await showMotion(motion, design, robot, signal);
 }
 
@@ -77,40 +79,10 @@ function floorOf({ request, result }) {
   return { height, words: `The grey plane is the stated floor at z = ${quantity(height, "m")}.` };
 }
 
-function promises({ expected_parameters: expected }) {
-  if (!expected.length) return null;
-  const stated = expected.some((one) => one.standard_deviation !== null);
-  const columns = [
-    ["parameter", (one) => h("code", {}, one.name)],
-    ["link", (one) => one.link],
-    ["effect", (one) => one.effect.replaceAll("_", " ")],
-    figures("standard deviation", (one) => one.standard_deviation, (value, one) => quantity(value, one.unit)),
-    figures("not explained by others", (one) => one.share, (value) => percent(value)),
-  ];
-  return part("Expected accuracy",
-    stated ? null : h("p", { class: "note" }, "Standard deviations need the noise of each joint's torque: state it in the table of limits and design again."),
-    listed("Parameters as this motion will determine them", columns, expected, { id: "promises" }));
+function promises(table) {
+  return table ? part("Expected accuracy", shownTable(table, { id: "promises" })) : null;
 }
 
-function margins({ margins: found }, robot) {
-  const columns = [
-    ["where", (one) => one.joint],
-    ["limit", (one) => one.limit.replaceAll("_", " ")],
-    figures("extreme", (one) => one.value, (value, one) => quantity(value, unitOf(one, robot))),
-    figures("bound", (one) => one.bound, (value, one) => quantity(value, unitOf(one, robot))),
-    figures("of the range", (one) => one.share, (value) => percent(value)),
-  ];
-  return h("details", { id: "margins" }, h("summary", {}, `Distance to the limits and to itself (${found.length})`),
-    listed("Extremes of the motion and their limits", columns, found));
-}
-
-function unitOf({ joint, limit }, robot) {
-  if (limit === "condition") return "";
-  const known = robot.joints.find((one) => one.name === joint);
-  // A joint that follows others is none of the robot's own.
-  if (!known && limit.startsWith("position")) return "rad or m";
-  const turns = known?.type === "revolute";
-  const position = turns ? "rad" : "m";
-  const units = { position_min: position, position_max: position, velocity: `${position}/s`, acceleration: `${position}/s²`, jerk: `${position}/s³`, torque: turns ? "N m" : "N", power: "W" };
-  return units[limit] ?? "m";
+function margins(table) {
+  return h("details", { id: "margins" }, h("summary", {}, `Distance to the limits and to itself (${table.rows.length})`), shownTable(table));
 }

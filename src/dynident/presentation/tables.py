@@ -5,9 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
+from textwrap import wrap
 from typing import Literal
 
 from dynident.number_format import format_number, format_percent
+from dynident.text_and_html_tables import format_text_table, render_table
+
+# Characters of a line of a head: numbers with their units have about as many.
+_HEAD_WIDTH = 14
 
 Mark = Literal["ok", "warning", "error", "plain"]
 
@@ -53,6 +58,12 @@ class ReportedTable:
         Columns from this index on hold numbers.
     groups : tuple of str
         The heading above each row, where the rows stand under headings; else empty.
+    notes : tuple of str
+        Sentences below the table, which explain its columns or say what follows from it.
+    name : str
+        What programs know the table by, "" where it is the only one.
+    marked_rows : tuple of int
+        Indices of rows that stand out, such as findings.
     """
 
     title: str
@@ -60,6 +71,9 @@ class ReportedTable:
     rows: tuple[tuple[Cell, ...], ...]
     numbers_from: int = 1
     groups: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    name: str = ""
+    marked_rows: tuple[int, ...] = ()
 
     def drop_columns(self, *columns: str) -> ReportedTable:
         """Return the table without some of its columns.
@@ -88,6 +102,36 @@ class ReportedTable:
         """The rows as plain texts."""
         return [[cell.text for cell in row] for row in self.rows]
 
+    @property
+    def heads(self) -> list[str]:
+        """The heads of the columns, in short lines: numbers below them are narrow."""
+        # At commas first: what stands behind one belongs together.
+        parts = (column.replace(", ", ",\n").split("\n") for column in self.columns)
+        return [
+            "\n".join("\n".join(wrap(part, _HEAD_WIDTH, break_long_words=False)) for part in head) for head in parts
+        ]
+
+    def to_text(self, title: str, *, most: int | None = None) -> str:
+        """Return the table, or its first rows, as plain text under another title.
+
+        Parameters
+        ----------
+        title : str
+            The line above the table.
+        most : int, optional
+            Rows that are shown at most; all by default.
+
+        Returns
+        -------
+        str
+            Lines for a console.
+        """
+        return format_text_table(title, self.heads, self.texts[:most], len(self.rows), right_from=self.numbers_from)
+
+    def to_html(self) -> str:
+        """Return the table as an HTML element for notebooks, without its title."""
+        return render_table(self.columns, self.texts, right_from=self.numbers_from)
+
 
 def make_text_cells(*texts: str) -> list[Cell]:
     """Return a cell for each text."""
@@ -95,41 +139,13 @@ def make_text_cells(*texts: str) -> list[Cell]:
 
 
 def make_number_cell(value: float | None, digits: int = 3, unit: str = "") -> Cell:
-    """Return a cell for a number with its unit; "–" for None.
-
-    Parameters
-    ----------
-    value : float or None
-        The number.
-    digits : int
-        Significant digits.
-    unit : str
-        Unit behind the number; "" for none.
-
-    Returns
-    -------
-    Cell
-        The cell, which keeps the exact number, too.
-    """
+    """Return a cell for a number with its unit; "–" for None."""
     text = format_number(value, digits)
     return Cell(f"{text} {unit}" if unit and value is not None else text, value)
 
 
 def make_percent_cell(value: float | None, digits: int = 3) -> Cell:
-    """Return a cell for a fraction, in per cent.
-
-    Parameters
-    ----------
-    value : float or None
-        The fraction.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    Cell
-        The cell, which keeps the exact fraction, too.
-    """
+    """Return a cell for a fraction, in per cent."""
     return Cell(format_percent(value, digits), value)
 
 
@@ -139,20 +155,7 @@ def make_percent_cells(values: Iterable[float | None]) -> list[Cell]:
 
 
 def make_interval_cell(ends: tuple[float | None, float | None] | None, absent: str = "–") -> Cell:
-    """Return a cell for the ends of an interval.
-
-    Parameters
-    ----------
-    ends : (float, float) or None
-        None, or an end that is None or infinite, is no interval.
-    absent : str
-        Text where there is no interval.
-
-    Returns
-    -------
-    Cell
-        The cell, with its ends as text.
-    """
+    """Return a cell for the ends of an interval."""
     if ends is None or any(end is None or not isfinite(end) for end in ends):
         return Cell(absent)
     return Cell(" to ".join(format_number(end) for end in ends), is_figures=True)

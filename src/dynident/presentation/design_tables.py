@@ -1,0 +1,146 @@
+"""Tables and sentences of designed motions: quality, limits, runs, expected and achieved precision (marked from 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from dynident.excitation import CriterionValues, Design
+from dynident.excitation.criteria.optimality_criteria import Baseline
+from dynident.excitation.criteria.parameter_variances import ExpectedParameter
+from dynident.identification import Identification
+from dynident.motion import Margin
+from dynident.number_format import format_count, format_number, format_percent
+from dynident.presentation.labels import get_effect_title
+from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
+from dynident.robot import Robot
+
+# Above this ratio of achieved to predicted standard deviation a row is marked as worse.
+_WORSE_RATIO = 3.0
+_UNITS = {"position_min": "", "position_max": "", "velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
+
+
+def describe_design(design: Design) -> str:
+    """Return the length of a motion, its quality beside random motions, and the limit that it comes nearest to."""
+    baseline = design.baseline
+    random = (
+        ""
+        if baseline is None
+        else (
+            f"; the best of {format_count(baseline.count, 'random motion')} has "
+            f"{format_number(baseline.best.condition_number)}"
+        )
+    )
+    # The limit that is used most: it is the one to relax where the motion is too poor.
+    nearest = max(design.margins, key=lambda margin: margin.share)
+    return (
+        f"{format_number(design.duration)} s from rest to rest, {format_count(design.n_samples, 'sample')} at "
+        f"{format_number(design.sampling_rate, 4)} Hz. Condition number "
+        f"{format_number(design.criterion_values.condition_number)}{random}. Nearest limit: "
+        f"{nearest.limit.replace('_', ' ')} of {nearest.joint}, {format_percent(nearest.share)} used."
+    )
+
+
+def build_design_tables(robot: Robot, design: Design, most_limits: int | None = None) -> Iterator[ReportedTable]:
+    """Yield the tables of a designed motion: its quality, distance to the limits, and the runs of a set."""
+    yield _build_quality_table(design.criterion_values, design.baseline)
+    yield build_limits_table(robot, design.margins, most_limits)
+    if design.runs:
+        rows = tuple(
+            (
+                *make_text_cells(str(number), run.label, ", ".join(run.joints)),
+                make_number_cell(run.start, 4),
+                make_number_cell(run.end, 4),
+            )
+            for number, run in enumerate(design.runs, start=1)
+        )
+        columns = ("segment", "purpose", "joints that move", "from (s)", "to (s)")
+        yield ReportedTable("The test motions", columns, rows, numbers_from=3, name="runs")
+
+
+def _build_quality_table(values: CriterionValues, baseline: Baseline | None) -> ReportedTable:
+    rows: list[tuple[str, float, float | None]] = [
+        ("this motion", values.condition_number, values.smallest_singular_value)
+    ]
+    if baseline is not None:
+        best = baseline.best
+        name = f"best of {format_count(baseline.count, 'random motion')}"
+        # The best of many random motions is a lucky one: the median says what to expect of any.
+        rows += [
+            (name, best.condition_number, best.smallest_singular_value),
+            ("median of these motions", baseline.median_condition_number, None),
+        ]
+    columns = ("motion", "condition number of W", "smallest singular value of W / √N")
+    cells = tuple((Cell(name), *map(make_number_cell, numbers)) for name, *numbers in rows)
+    return ReportedTable("Quality of the motion", columns, cells, name="quality")
+
+
+def build_limits_table(robot: Robot, margins: Sequence[Margin], most: int | None = None) -> ReportedTable:
+    """Return how near a motion comes to its limits, the nearest ones first."""
+    rows = tuple(
+        (
+            *make_text_cells(margin.joint, margin.limit.replace("_", " ")),
+            make_number_cell(margin.value, unit=_get_limit_unit(robot, margin)),
+            make_number_cell(margin.bound, unit=_get_limit_unit(robot, margin)),
+            make_percent_cell(margin.share),
+        )
+        for margin in sorted(margins, key=lambda margin: -margin.share)[:most]
+    )
+    columns = ("joint", "limit", "reached", "allowed", "used")
+    title = "Nearest limits, on a grid ten times as fine as the sampling"
+    return ReportedTable(title, columns, rows, numbers_from=2, name="limits")
+
+
+def _get_limit_unit(robot: Robot, margin: Margin) -> str:
+    if margin.limit in ("clearance", "tool_min", "tool_max"):
+        return "m"
+    if margin.limit in ("condition", "power"):
+        return "W" if margin.limit == "power" else ""
+    described = robot.tree.joints[robot.tree.joint_names.index(margin.joint)]
+    if margin.limit == "torque":
+        return described.effort_unit
+    return ("rad" if described.kind == "revolute" else "m") + _UNITS[margin.limit]
+
+
+def build_expected_table(expected: Sequence[ExpectedParameter]) -> ReportedTable:
+    """Return the precision with which a motion is expected to determine each parameter."""
+    rows = tuple(
+        (
+            *make_text_cells(item.name, item.link or "whole robot", get_effect_title(item.effect)),
+            make_number_cell(item.standard_deviation, unit=item.unit),
+            make_percent_cell(item.share),
+        )
+        for item in expected
+    )
+    is_stated = any(item.standard_deviation is not None for item in expected)
+    hint = "Standard deviations need the noise of each joint's torque: state it among the limits and design again."
+    columns = ("parameter", "joint", "effect", "standard deviation", "not explained by others")
+    title = "Parameters as this motion will determine them"
+    return ReportedTable(title, columns, rows, 3, notes=() if is_stated else (hint,), name="expected")
+
+
+def build_promises_table(design: Design, identification: Identification) -> ReportedTable | None:
+    """Return predicted and achieved standard deviations of the parameters that both have; None where there are none."""
+    promised = {expected.name: expected.standard_deviation for expected in design.expected}
+    rows, ratios = [], []
+    for parameter in identification.parameters:
+        deviation = promised.get(parameter.name)
+        # Columns with shape constants may differ between design and model, so their parameters are not comparable.
+        if deviation and np.isfinite(deviation) and not parameter.shape:
+            ratios.append(parameter.standard_deviation / deviation)
+            is_worse = ratios[-1] > _WORSE_RATIO
+            cells = (make_number_cell(deviation), make_number_cell(parameter.standard_deviation))
+            ratio = Cell(format_number(ratios[-1], 2), ratios[-1], "warning" if is_worse else None)
+            rows.append((Cell(parameter.name), *cells, Cell(parameter.unit), ratio))
+    if not rows:
+        return None
+    median = format_number(float(np.median(ratios)), 2)
+    note = (
+        "Before the robot moved, the design predicted these standard deviations from the stated torque noise, for a "
+        f"model without other errors. The standard deviations achieved are {median} times those in the median: above 1 "
+        "if the residual is larger than that noise, or correlated in time; below 1 if several runs were identified "
+        "together. Shaded: more than three times the promised value."
+    )
+    columns = ("parameter", "promised", "achieved", "unit", "achieved / promised")
+    return ReportedTable("Standard deviations", columns, tuple(rows), notes=(note,), name="promises")
