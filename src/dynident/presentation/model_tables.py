@@ -12,7 +12,7 @@ from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
 from dynident.identification.identified_models.correlated_and_essential_parameters import EssentialPath
 from dynident.identification.shape_constant_intervals import ShapeConstant
-from dynident.number_format import format_count, format_estimate, format_number
+from dynident.number_format import NARROW_SPACE, format_estimate, format_number
 from dynident.presentation.labels import (
     CONDITION_MEANING,
     PARAMETER_JUDGEMENTS,
@@ -258,7 +258,7 @@ def build_quality_table(
         (Cell("condition number of W"), make_number_cell(condition_number), Cell(CONDITION_MEANING)),
         make_text_cells(
             "equations",
-            format_count(n_equations, "").strip(),
+            f"{n_equations:,}".replace(",", NARROW_SPACE),
             f"{format_number(equations_per_parameter)} for each parameter",
         ),
     )
