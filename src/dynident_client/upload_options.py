@@ -47,6 +47,7 @@ class MeasurementOptions(TypedDict, total=False):
     format: Literal[
         "csv",
         "parquet",
+        "feather",
         "jsonl",
         "npy",
         "npz",

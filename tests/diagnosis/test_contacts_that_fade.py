@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate
-from dynident.diagnosis.search import external_contacts
-from dynident.diagnosis.search.search_state import Finding, State
+from dynident.diagnosis.candidates.significance import FamilywiseLevels
+from dynident.diagnosis.search import candidate_outcomes, external_contacts
+from dynident.diagnosis.search.search_state import Finding, ScoredFamily, State
 from dynident.recordings import Preprocessing
 
 CONTACT = Candidate("external_contact", (), (("t0", 1.0), ("t1", 2.0)), (3, 4, 5))
@@ -76,3 +77,14 @@ def test_a_burst_no_longer_than_what_a_filter_makes_of_a_step_is_no_contact(monk
     pool = SimpleNamespace(candidates=(burst, FRICTION))
     external_contacts.find_contacts(cast(Any, data), cast(Any, pool), MODEL, np.ones(6), Preprocessing(10.0, 10.0, 5))
     assert len(tried) == asked
+
+
+def test_where_a_contact_was_dropped_after_the_search_no_finding_is_left(monkeypatch):
+    data, levels = cast(Any, SimpleNamespace()), FamilywiseLevels(1.0, 1.0)
+    start = State((*MODEL, *CONTACT.columns), np.ones(6), np.ones(6), (found(CONTACT),))
+    monkeypatch.setattr(candidate_outcomes, "list_columns_with_findings", lambda pool, base, choices: base)
+    monkeypatch.setattr(candidate_outcomes, "score_family", lambda *_, level: ScoredFamily((), levels, data))
+    final = candidate_outcomes.score_beside_findings(
+        data, cast(Any, None), start, (), (), ScoredFamily((), levels, data)
+    )
+    assert final.state.findings == ()

@@ -75,7 +75,7 @@ def test_a_damaged_mat_file_is_unreadable_and_nothing_else(tmp_path_factory, cut
 def test_archives_of_numpy_say_the_same_as_to_numpy(tmp_path, save):
     path = tmp_path / "run.npz"
     arrays = {"t": np.arange(ROWS) * 0.01, "q": numbers("f4", (ROWS, 3), 1), "tau": numbers("i2", (3, ROWS), 2)}
-    save(path, **arrays, name=np.array(["a", "b"]), fortran=np.asfortranarray(numbers("f8", (ROWS, 2), 3)))
+    save(path, **arrays, name=np.array(["a", "b", "c", "d"]), fortran=np.asfortranarray(numbers("f8", (ROWS, 2), 3)))
     found = columns_of(path)
     known = np.load(path)
     for name, wide in (("q", known["q"]), ("tau", known["tau"].T), ("fortran", known["fortran"])):

@@ -78,6 +78,87 @@ def test_a_log_of_a_controller_is_read_as_it_was_measured(tmp_path, layout):
     check_signals(read_as_proposed(CONTROLLER_LOGS[layout](tmp_path, run), machine(case[0]), None), run, layout)
 
 
+def test_rows_that_are_none_are_left_out(tmp_path):
+    """Rows written twice, rows never written behind the last, and -9999 where a sample is missing."""
+    run = recorded("scara", 100.0, 4)
+    names, values = ["t", *columns_of(run, "q", "tau")], np.column_stack([run.t, run.q, run.tau])
+    marked = np.where(run.rng.random(values.shape) < 0.005, -9999.0, values)
+    marked[:, 0] = run.t
+    written_to = {
+        "repeated_time": np.repeat(values, 2, axis=0),
+        "rows_left_out": np.vstack([values, np.zeros((700, values.shape[1]))]),
+        "missing_values": marked,
+    }
+    for check, rows in written_to.items():
+        path = write_table(tmp_path / f"{check}.csv", names, rows)
+        assert propose(read_sample(path), machine("scara")).questions == ()
+        (item,) = read_recordings(path, robot=machine("scara"))
+        assert check in {one.name for one in item.checks if one.status == "warning"}
+        frame = item._columns()
+        stored = np.column_stack([frame[f"tau_{joint}"] for joint in run.joints])
+        assert len(run.t) - 3 <= len(stored) <= len(run.t)
+        assert np.abs(stored[:50] - run.tau[:50]).max() < 0.05 * np.abs(run.tau).max()
+
+
+def test_few_numbers_far_from_all_others_are_no_poses_and_no_counts(tmp_path):
+    run = recorded("ur10", 100.0, 5)
+    values = np.column_stack([run.t, run.q, run.tau])
+    values[[150, 420, 777], 1:] = 1e4 * run.rng.normal(size=(3, values.shape[1] - 1))
+    path = write_table(tmp_path / "few.csv", ["t", *columns_of(run, "q", "tau")], values)
+    proposal = propose(read_sample(path), machine("ur10"))
+    assert (proposal.questions, proposal.units.get("q", "rad")) == ((), "rad")
+
+
+def test_thousandths_of_radians_are_no_counts_of_an_encoder(tmp_path):
+    run = recorded("ur10", 100.0, 6)
+    values = np.rint(1e3 * np.column_stack([run.t, run.q, run.tau]))
+    path = write_table(tmp_path / "whole.csv", ["t", *columns_of(run, "q", "tau")], values)
+    assert propose(read_sample(path), machine("ur10")).units["q"] == "counts:6283"
+
+
+def test_shares_of_the_joints_ranges_are_asked_about(tmp_path):
+    run, robot = recorded("franka_panda", 100.0, 7), machine("franka_panda")
+    low, high = np.array([joint.limits.position for joint in robot.joints]).T
+    values = np.column_stack([run.t, 100.0 * (2.0 * run.q - low - high) / (high - low), run.tau])
+    path = write_table(tmp_path / "shares.csv", ["t", *columns_of(run, "pos", "torque")], values)
+    (question,) = propose(read_sample(path), robot).questions
+    (remedy,) = question.remedies
+    (item,) = read_recordings(path, robot=robot, columns=dict(propose(read_sample(path), robot).columns),
+                              units=remedy.value)  # fmt: skip
+    assert item._columns()[f"q_{run.joints[3]}"].max() == pytest.approx(run.q[:, 3].max(), abs=1e-3)
+
+
+def test_angles_of_motors_ask_for_the_gear_ratio(tmp_path):
+    run = recorded("ur10", 100.0, 8)
+    values = np.column_stack([run.t, run.q * np.linspace(50.0, 120.0, run.n), run.tau])
+    path = write_table(tmp_path / "motor.csv", ["t", *columns_of(run, "motor_pos_", "torque_")], values)
+    questions = propose(read_sample(path), machine("ur10")).questions
+    assert any("gear ratio" in question.detail for question in questions)
+
+
+def test_angles_that_begin_at_zero_are_counted_from_the_start(tmp_path):
+    """Zeros of the joints that the dynamics tell are found; that of the last is one with its link's parameters."""
+    robot = robot_from_urdf("few", crooked_urdf(3, 4, ()))
+    motion = fourier_motion(robot, 10.0, 100.0, 9)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + 0.3 * np.sign(motion.dq)
+    tau += 0.03 * np.random.default_rng(2).normal(size=tau.shape)
+    values = np.column_stack([motion.t, motion.q - motion.q[0], tau])
+    names = ["t", *(f"{signal}{k}" for signal in ("q", "tau") for k in (1, 2, 3))]
+    (question,) = propose(read_sample(write_table(tmp_path / "start.csv", names, values)), robot).questions
+    assert (question.field, question.check) == ("zeros", "joint_zero")
+    (remedy,) = question.remedies
+    assert remedy.value["q2"] == pytest.approx(-motion.q[0, 1], abs=0.02)
+
+
+def test_rows_in_a_wrong_order_say_so(tmp_path):
+    run = recorded("ur10", 100.0, 10)
+    values = np.column_stack([run.t, run.q, run.tau])
+    for row in range(0, len(values) - 1, 50):
+        values[[row, row + 1]] = values[[row + 1, row]]
+    path = write_table(tmp_path / "order.csv", ["t", *columns_of(run, "q", "tau")], values)
+    assert "Sort the rows" in propose(read_sample(path), machine("ur10")).questions[0].detail
+
+
 def check_signals(signals: tuple[np.ndarray, ...], run: Recorded, layout: str) -> None:
     """Check that t, q and tau are what was measured; the last row may be missing."""
     t, q, tau = (signal[np.isfinite(signals[0])] for signal in signals)
@@ -164,6 +245,15 @@ def test_a_counter_of_rows_is_no_clock_where_another_column_is_one(tmp_path):
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
         (b"\n<!doctype html>\n<html></html>", "download that itself"),
         (b"#group,false,true\n#datatype,string,long\n", "pivot"),
+        (b"TDSm\x0e\0\0\0", "nptdms"),
+        (b"MDF     4.10", "asammdf"),
+        (b"\n\r\r\n\x1c\0\0\0", "raw frames"),
+        (b"(1436509052.249713) can0 181#2A366C2B\n", "raw frames"),
+        (b"- t: 0.0\n  q: [0.1, 0.2]\n", "YAML"),
+        (b"{'t': 0.0, 'q': [0.1]}\n", "json.dumps"),
+        (b"% a run\nt = [0.0;\n0.1];\n", "script"),
+        (b"<?xml version='1.0'?><log/>", "XML"),
+        (b"run.csv".ljust(257, b"\0") + b"ustar\0", "unpack"),
     ],
 )
 def test_a_file_that_is_known_and_not_read_says_what_to_do(tmp_path, content, words):

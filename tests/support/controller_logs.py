@@ -264,6 +264,170 @@ def pages(folder: Path, run: Recorded) -> Path:
     return written(folder / "pages.csv", "\n".join(lines))
 
 
+def without_a_name_for_rows(folder: Path, run: Recorded) -> Path:
+    """R's write.table: rows have names, and their column has none."""
+    header = " ".join(f'"{name}"' for name in ["t", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)])
+    rows = table([], [[f'"{k + 1}"' for k in range(len(run.t))], [number(t) for t in run.t], *both(run)], " ")
+    return written(folder / "r.txt", f"{header}\n{rows}")
+
+
+def quoted_decimal_commas(folder: Path, run: Recorded) -> Path:
+    header = ["Zeit [s]", *counted("Achse {} Lage", run.n, 1), *counted("Achse {} Moment", run.n, 1)]
+    columns = [[f'"{german(cell)}"' for cell in column] for column in ([number(t) for t in run.t], *both(run))]
+    return written(folder / "commas.csv", table([f'"{name}"' for name in header], columns, end="\r\n"))
+
+
+def names_on_several_lines(folder: Path, run: Recorded) -> Path:
+    header = ['"Time\n[s]"', *counted('"Joint {}\nangle"', run.n, 1), *counted('"Joint {}\ntorque"', run.n, 1)]
+    return written(folder / "lines.csv", table(header, [[number(t) for t in run.t], *both(run)]))
+
+
+def labels_of_series(folder: Path, run: Recorded) -> Path:
+    """Grafana: names with labels."""
+    run = run.shuffled()
+    header = ["Time", *(f'"{name} {{joint=""{joint}"", robot=""r1""}}"' for name in ("position", "effort")
+                        for joint in run.joints)]  # fmt: skip
+    return written(folder / "series.csv", table(header, [[number(t) for t in run.t], *both(run)]))
+
+
+def days(folder: Path, run: Recorded) -> Path:
+    """Times as a spreadsheet counts them."""
+    header = ["Date", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    return written(folder / "days.csv", table(header, [[f"{45418.25 + t / 86400:.12f}" for t in run.t], *both(run)]))
+
+
+def compact_stamps(folder: Path, run: Recorded) -> Path:
+    header = ["stamp", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    stamps = [f"20240506T1015{int(t):02d}.{round(1e6 * (t % 1.0)):06d}" for t in run.t]
+    return written(folder / "compact.csv", table(header, [stamps, *both(run)]))
+
+
+def seconds_and_microseconds(folder: Path, run: Recorded) -> Path:
+    header = ["ZeitInSec", "ZeitInMicroSec", *counted("qMsr_LBR_14_R820_{}[rad]", run.n, 1)]
+    header += counted("tauMsr_LBR_14_R820_{}[Nm]", run.n, 1)
+    ticks = np.round(1e6 * run.t).astype(int)
+    parts = [[str(1_700_000_000 + tick // 10**6) for tick in ticks], [str(tick % 10**6) for tick in ticks]]
+    return written(folder / "parts.csv", table(header, [*parts, *both(run)], " "))
+
+
+def times_since_the_row_before(folder: Path, run: Recorded) -> Path:
+    header = ["dt [ms]", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    steps = 1e3 * np.diff(run.t, prepend=0.0)
+    return written(folder / "steps.csv", table(header, [[number(step) for step in steps], *both(run)]))
+
+
+def rare_units(folder: Path, run: Recorded) -> Path:
+    """Gradians, and hundredths of N m."""
+    header = ["t", *(f"q{k} [{'cm' if slides else 'gon'}]" for k, slides in enumerate(run.slides, 1))]
+    header += [f"tau{k} [{'mN' if slides else 'cNm'}]" for k, slides in enumerate(run.slides, 1)]
+    position = run.q * np.where(run.slides, 100.0, 200 / np.pi)
+    effort = run.tau * np.where(run.slides, 1e3, 100.0)
+    return written(folder / "gon.csv", table(header, cells(np.column_stack([run.t, position, effort]))))
+
+
+def first_joints_in_degrees(folder: Path, run: Recorded) -> Path:
+    """Two controllers in one file: the first joints are in degrees, the others in rad."""
+    header = ["t", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    first = np.arange(run.n) < 2
+    position = run.q * np.where(first & ~np.array(run.slides), 180 / np.pi, 1.0)
+    return written(folder / "two.csv", table(header, cells(np.column_stack([run.t, position, run.tau]))))
+
+
+def feather(folder: Path, run: Recorded) -> Path:
+    from pyarrow import feather as arrow_files
+    from pyarrow import table as arrow_table
+
+    header = ["t", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    values = np.column_stack([run.t, run.q, run.tau]).T
+    arrow_files.write_feather(
+        arrow_table(dict(zip(header, values, strict=True))), folder / "run.feather", chunksize=999
+    )
+    return folder / "run.feather"
+
+
+def signals_a_row(folder: Path, run: Recorded) -> Path:
+    """A historian: each row is the value of one signal."""
+    rows = ["timestamp,tag,value"]
+    for t, q, tau in zip(run.t, run.q, run.tau, strict=True):
+        for k in range(run.n):
+            rows += [
+                f"{number(t)},Axis{k + 1}.Position,{number(q[k])}",
+                f"{number(t)},Axis{k + 1}.Torque,{number(tau[k])}",
+            ]
+    return written(folder / "tags.csv", "\n".join([*rows, ""]))
+
+
+def arrays_with_names(folder: Path, run: Recorded) -> Path:
+    """Arrays beside a list of the joints' names, in their order."""
+    run = run.shuffled()
+    np.savez(folder / "named.npz", time=run.t, joint_names=np.array(run.joints), position=run.q, effort=run.tau)
+    return folder / "named.npz"
+
+
+def names_in_hdf5(folder: Path, run: Recorded) -> Path:
+    """NetCDF 4, which is HDF5: a dimension of joints has their names."""
+    import h5py
+
+    run = run.shuffled()
+    with h5py.File(folder / "run.nc", "w") as file:
+        file["time"], file["joint"] = run.t, [joint.encode() for joint in run.joints]
+        file["position"], file["effort"] = run.q, run.tau
+    return folder / "run.nc"
+
+
+def durations(folder: Path, run: Recorded) -> Path:
+    """Parquet with the time since the start as pandas has it."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    header = [*counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    columns = dict(zip(header, np.column_stack([run.q, run.tau]).T, strict=True))
+    elapsed = pa.array(np.round(1e9 * run.t).astype("timedelta64[ns]"))
+    pq.write_table(pa.table({"elapsed": elapsed, **columns}), folder / "run.parquet")
+    return folder / "run.parquet"
+
+
+def short_years(folder: Path, run: Recorded) -> Path:
+    header = ["Time", *counted("J{}", run.n, 1), *counted("TQ{}", run.n, 1)]
+    stamps = [f"06-MAY-24 10:15:{t:09.6f}" for t in run.t]
+    return written(folder / "years.csv", table(header, [stamps, *both(run)]))
+
+
+def rows_of_separators(folder: Path, run: Recorded) -> Path:
+    first, *rows = plain_table(run).splitlines()
+    return written(
+        folder / "between.csv", "\n".join([first, *(line for row in rows for line in (row, "," * 2 * run.n))])
+    )
+
+
+def accounting_brackets(folder: Path, run: Recorded) -> Path:
+    """Negative numbers in brackets."""
+    header = ["t", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    columns = [[f"({cell[1:]})" if cell[0] == "-" else cell for cell in column] for column in both(run)]
+    return written(folder / "brackets.csv", table(header, [[number(t) for t in run.t], *columns]))
+
+
+def minus_behind(folder: Path, run: Recorded) -> Path:
+    header = ["t", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    columns = [[f"{cell[1:]}-" if cell[0] == "-" else cell for cell in column] for column in both(run)]
+    return written(folder / "behind.csv", table(header, [[number(t) for t in run.t], *columns], ";"))
+
+
+def chinese(folder: Path, run: Recorded) -> Path:
+    header = ["时间(s)", *(f"关节{k}角度({'mm' if slides else '°'})" for k, slides in enumerate(run.slides, 1))]
+    header += [f"关节{k}力矩({'N' if slides else 'N·m'})" for k, slides in enumerate(run.slides, 1)]
+    columns = cells(np.column_stack([run.t, in_units(run), run.tau]))
+    return written(folder / "names.csv", table(header, columns))
+
+
+def motors_beside_links(folder: Path, run: Recorded) -> Path:
+    """Angles before and behind gears of 80 to 1; those of the links are the joints'."""
+    names = ("motor_pos_{}", "link_pos_{}", "motor_torque_{}", "joint_torque_{}")
+    header = ["t", *(name for pattern in names for name in counted(pattern, run.n, 1))]
+    values = np.column_stack([run.t, 80.0 * run.q, run.q, run.tau / 80.0, run.tau])
+    return written(folder / "sides.csv", table(header, cells(values)))
+
+
 CONTROLLER_LOGS: dict[str, Layout] = {
     layout.__name__: layout
     for layout in (
@@ -271,7 +435,10 @@ CONTROLLER_LOGS: dict[str, Layout] = {
         runs_end_to_end, fortran, same_names, other_senders, empty_places, numbers_of_servos, names_with_a_prefix,
         raw_beside_filtered, objects_beside_arrays, forces_of_a_simulator, console, structures, other_units,
         units_in_cells, means_below, signs_of_print, utf16_without_a_mark, names_with_commas,
-        english_thousands, pages,
+        english_thousands, pages, without_a_name_for_rows, quoted_decimal_commas, names_on_several_lines,
+        labels_of_series, days, compact_stamps, seconds_and_microseconds, times_since_the_row_before, rare_units,
+        first_joints_in_degrees, feather, signals_a_row, arrays_with_names, names_in_hdf5, durations, short_years,
+        rows_of_separators, accounting_brackets, minus_behind, chinese, motors_beside_links,
     )
 }  # fmt: skip
 INTERPOLATED = frozenset({"scope_of_two_rates"})

@@ -101,7 +101,7 @@ def write_extended_model(
         return document if verdict is None else {**document, "verdict": to_plain_json(view_verdict(verdict))}
 
     def show_model(console: Console) -> None:
-        show_ladder(console, identification)
+        show_ladder(console, identification, parent)
         show_identification(console, identification, parameters=False)
         if verdict is not None:
             show_verdict(console, verdict)

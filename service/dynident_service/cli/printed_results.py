@@ -236,15 +236,16 @@ def show_verdict(console: Console, verdict: ModelVerdict) -> None:
         console.print(f"→ {step}")
 
 
-def show_ladder(console: Console, identification: Identification) -> None:
-    """Print the models that led to one and their errors, mark the best one, and say what the last step did."""
+def show_ladder(console: Console, identification: Identification, parent: Identification | None = None) -> None:
+    """Print the models that led to one, mark the best one, and say what was done since its parent."""
     steps, joints = list_steps(identification), identification.model.robot.joint_names
     table = build_ladder_table(steps, joints)
     print_tables(console, [table])
     for sentence in table.notes:
         console.print(f"  {sentence}")
     if len(steps) > 1:
-        console.print(f"  {describe_last_step(steps, joints).text}")
+        first = next((k for k, model in enumerate(identification.ladder()) if model is parent), None)
+        console.print(f"  {describe_last_step(steps, joints, first).text}")
 
 
 def show_ladders(console: Console, first: tuple[str, Identification], second: tuple[str, Identification]) -> None:

@@ -43,7 +43,17 @@ def describe_design(design: Design) -> str:
 
 
 def build_design_tables(robot: Robot, design: Design, most_limits: int | None = None) -> Iterator[ReportedTable]:
-    """Yield the tables of a designed motion: its quality, distance to the limits, and the runs of a set."""
+    """Yield the tables of a designed motion: its quality, distance to the limits, and the runs of a set.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot that shall make the motion.
+    design : Design
+        The motion.
+    most_limits : int, optional
+        How many of the nearest limits are listed; all by default.
+    """
     yield _build_quality_table(design.criterion_values, design.baseline)
     yield build_limits_table(robot, design.margins, most_limits)
     if design.runs:
@@ -77,7 +87,17 @@ def _build_quality_table(values: CriterionValues, baseline: Baseline | None) -> 
 
 
 def build_limits_table(robot: Robot, margins: Sequence[Margin], most: int | None = None) -> ReportedTable:
-    """Return how near a motion comes to its limits, the nearest ones first."""
+    """Return how near a motion comes to its limits, the nearest ones first.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot that shall make the motion.
+    margins : sequence of Margin
+        Distance to each limit.
+    most : int, optional
+        Number of rows; all limits by default.
+    """
     rows = tuple(
         (
             *make_text_cells(margin.joint, margin.limit.replace("_", " ")),
@@ -121,7 +141,15 @@ def build_expected_table(expected: Sequence[ExpectedParameter]) -> ReportedTable
 
 
 def build_promises_table(design: Design, identification: Identification) -> ReportedTable | None:
-    """Return predicted and achieved standard deviations of the parameters that both have; None where there are none."""
+    """Return predicted and achieved standard deviations of the parameters that both have; None where there are none.
+
+    Parameters
+    ----------
+    design : Design
+        The experiment that the data come from.
+    identification : Identification
+        The identified model.
+    """
     promised = {expected.name: expected.standard_deviation for expected in design.expected}
     rows, ratios = [], []
     for parameter in identification.parameters:

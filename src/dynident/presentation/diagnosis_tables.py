@@ -26,7 +26,17 @@ EVIDENCE = ("p", "separable", "evidence")
 def build_candidate_table(
     ranked: Iterable[RankedEffect], joints: Sequence[str], title: str = "Ranked effects"
 ) -> ReportedTable:
-    """Return a table of ranked candidates."""
+    """Return a table of ranked candidates.
+
+    Parameters
+    ----------
+    ranked : iterable of RankedEffect
+        Best first; findings are marked.
+    joints : sequence of str
+        Names of all joints of the robot.
+    title : str
+        Heading of the table.
+    """
     columns = (
         "rank",
         "effect",
@@ -152,6 +162,13 @@ def build_diagnosis_tables(diagnosis: Diagnosis, joints: Sequence[str]) -> Itera
     """Yield the tables of a diagnosis, as far as it has such content.
 
     Their names: candidates, changes, friction, unknown, limits, hidden.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        The diagnosis.
+    joints : sequence of str
+        Names of all joints of the robot.
     """
     if diagnosis.candidates:
         yield build_candidate_table(diagnosis.candidates, joints)
@@ -203,7 +220,15 @@ def format_first_day(since: str, earliest: str, latest: str) -> str:
 
 
 def build_series_tables(series: Series, joints: Sequence[str]) -> Iterator[ReportedTable]:
-    """Yield the changes over the days, and day by day the parameters that change; nothing where nothing does."""
+    """Yield the changes over the days, and day by day the parameters that change; nothing where nothing does.
+
+    Parameters
+    ----------
+    series : Series
+        A robot over many days.
+    joints : sequence of str
+        Names of all joints of the robot.
+    """
     if not series.changes:
         return
     days = series.days

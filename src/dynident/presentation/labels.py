@@ -26,7 +26,15 @@ _MANY_JOINTS = 8
 
 
 def format_joints(joints: Sequence[str], all_joints: Sequence[str]) -> str:
-    """Return the names of some joints as text."""
+    """Return the names of some joints as text.
+
+    Parameters
+    ----------
+    joints : sequence of str
+        Names of the joints; empty: the effect belongs to the whole robot.
+    all_joints : sequence of str
+        All joints of the robot. Of many joints those that are left out are named ("all but knee").
+    """
     return join_joint_names(joints, all_joints) if joints else "the whole robot"
 
 
@@ -52,7 +60,15 @@ CONDITION_MEANING = (
 
 
 def format_hidden_effects(diagnosis: Diagnosis, robot: Robot) -> str:
-    """Return the effects that the data could not have shown: each once, with its joints where not all are meant."""
+    """Return the effects that the data could not have shown: each once, with its joints where not all are meant.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        The diagnosis.
+    robot : Robot
+        The robot that the model is of.
+    """
     joints: dict[str, set[str]] = {}
     # A diagnosis lists effect and joints pair by pair; a reader wants each effect once.
     for item in diagnosis.not_visible:

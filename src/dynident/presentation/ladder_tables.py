@@ -77,7 +77,15 @@ def select_comparable_errors(steps: Sequence[Step]) -> tuple[str, list[ErrorNumb
 
 
 def build_ladder_table(steps: Sequence[Step], joints: Sequence[str]) -> ReportedTable:
-    """Return the models of a ladder with their errors of all joints; the best one on held-out data is marked."""
+    """Return the models of a ladder with their errors of all joints; the best one on held-out data is marked.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        The steps, the first model first.
+    joints : sequence of str
+        Names of all joints of the robot.
+    """
     best = find_best(steps)
     rows = tuple(
         (
@@ -121,7 +129,17 @@ def describe_best_step(best_step: BestStep | None, count: int) -> str:
 def build_ladder_joint_table(
     steps: Sequence[Step], joints: Sequence[str], floor: Sequence[float] | None = None
 ) -> ReportedTable:
-    """Return each joint's error in every model; `floor` is the noise over the rms of the measured torque."""
+    """Return each joint's error in every model of a ladder.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        The steps, the first model first.
+    joints : sequence of str
+        Names of all joints of the robot.
+    floor : sequence of float, optional
+        Noise floor of each joint over the rms of its measured torque.
+    """
     kind, errors = select_comparable_errors(steps)
     columns = ["joint", *(f"model {k}" for k in range(1, len(steps) + 1))]
     columns += ["last over first"] * (len(steps) > 1) + ["noise floor"] * (floor is not None)

@@ -12,7 +12,7 @@ from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
 from dynident.identification.identified_models.correlated_and_essential_parameters import EssentialPath
 from dynident.identification.shape_constant_intervals import ShapeConstant
-from dynident.number_format import format_count, format_estimate, format_number
+from dynident.number_format import NARROW_SPACE, format_estimate, format_number
 from dynident.presentation.labels import (
     CONDITION_MEANING,
     PARAMETER_JUDGEMENTS,
@@ -93,7 +93,17 @@ _ERROR_NOTES = (
 def build_error_table(
     kinds: Sequence[ErrorKind], joints: Sequence[str], units: Sequence[str], floor: Sequence[float | None] | None = None
 ) -> ReportedTable:
-    """Return the errors by joint, beside the noise floor in its unit where it is known, and of all joints together."""
+    """Return the errors of a model by joint, and of all joints together.
+
+    Parameters
+    ----------
+    kinds : sequence of ErrorKind
+        Errors on each set of data.
+    joints, units : sequence of str
+        Names of the joints; the unit of each one's torque or force.
+    floor : sequence of float, optional
+        Noise floor of each joint in its unit, where it is known.
+    """
     columns = ["joint"]
     rows = [[Cell(joint)] for joint in (*joints, "all joints")]
     for kind in kinds:
@@ -165,7 +175,17 @@ def build_comparison_table(
 
 
 def compare_by_joint(name: str, comparison: Comparison, judgement: Judgement) -> ReportedTable:
-    """Return `build_comparison_table` of a recording that was compared with the prediction of a model."""
+    """Return `build_comparison_table` of a recording that was compared with the prediction of a model.
+
+    Parameters
+    ----------
+    name : str
+        The recording.
+    comparison : Comparison
+        Measured and predicted torque.
+    judgement : Judgement
+        The residual against the noise.
+    """
     moving, everywhere = map(ErrorFigures.from_errors, (comparison.moving_errors, comparison.errors))
     return build_comparison_table(
         name,
@@ -211,7 +231,21 @@ def build_quality_table(
     n_equations: int,
     equations_per_parameter: float,
 ) -> ReportedTable:
-    """Return the main figures of a model, each with its meaning."""
+    """Return the main figures of a model, each with its meaning.
+
+    Parameters
+    ----------
+    fit, held_out : float
+        Relative errors by which models are judged; None without held-out data.
+    determined : sequence of bool
+        Whether the data determine each base parameter.
+    condition_number : float
+        Of W with columns of equal size.
+    n_equations : int
+        Number of equations.
+    equations_per_parameter : float
+        How many of them there are for each parameter.
+    """
     moving = Cell("relative, where joints move")
     rows = (
         (Cell("held-out error"), make_percent_cell(held_out), Cell("no held-out data") if held_out is None else moving),
@@ -224,7 +258,7 @@ def build_quality_table(
         (Cell("condition number of W"), make_number_cell(condition_number), Cell(CONDITION_MEANING)),
         make_text_cells(
             "equations",
-            format_count(n_equations, "").strip(),
+            f"{n_equations:,}".replace(",", NARROW_SPACE),
             f"{format_number(equations_per_parameter)} for each parameter",
         ),
     )
@@ -237,7 +271,15 @@ GROUPING, TIMES_SMALLEST = "in standard parameters", "times smallest"
 
 
 def build_parameter_table(title: str, parameters: Iterable[IdentifiedParameter]) -> ReportedTable:
-    """Return a table of parameters, grouped by effect; parameters that are not essential are left out."""
+    """Return a table of parameters, grouped by effect; parameters that are not essential are left out.
+
+    Parameters
+    ----------
+    title : str
+        Heading of the table.
+    parameters : iterable of IdentifiedParameter
+        Base parameters with their uncertainty.
+    """
     essential = [parameter for parameter in parameters if parameter.essential]
     groups = {(parameter.effect, parameter.shape): "" for parameter in essential}
     for effect, shape in groups:
@@ -278,7 +320,15 @@ def _build_parameter_row(parameter: IdentifiedParameter) -> tuple[Cell, ...]:
 
 
 def build_shape_table(constants: Sequence[ShapeConstant], joints: Sequence[str]) -> ReportedTable:
-    """Return a table of shape constants."""
+    """Return a table of shape constants.
+
+    Parameters
+    ----------
+    constants : sequence of ShapeConstant
+        Shape constants with their uncertainty.
+    joints : sequence of str
+        Names of all joints of the robot.
+    """
     columns = ("effect", "joint", "constant", "value", "standard deviation", "95 % interval", "unit", "determined")
     rows = tuple(_build_constant_row(constant, joints) for constant in constants)
     title = "Shape constants: nonlinear constants of the effects, found by search"

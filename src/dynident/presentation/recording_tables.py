@@ -92,7 +92,15 @@ def describe_findings(items: Iterable[ShownRecording]) -> Iterator[str]:
 
 
 def build_check_table(title: str, checks: Iterable[tuple[str, Check]]) -> ReportedTable:
-    """Return a table of checks, each with the name of its recording."""
+    """Return a table of checks, each with the name of its recording.
+
+    Parameters
+    ----------
+    title : str
+        Heading of the table.
+    checks : iterable of (str, Check)
+        Names of recordings with their checks.
+    """
     rows = tuple(
         (
             *make_text_cells(name, check.name.replace("_", " ")),
@@ -112,7 +120,15 @@ def _format_place(check: Check) -> str:
 
 
 def build_guess_table(guesses: Iterable[Guess], write: Callable[[Remedy], str] = str) -> ReportedTable:
-    """Return a table of what the columns of a file seem to be, with reasons."""
+    """Return a table of what the columns of a file seem to be, with reasons.
+
+    Parameters
+    ----------
+    guesses : iterable of Guess
+        The guesses.
+    write : function
+        Returns a remedy in the syntax of a front end; by default in that of the library.
+    """
     rows = tuple(
         (
             *make_text_cells(guess.field, guess.value),

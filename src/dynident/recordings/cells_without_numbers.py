@@ -148,6 +148,10 @@ _OF_IDS = re.compile(
     r"(?:^|[^a-z])(?:id|(?:motor|joint|axis|servo|can|node)[_ ]?(?:id|index|number|nr)?)$", re.IGNORECASE
 )
 """Whole numbers of motors or joints, one a row."""
+_OF_SIGNALS = re.compile(
+    r"(?:^|[^a-z])(?:tag|signal|channel|variable|series|metric|field|topic|key|item|path)(?:[_ ]?name)?$", re.IGNORECASE
+)
+"""Names of signals, one a row, as exports of historians and plots have them."""
 _OF_ROWS = re.compile(r"(?:^|[^a-z])(?:nsecs?|nanosecs?|seq|index)$|^$", re.IGNORECASE)
 """Columns of a row, and not of the joint that the row is of."""
 _MOST_JOINTS = 256
@@ -354,16 +358,17 @@ def _find_joint_rows(source: FileSource, texts: Mapping[str, Sequence[str]]) -> 
     """Return tables with a row for every joint and instant, with the joint's name in a column."""
     for name, cells in texts.items():
         joints = tuple(dict.fromkeys(cell for cell in cells if cell))
-        if not (_OF_NAMES.match(name) or _OF_IDS.search(name)) or not 1 < len(joints) <= min(
-            _MOST_JOINTS, len(cells) // 2
-        ):
+        is_of_joints = _OF_NAMES.match(name) or _OF_IDS.search(name)
+        if not (is_of_joints or _OF_SIGNALS.search(name)) or not 1 < len(joints) <= min(_MOST_JOINTS, len(cells) // 2):
             continue
         others = [
             other
             for other in source.names
             if other not in (name, *source.texts) and not is_time_name(other) and not _OF_ROWS.search(other)
         ]
-        return [_NamedTable((name,), joints, {other: (other,) for other in others})] if others else []
+        # A row for each value has its number in one column; of several nobody knows which it is.
+        if others and (is_of_joints or len(others) == 1):
+            return [_NamedTable((name,), joints, {other: (other,) for other in others})]
     return []
 
 
@@ -393,3 +398,62 @@ def _group_by_stem(names: Sequence[str] | Mapping[str, object]) -> dict[str, dic
         # Only unbroken counts from 0 or 1 are families.
         if sorted(places) == list(range(min(places), min(places) + len(places))) and min(places) in (0, 1)
     }
+
+
+_NINES = tuple(sign * (10.0**digits - 1.0) for digits in range(3, 10) for sign in (-1.0, 1.0))
+_HUGE = 1e30
+_FEWEST_MARKS, _FAR = 3, 5.0
+"""Cells that hold a mark, and how many times larger it is than every other number of its column."""
+
+
+class MarkedGapsSource(FileSource):
+    """A file in which a number that no sensor gives, such as -9999, stands for a missing one."""
+
+    def __init__(self, source: FileSource, marks: Mapping[str, float]) -> None:
+        super().__init__(source.names, source.units)
+        self._source, self._marks = source, marks
+        self.sample_rows, self.texts, self.has_gaps = source.sample_rows, source.texts, source.has_gaps
+        self.inner, self.clocks = source, source.clocks
+        numbers, names = sorted(set(marks.values())), list(marks)
+        self.own_remarks = (
+            f"{' or '.join(f'{number:g}' for number in numbers)} stands for a missing number, in "
+            f"{', '.join(names[:_SHOWN_NAMES])}{', …' if len(names) > _SHOWN_NAMES else ''}.",
+        )
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        first_row = 0
+        for batch in self._source.batches(columns):
+            arrays = []
+            for name in columns:
+                column = batch.column(batch.schema.get_field_index(name))
+                if name in self._marks:
+                    values = to_float_column(batch, name, first_row)
+                    column = from_numbers(np.where(values == self._marks[name], np.nan, values))
+                arrays.append(column)
+            yield pa.RecordBatch.from_arrays(arrays, names=columns)
+            first_row += batch.num_rows
+
+
+_SHOWN_NAMES = 4
+
+
+def read_marked_gaps(source: FileSource) -> FileSource:
+    """Return the file with missing numbers where its first rows have marks for them; else the same object."""
+    names = [name for name in source.names if name not in source.texts]
+    first = next(source.batches(names), None) if names else None
+    if first is None:
+        return source
+    possible: list[tuple[str, float, int]] = []
+    for name in names:
+        values = to_float_column(first, name, 0)
+        values = values[np.isfinite(values)]
+        for mark in {float(values.min()), float(values.max())} if len(values) else ():
+            if mark not in _NINES and abs(mark) < _HUGE:
+                continue
+            others = np.abs(values[values != mark])
+            if others.max(initial=0.0) * _FAR < abs(mark):
+                possible.append((name, mark, len(values) - len(others)))
+    # A column may have few of them, or one: all columns together tell a mark.
+    counts = {mark: sum(count for _, other, count in possible if other == mark) for _, mark, _ in possible}
+    marks = {name: mark for name, mark, _ in possible if counts[mark] >= _FEWEST_MARKS}
+    return MarkedGapsSource(source, marks) if marks else source

@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from dynident.recordings.cells_without_numbers import make_counted_names
 from dynident.recordings.formats.text_streams import (
@@ -153,7 +154,18 @@ def _fit_last_name(names: tuple[str, ...], rows: Sequence[Sequence[str]]) -> tup
     width = widths[0][0] if widths else len(names)
     if width == len(names) + 1 and not any(row[-1] for row in rows if len(row) == width):
         return (*names, f"column{width}")
+    # Rows have a name, or a number, of their own: R writes none above them.
+    if width == len(names) + 1 and _count_rows([row[0] for row in rows if len(row) == width]):
+        return ("row", *names)
     return names[:-1] if width == len(names) - 1 and not names[-1] else names
+
+
+def _count_rows(cells: Sequence[str]) -> bool:
+    """Return whether cells count rows, or are words."""
+    numbers = [int(cell) for cell in cells if cell.isdigit()]
+    if not numbers:
+        return not any(map(_is_number, cells))
+    return len(numbers) == len(cells) and all(after == before + 1 for before, after in pairwise(numbers))
 
 
 def _number_repeated_names(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -231,7 +231,7 @@ def to_float_column(batch: pa.RecordBatch, name: str, first_row: int) -> FloatAr
     Returns
     -------
     (m,)
-        Nulls are NaN, instants in time are seconds.
+        Nulls are NaN, instants in time and durations are seconds.
 
     Raises
     ------
@@ -244,6 +244,9 @@ def to_float_column(batch: pa.RecordBatch, name: str, first_row: int) -> FloatAr
         if pa.types.is_timestamp(kind):
             # Time stamps of any resolution, by way of nanoseconds since 1970.
             column = column.cast(pa.timestamp("ns")).cast(pa.int64())
+            return to_floats(column.cast(pa.float64(), safe=False)) * 1e-9
+        if pa.types.is_duration(kind):
+            column = column.cast(pa.duration("ns"), safe=False).cast(pa.int64())
             return to_floats(column.cast(pa.float64(), safe=False)) * 1e-9
         if pa.types.is_dictionary(kind):
             column, kind = column.dictionary_decode(), kind.value_type

@@ -49,12 +49,24 @@ def are_poses(q: FloatArray) -> bool:
     """
     if len(q) < FEWEST:
         return False
+    q = _drop_outliers(q)
     moves = np.ptp(q, axis=0) > _MOVES
     if not moves.any():
         return False
     # A motion is smooth: its second differences are small against its spread; those of unrelated poses are not.
     second = np.sqrt((np.diff(q[:, moves], n=2, axis=0) ** 2).mean(axis=0))
     return bool((second > _ROUGH * q[:, moves].std(axis=0)).mean() >= _SHARE)
+
+
+def _drop_outliers(q: FloatArray) -> FloatArray:
+    """Return the positions without the few rows that are far from all others: corrupted samples of a motion."""
+    low, high = np.percentile(q, [_FEW, 100.0 - _FEW], axis=0)
+    far = ((q < low - _FAR * (high - low)) | (q > high + _FAR * (high - low))).any(axis=1)
+    return q[~far] if np.count_nonzero(far) <= 0.01 * _FEW * len(q) else q
+
+
+_FEW, _FAR = 2.0, 1.0
+"""Per cent of the rows at either end that may be corrupted, and how many spans of the others these lie outside them."""
 
 
 def has_poses(recording: Recording) -> bool:

@@ -190,8 +190,14 @@ def _check_position_unit(
             counts = limit.kind == "revolute" and bool(
                 (positions.q[:, joint] == np.rint(positions.q[:, joint])).mean() > WHOLE
             )
-            remedy = Remedy("units", {"q": unit})
+            same, unclear = _split_by_unit(positions, limits, limit, fastest, small)
+            remedy = Remedy("units", {f"q{k + 1}": unit for k in same} if unclear else {"q": unit})
             also = ' Whole numbers can also be encoder counts: "counts:4096" means 4096 a turn.' if counts else ""
+            if unclear:
+                also += (
+                    f" {', '.join(layout.q[k].source for k in unclear)} may be in {ours} or in {unit}: if all are in "
+                    f"{unit}, say {Remedy('units', {'q': unit})}. dynident inspect decides by the dynamics."
+                )
             return Check(
                 "position_unit",
                 "error",
@@ -199,7 +205,7 @@ def _check_position_unit(
                 f"{where[0]}, t = {where[1]:.6g} s); the values look like {unit}. Say {remedy}.{also}",
                 column,
                 *where,
-                None if counts else Revision(units=_unit_of_same_kind("q", unit, limit, limits)),
+                None if counts or unclear else Revision(units=_unit_of_same_kind("q", unit, limit, limits)),
                 remedies=(remedy,),
             )
         if limit.position is not None and doubtful is None:
@@ -218,6 +224,30 @@ def _check_position_unit(
     return doubtful or Check(
         "position_unit", "ok", "Positions and speeds are plausible for a joint in rad (m if prismatic)."
     )
+
+
+def _split_by_unit(
+    positions: _MeasuredPositions,
+    limits: tuple[JointLimits, ...],
+    limit: JointLimits,
+    fastest: FloatArray,
+    small: float,
+) -> tuple[list[int], list[int]]:
+    """Return the joints of one kind that are in the smaller unit, and those that make sense in either."""
+    same, unclear = [], []
+    for joint, other in enumerate(limits):
+        low, high = float(positions.low[joint]), float(positions.high[joint])
+        if other.kind != limit.kind:
+            continue
+        if has_other_unit(other, low, high, float(fastest[joint]), small):
+            same.append(joint)
+        elif other.kind == "revolute" and high - low > SURELY_MOVED and max(abs(low), abs(high)) < 2.0 * pi:
+            unclear.append(joint)
+    return same, unclear
+
+
+SURELY_MOVED = 0.5
+"""rad, or deg: a joint whose number moves by more may be in either unit."""
 
 
 def _unit_of_same_kind(kind: str, unit: str, limit: JointLimits, limits: tuple[JointLimits, ...]) -> dict[str, str]:

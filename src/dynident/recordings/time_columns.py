@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from dynident.array_types import FloatArray, IntArray
+from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.arrow_tables import from_numbers, to_floats
 from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_source import FileSource, RawRows, RawSource, to_float_column
@@ -81,6 +81,7 @@ class RestartingSource:
         self._source = source
         self._labels = RunLabels()
         self._without_time: list[int] = []
+        self._has_begun = False
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
         """Yield t and the runs alone; values are empty."""
@@ -117,19 +118,24 @@ class RestartingSource:
         # The file is read more than once: each pass counts anew.
         self._labels = RunLabels()
         self._without_time = []
+        self._has_begun = False
         for block in blocks:
             rows = self._cut_ends(block)
+            if not len(rows.t):
+                continue
             labels = rows.segment if layout.segment is not None else self._labels.label_rows(rows.first_row, rows.t)
             yield rows._replace(segment=labels)
 
     def _cut_ends(self, rows: RawRows) -> RawRows:
-        """Return the rows without those at either end that have no time, such as means below a table."""
-        good = np.flatnonzero(np.isfinite(rows.t))
-        if len(good) == len(rows.t) or not len(good):
+        """Return the rows without those at either end that have no time: means below a table, rows never written."""
+        unfilled = find_unfilled(rows.t, self._has_begun)
+        self._has_begun |= bool(np.nan_to_num(rows.t).any())
+        good = np.flatnonzero(np.isfinite(rows.t) & ~unfilled)
+        if len(good) == len(rows.t) or (not len(good) and not unfilled.all()):
             return rows
-        first, last = int(good[0]), int(good[-1]) + 1
+        first, last = (int(good[0]), int(good[-1]) + 1) if len(good) else (0, 0)
         numbers = [*range(first), *range(last, len(rows.t))]
-        if len(numbers) > MOST_WITHOUT_TIME * len(rows.t):
+        if np.count_nonzero(~unfilled[numbers]) > MOST_WITHOUT_TIME * len(rows.t):
             return rows
         self._without_time += [rows.first_row + number + 1 for number in numbers]
         part = slice(first, last)
@@ -140,8 +146,34 @@ class RestartingSource:
             return []
         first = self._without_time[0]
         count = f"{len(self._without_time)} rows have" if len(self._without_time) > 1 else "1 row has"
-        detail = f"{count} no number in {column}, the first is row {first}: left out."
+        detail = (
+            f"{count} no number in {column}, or 0 as where nothing was written, the first is row {first}: left out."
+        )
         return [Check("rows_left_out", "warning", detail, column, first, rows={column: tuple(self._without_time)})]
+
+
+def find_unfilled(t: FloatArray, has_begun: bool = False) -> BoolArray:
+    """Return which rows (m,) were never written: their times are 0, and so are those beside them.
+
+    Parameters
+    ----------
+    t : (m,)
+        Consecutive times.
+    has_begun : bool
+        Whether another time than 0 stands above them.
+    """
+    zero = t == 0.0
+    # The rows of another block may be beside the first and the last.
+    beside = np.concatenate([[True], zero, [True]])
+    begun = has_begun | (np.cumsum(~zero) > 0)
+    n_before = int(np.count_nonzero(~begun))
+    # A clock that begins at 0 may stay there for a few rows, where these are written several times.
+    head = ~begun & (_LONGEST_START < n_before < len(t))
+    return np.asarray(zero & (begun & (beside[:-2] | beside[2:]) | head))
+
+
+_LONGEST_START = 5
+"""Rows at time 0 with which a file may begin."""
 
 
 MOST_WITHOUT_TIME = 0.01
@@ -154,15 +186,21 @@ _NAME = re.compile(
 )
 _DAY = 86_400.0
 _CLOCK = (
-    r"^\s*(?:(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3})[-/. ]\d{4})[T _,]+)?"
+    r"^\s*(?:(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3})[-/. ]\d{4}"
+    r"|\d{1,2}[-/. ][A-Za-z]{3}[-/. ]\d{2})[T _,]+)?"
     r"(?:(?P<days>\d+) days?,? )?"
     r"(?P<hours>\d{1,2}):(?P<minutes>\d{2})(?::(?P<seconds>\d{1,2}(?:[.,:]\d+)?))?"
     r"\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>Z|UTC|GMT|[+-]\d{2}:?\d{2})?\s*$"
 )
 """2025-05-06T10:20:30.005+02:00, 06.05.2025 10:20:30,005, 5/6/2025 1:20:30 PM, 10:20:30.005, 0 days 00:00:01.5."""
+_COMPACT = (
+    r"^\s*(\d{4})-?(\d{2})-?(\d{2})[T _-](\d{2})[-.h]?(\d{2})[-.m]?(\d{2})s?(?:[-.,:](\d+))?(Z|[+-]\d{2}:?\d{2})?\s*$"
+)
+"""20250506T102030.005, 2025-05-06_10-20-30-005."""
 _DURATION = r"^\s*(?P<value>[+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?P<unit>seconds|second|secs|sec|s|ms|us|ns|min)\s*$"
 """0.005 sec, as MATLAB writes the times of a timetable."""
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+_CENTURY = 2000
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
 
@@ -174,12 +212,13 @@ def is_time_name(name: str) -> bool:
 def are_times(cells: Sequence[str]) -> bool:
     """Return whether all cells that are not empty are times."""
     filled = [cell for cell in cells if cell]
-    return bool(filled) and any(all(re.match(form, cell) for cell in filled) for form in (_CLOCK, _DURATION))
+    forms = (_CLOCK, _DURATION, _COMPACT)
+    return bool(filled) and any(all(re.match(form, cell) for cell in filled) for form in forms)
 
 
 def parse_seconds(column: pa.Array) -> pa.Array:
     """Return written times as float64: seconds, from 1970 if there is a date; what is no time is missing."""
-    clock = pc.extract_regex(column, _CLOCK)
+    clock = pc.extract_regex(pc.replace_substring_regex(column, _COMPACT, r"\1-\2-\3 \4:\5:\6.\70\8"), _CLOCK)
     # No cell is a time of day: they may be durations with a unit.
     if clock.null_count == len(clock):
         return _parse_durations(pc.extract_regex(column, _DURATION))
@@ -224,7 +263,7 @@ def _convert_date(text: str) -> float:
     if len(parts[0]) == 4:
         year, month, day = (int(part) for part in parts)
     else:
-        year = int(parts[2])
+        year = int(parts[2]) + (_CENTURY if len(parts[2]) == 2 else 0)
         first, second = int(parts[0]), parts[1].casefold()
         if second in _MONTHS:
             day, month = first, _MONTHS.index(second) + 1
@@ -276,36 +315,94 @@ def add_stated_time(source: FileSource, rate: float | None) -> FileSource:
     return source if rate is None else StatedRateSource(source, rate)
 
 
-_NANO = re.compile(r"^(?P<whose>.*?)(?:nano[_ ]?|n)(?P<seconds>secs?|seconds)$", re.IGNORECASE)
+_INCREMENT = re.compile(
+    r"(?:^|[^a-z])(?:d_?t|δt|delta[ _]?t(?:ime)?|time[ _]?(?:delta|diff)|diff[ _]?time)"
+    r"(?P<unit>[ _.]*[\[(]?(?:s|secs?|ms|us|µs|ns)[\])]?)?$",
+    re.IGNORECASE,
+)
+_RISING = 0.9
+"""Share of steps upward from which a column so called counts from the beginning, and not from the row before."""
+
+
+class SummedTimeSource(FileSource):
+    """A file whose rows have the time since the row before them: `t` is their sum, in the same unit."""
+
+    def __init__(self, source: FileSource, increment: str) -> None:
+        self._source, self._increment = source, increment
+        unit = re.sub(r"[ _.\[\]()]", "", _INCREMENT.search(increment)["unit"] or "")  # type: ignore[index]
+        unit = source.units.get(increment, "s" if unit.startswith("sec") else unit)
+        super().__init__([_TIME, *source.names], {**source.units, **({_TIME: unit} if unit else {})})
+        self.sample_rows, self.texts = source.sample_rows, source.texts
+        self.has_gaps, self.inner, self.clocks = source.has_gaps, source, source.clocks
+        self.own_remarks = (f"{increment} is the time since the row before: t is its sum.",)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        needed = [self._increment if name == _TIME else name for name in columns]
+        total, first_row = 0.0, 0
+        for batch in self._source.batches(list(dict.fromkeys(needed))):
+            values = {name: batch.column(name) for name in needed}
+            if _TIME in columns:
+                # A step that is missing counts as none: the row has then the time of the one before.
+                steps = np.nan_to_num(to_float_column(batch, self._increment, first_row))
+                t = total + np.cumsum(steps)
+                total, values[_TIME] = float(t[-1]) if len(t) else total, from_numbers(t)
+            yield pa.RecordBatch.from_arrays([values[name] for name in columns], names=columns)
+            first_row += batch.num_rows
+
+
+def sum_increments(source: FileSource) -> FileSource:
+    """Return the file with a time where its rows have only that since the row before; else the same object."""
+    increments = [name for name in source.names if _INCREMENT.search(name)]
+    others = [name for name in source.names if name not in increments and is_time_name(name)]
+    if len(increments) != 1 or others or _TIME in source.names:
+        return source
+    (increment,) = increments
+    first = next(source.batches(increments), None)
+    values = np.empty(0) if first is None else to_float_column(first, increment, 0)
+    values = values[np.isfinite(values)]
+    is_clock = len(values) < 2 or bool((np.diff(values) > 0).mean() > _RISING)
+    return source if is_clock or not np.median(values) > 0 else SummedTimeSource(source, increment)
+
+
+_FRACTION = re.compile(
+    r"^(?P<whose>.*?)(?P<part>nano|micro|milli|n|u|µ|m)[_ ]?(?P<seconds>secs?|seconds)$", re.IGNORECASE
+)
+_PARTS = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "mi": 1e-6, "m": 1e-3}
 _WORDS = ("sec", "secs", "seconds")
 
 
-def find_stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Return pairs of columns by their common name: `stamp.sec` and `stamp.nanosec` are `stamp.time`."""
-    pairs = {}
+def find_stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str, float]]:
+    """Return pairs of columns, and what the second counts, by their common name.
+
+    `stamp.sec` and `stamp.nanosec` are `stamp.time`; microseconds and milliseconds likewise.
+    """
+    pairs: dict[str, tuple[str, str, float]] = {}
+    plain = {name.casefold(): name for name in names}
     for name in names:
-        match = _NANO.match(name)
+        match = _FRACTION.match(name)
         if match is None:
             continue
         # Nanoseconds alone are a time as well: only beside seconds of the same name are they a part of one.
-        whole = next((candidate for word in _WORDS if (candidate := f"{match['whose']}{word}") in names), None)
+        stem = match["whose"].casefold()
+        whole = next((plain[candidate] for word in _WORDS if (candidate := f"{stem}{word}") in plain), None)
         ours = f"{match['whose']}time"
-        if whole is not None and ours not in names:
-            pairs[ours] = whole, name
+        if whole is not None and ours not in names and ours not in pairs:
+            part = match["part"].casefold()
+            pairs[ours] = whole, name, _PARTS["mi" if part == "micro" else part[0]]
     return pairs
 
 
 class SplitStampSource(FileSource):
     """A file with the joined time of two columns in front of the others."""
 
-    def __init__(self, source: FileSource, pairs: dict[str, tuple[str, str]]) -> None:
+    def __init__(self, source: FileSource, pairs: dict[str, tuple[str, str, float]]) -> None:
         self._source, self._pairs = source, pairs
         self.sample_rows, self.texts = source.sample_rows, source.texts
         self.has_gaps, self.inner, self.clocks = source.has_gaps, source, source.clocks
         super().__init__([*pairs, *source.names], {**source.units, **dict.fromkeys(pairs, "s")})
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        needed = [column for name in columns for column in self._pairs.get(name, (name,))]
+        needed = [column for name in columns for column in (self._pairs[name][:2] if name in self._pairs else (name,))]
         first_row = 0
         for batch in self._source.batches(list(dict.fromkeys(needed))):
             values = [
@@ -316,8 +413,8 @@ class SplitStampSource(FileSource):
             first_row += batch.num_rows
 
     def _join_stamps(self, batch: pa.RecordBatch, name: str, first_row: int) -> pa.Array:
-        whole, nano = (to_float_column(batch, column, first_row) for column in self._pairs[name])
-        return from_numbers(whole + 1e-9 * nano)
+        whole, part = (to_float_column(batch, column, first_row) for column in self._pairs[name][:2])
+        return from_numbers(whole + self._pairs[name][2] * part)
 
 
 def join_split_stamps(source: FileSource) -> FileSource:

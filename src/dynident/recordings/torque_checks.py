@@ -18,8 +18,8 @@ from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revi
 SATURATED = 5e-3
 """Torque counts as saturated where it stays within this share of its range at its extreme."""
 
-RUN = 5
-"""Rows in a row at the extreme make a plateau."""
+RUN, SHORTEST = 5, 0.01
+"""Rows in a row, and s, at the extreme make a plateau: a smooth peak in whole counts stays there for a few ms."""
 
 AGAINST_DOUBT, AGAINST_CERTAIN = -2.0, -2.8
 """Joint evidence (standard errors) of a torque against its motion."""
@@ -68,7 +68,7 @@ def check_torque(
     """
     # In this order: torque by itself first. A torque that was not recorded, or saturates, would only mislead what comes
     # after.
-    checks = [_check_saturation(sample, layout, limits), _check_constant_torque(recording, sample, layout)]
+    checks = [_check_saturation(recording, sample, layout, limits), _check_constant_torque(recording, sample, layout)]
     if checks[-1].status == "warning":
         # Motors that are off: there is nothing to hold against the motion.
         return checks
@@ -106,19 +106,22 @@ def _check_order_and_sign(
     return (order, *(_check_sign(recording, evidence, layout, sample) if order.status == "ok" else ()))
 
 
-def _check_saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:
+def _check_saturation(
+    recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
+) -> Check:
     tau, row, t = sample.tau[sample.used], sample.row[sample.used], sample.t[sample.used]
     worst: Check | None = None
     most = 0.0
+    run = max(RUN, round(SHORTEST * recording.sampling_rate))
     for joint in range(tau.shape[1]):
-        flat = _mark_plateaus(tau[:, joint])
+        flat = _mark_plateaus(tau[:, joint], run)
         effort = limits[joint].effort
         if effort is not None and np.ptp(tau[:, joint]) > 0:
             at_limit = np.abs(np.abs(tau[:, joint]) / effort - 1.0) < SATURATED if effort > 0 else flat
             # A convolution with ones counts the neighbours at the limit: single rows are no plateau.
-            flat |= at_limit & (np.convolve(at_limit, np.ones(RUN), "same") >= RUN)
+            flat |= at_limit & (np.convolve(at_limit, np.ones(run), "same") >= run)
         share = float(flat.mean())
-        if share > most and flat.sum() >= RUN:
+        if share > most and flat.sum() >= run:
             most = share
             first = int(np.flatnonzero(flat)[0])
             status: Status = "error" if share > 0.2 else "warning"
@@ -150,11 +153,11 @@ def _exclude_plateaus(flat: BoolArray, t: FloatArray) -> Revision | None:
     return Revision(exclude=tuple((float(start) - AROUND, float(end) + AROUND) for start, end in whole))
 
 
-def _mark_plateaus(tau: FloatArray) -> BoolArray:
+def _mark_plateaus(tau: FloatArray, run: int) -> BoolArray:
     """Mark the rows of runs at the largest or smallest value that last longer than a smooth peak would."""
     marks = np.zeros(len(tau), dtype=bool)
     reach = float(np.ptp(tau))
-    if reach == 0.0 or len(tau) < 10 * RUN:
+    if reach == 0.0 or len(tau) < 10 * run:
         return marks
     for extreme in (float(tau.max()), float(tau.min())):
         # The same value exactly, or to the last digit: a peak of a measured signal is never flat so long.
@@ -165,7 +168,7 @@ def _mark_plateaus(tau: FloatArray) -> BoolArray:
             # Around a plateau the signal changes from row to row; where it does not, torque is constant there, not
             # cut off.
             changing = np.count_nonzero(steps) > 0.2 * max(1, len(steps) - (end - start))
-            if end - start >= RUN and changing:
+            if end - start >= run and changing:
                 marks[start:end] = True
     return marks
 

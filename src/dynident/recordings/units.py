@@ -12,16 +12,27 @@ from dynident.recordings.recording_metadata import RecordingError
 _DEGREE = pi / 180.0
 _LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "degree": _DEGREE, "degrees": _DEGREE, "rev": 2.0 * pi}
+_ANGLE |= {"gon": pi / 200.0, "mdeg": 1e-3 * _DEGREE, "arcmin": _DEGREE / 60.0, "arcsec": _DEGREE / 3600.0}
 _KGF, _LBF, _INCH = 9.80665, 4.4482216152605, 0.0254
 MOMENTS = {
-    **{"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N mm": 1e-3, "N cm": 1e-2},
+    **{"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N mm": 1e-3, "N cm": 1e-2, "cN m": 1e-2, "daN m": 10.0},
     **{"kgf m": _KGF, "kgf cm": 1e-2 * _KGF, "kg cm": 1e-2 * _KGF, "gf cm": 1e-5 * _KGF},
     **{"lbf ft": 12 * _INCH * _LBF, "lbf in": _INCH * _LBF, "ozf in": _INCH * _LBF / 16},
 }
 _FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": _KGF, "lbf": _LBF}
 
 FACTORS: dict[tuple[str, JointKind | None], dict[str, float]] = {
-    ("t", None): {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "100ns": 1e-7, "min": 60.0, "h": 3600.0},
+    ("t", None): {
+        "s": 1.0,
+        "ms": 1e-3,
+        "us": 1e-6,
+        "µs": 1e-6,
+        "ns": 1e-9,
+        "100ns": 1e-7,
+        "min": 60.0,
+        "h": 3600.0,
+        "d": 86400.0,
+    },
     ("q", "revolute"): _ANGLE,
     ("q", "prismatic"): _LENGTH,
     ("q_command", "revolute"): _ANGLE,

@@ -371,7 +371,9 @@ def _compute_force(
             least.append(np.nan_to_num(needed, nan=np.inf, posinf=np.inf).min(axis=(0, 2)))
     if not least:
         return None
-    force = float(np.quantile(np.concatenate(least), SEEN))
+    # Between two forces that are infinite there is none.
+    with np.errstate(invalid="ignore"):
+        force = float(np.quantile(np.concatenate(least), SEEN))
     return force if np.isfinite(force) else None
 
 

@@ -69,8 +69,8 @@ def score_beside_findings(
     first : ScoredFamily
         All candidates, scored beside the model alone.
     """
-    # Where nothing was found, these are the scores.
-    if not findings and data is first.data:
+    # Where nothing was found, these are the scores; beside a contact that was dropped since they are not.
+    if not findings and not start.findings and data is first.data:
         return FinalScores(start, data, first.scored, first.levels)
     base = list_columns_with_findings(pool, start.base, choices)
     noise = estimate_residual_noise(data, base) if findings else start.noise

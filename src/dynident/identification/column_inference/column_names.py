@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -17,16 +18,22 @@ def _split_words(text: str) -> frozenset[str]:
 
 
 _WORDS: dict[Signal, frozenset[str]] = {
-    "t": _split_words("t time timestamp stamp zeit clock temps tiempo ipoc datetime epoch elapsed"),
+    "t": _split_words(
+        "t time timestamp stamp zeit clock temps tiempo tempo ipoc datetime epoch elapsed время 时间 時間 시간"
+    ),
     "q": _split_words(
-        "q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos weg"
+        "q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos weg угол "
+        "положение 角度 位置 각도 위치"
     ),
     "dq": _split_words(
-        "dq qd vel velocity velocities speed omega qdot thetadot dtheta geschwindigkeit drehzahl jvel qvel spd speeds"
+        "dq qd vel velocity velocities speed omega qdot thetadot dtheta geschwindigkeit drehzahl jvel qvel spd speeds "
+        "скорость 速度 속도"
     ),
     "ddq": _split_words("ddq qdd acc accel acceleration accelerations qddot beschleunigung"),
-    "tau": _split_words("tau torque torques trq moment moments drehmoment mom tq jtrq qfrc"),
-    "current": _split_words("current currents cur curr amp amps ampere strom iq i"),
+    "tau": _split_words(
+        "tau torque torques trq moment moments drehmoment mom tq jtrq qfrc момент 力矩 扭矩 转矩 トルク 토크"
+    ),
+    "current": _split_words("current currents cur curr amp amps ampere strom iq i ток 电流 電流 전류"),
     "effort": _split_words("effort efforts eff load loads"),
     "temperature": _split_words("temp temperature temperatur temperatures"),
     "segment": _split_words("segment run episode"),
@@ -57,10 +64,13 @@ _UNITS = {
     "‰": "permille", "promille": "permille", "%": "percent", "percent": "percent", "degc": "degC", "°c": "degC",
     "k": "K", "min": "min", "h": "h", "kgfcm": "kgf cm", "kgcm": "kgf cm", "kgfm": "kgf m", "gfcm": "gf cm",
     "lbfft": "lbf ft", "ftlbf": "lbf ft", "lbfin": "lbf in", "inlbf": "lbf in", "ozfin": "ozf in", "ozin": "ozf in",
-    "kgf": "kgf", "lbf": "lbf",
+    "kgf": "kgf", "lbf": "lbf", "gon": "gon", "mdeg": "mdeg", "arcmin": "arcmin", "arcsec": "arcsec", "cnm": "cN m",
+    "danm": "daN m", "рад": "rad", "град": "deg", "н·м": "N m", "нм": "N m", "度": "deg", "d": "d", "day": "d",
+    "days": "d",
 }  # fmt: skip
 _SUFFIXES = _split_words(
-    "rad deg degrees mrad rev turns mm cm rpm nm mnm knm ncm a ma s sec ms us ns permille promille percent degc"
+    "rad deg degrees mdeg gon arcmin arcsec mrad rev turns mm cm rpm nm mnm knm ncm a ma s sec ms us ns permille "
+    "promille percent degc"
 )
 _PAIRS = {("deg", "s"): "deg/s", ("rad", "s"): "rad/s", ("mm", "s"): "mm/s", ("m", "s"): "m/s", ("rev", "s"): "rev/s",
           ("turns", "s"): "rev/s",
@@ -88,15 +98,15 @@ _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
 
 _BRACKET = re.compile(r"\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]\s*$")
 _ENDING = re.compile(
-    r"[_ .\-](mA|mNm|kNm|Nm|kgf?[.·*_]?cm|kgf[.·*_]?m|ozf?[.·*_]?in|lbf[.·*_]?(?:in|ft)|kgf|lbf|mrad|rpm|permille|"
-    r"promille|ms|us|ns|mm|cm)$",
+    r"[_ .\-](mA|mNm|kNm|cNm|daNm|Nm|kgf?[.·*_]?cm|kgf[.·*_]?m|ozf?[.·*_]?in|lbf[.·*_]?(?:in|ft)|kgf|lbf|mrad|rpm|"
+    r"permille|promille|ms|us|ns|mm|cm)$",
     re.IGNORECASE,
 )
 _STRANGE_UNIT = re.compile(
     r"^(?:[mkµu]?V|mW|W|kW|bar|psi|kPa|counts?|ticks?|LSB|raw|bits?|digits?|inc)$", re.IGNORECASE
 )
 """Units of what a sensor gives, which only its own constant turns into a torque."""
-_PART = re.compile(r"[A-Z]+(?![a-zµ])|[A-Z]?[a-zäöüßµμ]+|\d+|[°‰%]")
+_PART = re.compile(r"[A-Z]+(?![a-zµ])|[A-Z]?[a-zäöüßµμ]+|\d+|[°‰%]|[^\W\d_A-Za-zäöüßµμ°]+")
 
 
 @dataclass(frozen=True)
@@ -151,7 +161,7 @@ class ColumnName:
             8 * self.external
             + 8 * self.compensated
             + 4 * self.commanded
-            + 2 * self.motor
+            + 3 * self.motor
             + 2 * self.link
             - self.measured
         )
@@ -191,11 +201,15 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
     # Makers' words are put into plain ones before the name is taken apart.
     for word, meaning in _MAKER_WORDS.items():
         name = name.replace(word, meaning)
+    # Letters without their accents: posición is posicion.
+    name = "".join(unicodedata.normalize("NFD", letter)[0] for letter in name)
     bracket = _BRACKET.search(name)
     inner = bracket.group(1) if bracket else ""
     stated = _UNITS.get(_normalise_unit(unit or inner))
     # A number in brackets is an index; anything else is a unit, even if it is not a known one.
-    text = name if bracket is None or (stated is None and inner.isdigit()) else name[: bracket.start()]
+    # Labels of a series, {joint="elbow"}, belong to the name.
+    is_named = bracket is None or (stated is None and (inner.isdigit() or "=" in inner))
+    text = name if bracket is None or is_named else name[: bracket.start()]
     ending = _ENDING.search(text)
     if stated is None and ending is not None:
         stated, text = _UNITS[_normalise_unit(ending.group(1))], text[: ending.start()]
@@ -260,7 +274,7 @@ def get_signal_of_unit(unit: str | None) -> Signal | None:
     """Return the kind of signal that a unit belongs to, where it is only one."""
     if unit is None:
         return None
-    if unit in ("rad", "deg", "mrad", "rev"):
+    if unit in FACTORS["q", "revolute"]:
         return "q"
     if unit in ("rad/s", "deg/s", "rpm", "mrad/s", "rev/s", "m/s", "mm/s", "cm/s"):
         return "dq"

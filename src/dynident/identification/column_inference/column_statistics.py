@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.recordings.time_columns import find_unfilled
 
 SLOPE = 0.9
 """Correlation above which one column is taken for the slope of another."""
@@ -67,9 +70,11 @@ class Clock:
 
 TICK = 1e-7
 """s: a tick of the clocks of Windows and .NET."""
-CLOCK_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+CLOCK_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 _TICKS = ((1.2e17, 1.5e17), (6.2e17, 6.6e17))
 """Times from 1981 to 2076 in ticks of 100 ns since 1601, as Windows counts them, and from 1965 to 2091 since year 1."""
+_DAYS = ((36_526.0, 55_153.0), (730_486.0, 749_113.0))
+"""Times from 2000 to 2050 in days, as spreadsheets count them from 1900, and MATLAB from year 0."""
 _BEGINS = 5.0
 """Steps from the first row's time within which a clock that starts again begins."""
 _SLOWEST, _FASTEST = 8.0, 8000.0
@@ -78,6 +83,55 @@ _SLOWEST, _FASTEST = 8.0, 8000.0
 
 _MOMENT, _VERY_SLOW = 1.0, 1.0
 """s of a recording below which a slower clock is meant, and its rate in Hz at least."""
+
+
+def drop_empty_rows(sample: Sample, times: Sequence[int]) -> Sample:
+    """Return the sample without rows that an import leaves out: those that repeat the row before, or were never filled.
+
+    Parameters
+    ----------
+    sample : Sample
+        The rows as they were read.
+    times : sequence of int
+        Columns that are called a time: a file without one may repeat a row of a robot that stands.
+    """
+    values = sample.values
+    if not len(times) or len(values) < 2:
+        return sample
+    before = values[:-1]
+    is_new = np.append(True, ~((values[1:] == before) | (np.isnan(values[1:]) & np.isnan(before))).all(axis=1))
+    unfilled = find_unfilled(values[:, times[0]]) & (np.nan_to_num(values) == 0.0).all(axis=1)
+    kept = is_new & ~unfilled
+    return sample if kept.all() else replace(sample, values=values[kept])
+
+
+def mask_outliers(sample: Sample, times: Sequence[int]) -> Sample:
+    """Return the sample without the few numbers that are far from all others of their column: no sensor gave them.
+
+    Parameters
+    ----------
+    sample : Sample
+        The rows.
+    times : sequence of int
+        Columns that are called a time, which stay as they are.
+    """
+    values = sample.values
+    if len(values) < _FEWEST_ROWS:
+        return sample
+    with np.errstate(invalid="ignore"), warnings.catch_warnings():
+        # Columns without any number have no percentiles.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        low, high = np.nanpercentile(values, [_FEW, 100.0 - _FEW], axis=0)
+        far = (values < low - _FAR * (high - low)) | (values > high + _FAR * (high - low))
+    far &= (high > low) & (far.mean(axis=0) <= 0.01 * _FEW)
+    far[:, list(times)] = False
+    return replace(sample, values=np.where(far, np.nan, values)) if far.any() else sample
+
+
+_FEWEST_ROWS = 200
+_FEW, _FAR = 1.0, 20.0
+"""Per cent of the numbers at either end that may be corrupted, and how many spans of the others these lie outside them:
+a torque's peaks are within a few."""
 
 
 def find_changing_columns(values: FloatArray) -> BoolArray:
@@ -140,6 +194,9 @@ def read_clock(values: FloatArray, column: int, unit: str | None) -> Clock | Non
         )
     if any(low < np.nanmin(values[:, column]) < high for low, high in _TICKS):
         fits = ["100ns"]
+    days = [low < np.nanmin(values[:, column]) < high for low, high in _DAYS]
+    if not fits and any(days) and _SLOWEST <= 1.0 / (mean * CLOCK_FACTORS["d"]) <= _FASTEST:
+        fits = ["d"]
     if len(fits) != 1:
         return None
     (only_unit,) = fits

@@ -20,7 +20,8 @@ from dynident.identification.column_inference.metadata_proposal import Guess, Qu
 from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.fault_checks import DESCRIPTION_UNITS, GRAVITY, SCALE, ZERO
+from dynident.identification.recording_faults.description_units import DESCRIPTION_UNITS, ZERO
+from dynident.identification.recording_faults.fault_checks import GRAVITY, SCALE
 from dynident.identification.recording_faults.fault_search import measure_unexplained_share
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.number_format import format_percent
@@ -29,13 +30,14 @@ from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.recording_import import condition_arrays
 from dynident.recordings.recording_metadata import COMMANDED, Check, RecordingError
 from dynident.recordings.time_columns import RunLabels
+from dynident.recordings.units import find_conversion
 from dynident.robot import Robot
 
 
 def condition_sample(
     fits: DynamicsFits, rows: Sample, position: ColumnGroup, effort: ColumnGroup, q: FloatArray
-) -> tuple[FloatArray, list[Guess]]:
-    """Correct positions as an import will, and report the corrections.
+) -> tuple[FloatArray, FloatArray, list[Guess]]:
+    """Correct positions and efforts as an import will, and report the corrections.
 
     Parameters
     ----------
@@ -50,15 +52,18 @@ def condition_sample(
 
     Returns
     -------
-    tuple of array (m, n) and guesses
+    q, efforts : (m, n)
+        Positions in rad or m, and efforts as the file has them.
+    guesses : list of Guess
+        What was corrected.
     """
     positions, efforts = list(position.columns), list(effort.columns)
     known = np.where(np.isfinite(rows.values[:, positions]), q, np.nan)
     try:
-        right, _, checks = fits.condition_signals(known, rows.values[:, efforts])
+        right, measured, checks = fits.condition_signals(known, rows.values[:, efforts])
     except RecordingError:
         # An error here is about the time, which is asked about elsewhere.
-        return q, []
+        return q, fill_gaps(rows.values[:, efforts]), []
     joints = fits.robot.joint_names
     names = dict(zip((f"q_{name}" for name in joints), positions, strict=True))
     names |= dict(zip((f"tau_{name}" for name in joints), efforts, strict=True))
@@ -70,7 +75,7 @@ def condition_sample(
                 # The checks use the names of a stored recording; the user knows only the file's.
                 detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", rows.names[column], detail)
             put_right.append(Guess(f"rows/{check.name}", "corrected", 0.95, detail, check.remedies))
-    return fill_gaps(right), put_right
+    return fill_gaps(right), fill_gaps(measured), put_right
 
 
 FEWEST_ROWS = 200
@@ -158,6 +163,96 @@ class PoseFits(DynamicsFits):
             return None
         return measure_unexplained_at_rest(self.robot, q[good], tau[good])
 
+
+_CLEARLY = 1.25
+"""Ratio of the unexplained shares above which one unit for all joints is ruled out."""
+
+_FULL = {"rad": 1.0, "deg": 100.0}
+"""Ends of a joint's range in files whose positions are shares of it, by the unit that these are mistaken for."""
+
+_SMALL_TURN = 2.0 * np.pi
+"""Range of a number below which it may be an angle in rad."""
+
+
+def find_units_by_joint(
+    fits: DynamicsFits, q: FloatArray, tau: FloatArray, unit: str
+) -> tuple[dict[int, str], str, bool] | None:
+    """Find units, joint by joint, with which the dynamics explain clearly more than with one for all.
+
+    Some joints may be in rad and others in degrees; or all in shares of each joint's range, -100 to 100.
+
+    Parameters
+    ----------
+    fits : DynamicsFits
+        Of the sample.
+    q, tau : (m, n)
+        As the file has them.
+    unit : str
+        The one unit that the ranges allow for all joints that turn, "rad" or "deg".
+
+    Returns
+    -------
+    tuple of dict, str and bool, or None
+        The unit of each joint that turns, the reason as a clause, and whether it is of shares.
+    """
+    turning = [index for index, joint in enumerate(fits.robot.joints) if joint.kind == "revolute"]
+    span, most = np.nanmax(q, axis=0) - np.nanmin(q, axis=0), np.nanmax(np.abs(q), axis=0)
+    small = [j for j in turning if unit == "deg" and span[j] >= LEAST_TURN and most[j] < _SMALL_TURN]
+    full = _FULL[unit]
+    limits = {j: fits.robot.joints[j].reach for j in turning}
+    may_be_shares = bool(most[turning].max() <= _MORE * full) and all(
+        limit is not None and limit[1] > limit[0] for limit in limits.values()
+    )
+    if not (small or may_be_shares):
+        return None
+
+    def measure(units: dict[int, str]) -> float:
+        scaled = np.array(q)
+        for j, own in units.items():
+            factor, offset = find_conversion("q", "revolute", own, f"q{j + 1}")
+            scaled[:, j] = scaled[:, j] * factor + offset
+        share = fits.measure_unexplained(scaled, tau)
+        return 1.0 if share is None else share
+
+    best = dict.fromkeys(turning, unit)
+    as_one = measure(best)
+    if small and len(small) < len(turning):
+        mixed = best | dict.fromkeys(small, "rad")
+        share = measure(mixed)
+        for j in small if _CLEARLY * share < as_one else ():
+            # A joint that moves little may be in degrees all the same.
+            if (other := measure(mixed | {j: unit})) < share:
+                mixed, share = mixed | {j: unit}, other
+        if _CLEARLY * share < as_one:
+            reason = f"the robot's dynamics leave {_write_share(share)} of the torque unexplained with these units, "
+            return mixed, f"{reason}{_write_share(as_one)} with {unit} for all joints", False
+    if may_be_shares:
+        shares = {j: _write_share_unit(limit, full) for j, limit in limits.items() if limit is not None}
+        least = measure(shares)
+        if _CLEARLY * least < as_one:
+            reason = (
+                f"as {unit} the robot's dynamics leave {_write_share(as_one)} of the torque unexplained, as shares of "
+                f"each joint's range ({-full:g} to {full:g} between its limits in the description) "
+                f"{_write_share(least)}. If the ranges of the calibration are others, state counts per turn by these"
+            )
+            return shares, reason, True
+    return None
+
+
+def _write_share(share: float) -> str:
+    return format_percent(share, decimals=0)
+
+
+def _write_share_unit(limits: tuple[float, float], full: float) -> str:
+    """Return the unit of positions that are `full` at the upper limit, and the opposite at the lower one."""
+    factor, middle = (limits[1] - limits[0]) / (2.0 * full), 0.5 * (limits[0] + limits[1])
+    zero = -middle / factor
+    return f"counts:{2.0 * np.pi / factor:.4f}" + (f"@{zero:.4f}" if abs(zero) > 0.0 else "")
+
+
+_MORE = 1.01
+LEAST_TURN = 0.06
+"""rad: what an angle in rad moves by at least, where it moves."""
 
 _UNEXPLAINED_LIMIT = 0.5
 """Unexplained share of an average joint's torque above which the columns are taken for wrong."""

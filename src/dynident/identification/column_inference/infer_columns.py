@@ -23,8 +23,10 @@ from dynident.identification.column_inference.column_statistics import (
     SLOPE,
     Sample,
     correlate_slopes,
+    drop_empty_rows,
     fill_gaps,
     find_changing_columns,
+    mask_outliers,
 )
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits, condition_sample
 from dynident.identification.column_inference.metadata_proposal import Proposal, Question
@@ -41,7 +43,7 @@ from dynident.identification.column_inference.time_and_pose_columns import (
     guess_efforts_at_poses,
     report_empty_columns,
 )
-from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT, ask_for_gains, classify_effort
+from dynident.identification.column_inference.torque_or_current import ask_for_gains, classify_effort
 from dynident.identification.column_inference.unnamed_columns import (
     UnnamedColumns,
     assign_torques,
@@ -96,6 +98,8 @@ class _ColumnInference(WorkingProposal):
 
     def run(self) -> Proposal:
         """Guess time, groups of columns, positions, efforts and units, in this order."""
+        times = [index for index, name in enumerate(self.column_names) if name.signal == "t"]
+        self.sample = mask_outliers(drop_empty_rows(self.sample, times), times)
         sample, n = self.sample, self.robot.n
         self.of_poses = are_columns_poses(self)
         self.alive = find_changing_columns(sample.values)
@@ -150,7 +154,8 @@ class _ColumnInference(WorkingProposal):
             )
         if q is not None:
             rows = replace(self.sample, values=self.sample.values[good])
-            q, put_right = condition_sample(self.fits, rows, position, effort, q)
+            q, tau, put_right = condition_sample(self.fits, rows, position, effort, q)
+            self.values[:, list(effort.columns)] = tau
             self._guess_rates(groups, position, q)
             kind = self._guess_efforts(effort, q, kind)
             self.guesses += put_right
@@ -169,9 +174,8 @@ class _ColumnInference(WorkingProposal):
         if register is None:
             return
         self.values[:, columns] = decoded
-        raw = np.array(self.sample.values)
-        raw[:, columns] = register.decode(raw[:, columns])
-        self.sample = replace(self.sample, values=raw)
+        self.sample = replace(self.sample, values=np.array(self.sample.values))
+        self.sample.values[:, columns] = register.decode(self.sample.values[:, columns])
         detail = f"{self.name_columns(group)} are signed numbers read as unsigned: {register}. They are corrected."
         self.add_guess("rows/registers", "corrected", 0.95, detail)
 
@@ -249,13 +253,13 @@ class _ColumnInference(WorkingProposal):
 
     def _is_file_order_as_good(self, kinds: UnnamedColumns) -> bool:
         """Tell whether both also stand in order in the file, and the robot's dynamics do not refute that."""
-        positions, efforts = sorted(kinds.positions), sorted(kinds.efforts)
-        if not (is_in_order(positions) and is_in_order(efforts)):
-            return False
-        counted, in_file = ((kinds.positions, kinds.efforts), (tuple(positions), tuple(efforts)))
-        return in_file != counted and self._measure_unexplained(*in_file) < _CLEARLY * self._measure_unexplained(
-            *counted
+        in_file, counted = (
+            (tuple(sorted(kinds.positions)), tuple(sorted(kinds.efforts))),
+            (kinds.positions, kinds.efforts),
         )
+        if in_file == counted or not all(is_in_order(list(columns)) for columns in in_file):
+            return False
+        return self._measure_unexplained(*in_file) < _CLEARLY * self._measure_unexplained(*counted)
 
     def _choose_position(self, groups: list[ColumnGroup]) -> ColumnGroup | None:
         candidates = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
@@ -272,7 +276,6 @@ class _ColumnInference(WorkingProposal):
                 detail += " Velocities alone do not suffice: the load of gravity depends on the positions."
             self.add_question("columns/q", detail, self.sample.names)
             return None
-        # Several columns of the same rank that hold the same numbers are one signal, logged twice.
         equal = [group for group in candidates if group.rank == candidates[0].rank]
         if len(equal) > 1 and (plain := find_plainest_group(equal)) is not None:
             candidates = equal = [plain]
@@ -338,7 +341,7 @@ class _ColumnInference(WorkingProposal):
         elif best.rank >= 4:
             kind = "commanded"
         if kind != "unknown":
-            self._refuse_kind(kind, self.name_columns(best))
+            self.refuse_kind(kind, self.name_columns(best))
         return best, kind
 
     def _find_torque_of_most_joints(self, position: ColumnGroup | None) -> list[ColumnGroup]:
@@ -359,12 +362,6 @@ class _ColumnInference(WorkingProposal):
         self.alive = np.append(self.alive, False)
         return [torque]
 
-    def _refuse_kind(self, kind: EffortKind, names: str) -> None:
-        why = NO_MEASUREMENT[kind]
-        self.add_question(
-            "effort_kind", f"{names} are {why}. No model can be identified from them; give the measured torque."
-        )
-
     def _convert_positions(self, position: ColumnGroup, effort: ColumnGroup) -> FloatArray | None:
         """Return the positions (m, n) in SI, and note their unit."""
         # A copy: the values of the sample stay in the units of the file.
@@ -374,11 +371,14 @@ class _ColumnInference(WorkingProposal):
         turning = [unit for unit, joint in zip(units, self.robot.joints, strict=True) if joint.kind == "revolute"]
         stated = turning[0] if turning and len(set(turning)) == 1 else None
         turned = of_units.guess_position_unit(self.robot, q, stated, tau, self.fits)
-        mixed = any(joint.kind == "prismatic" for joint in self.robot.joints)
+        if turned is not None and stated is None and position.named.motor:
+            turned = self.doubt_unit_of_motors(self.fits, q, tau, turned)
+        by_joint = self.guess_units_by_joint(self.fits, position, q, tau, turned)
+        mixed = any(joint.kind == "prismatic" for joint in self.robot.joints) or bool(by_joint)
         for index, joint in enumerate(self.robot.joints):
             if joint.kind == "revolute":
                 assert turned is not None
-                guess = turned
+                guess = by_joint.get(index, turned)
             else:
                 guess = of_units.guess_stroke_unit(q[:, index], joint.reach, units[index])
             factor, offset = find_conversion("q", joint.kind, guess.unit, "q")
@@ -437,7 +437,7 @@ class _ColumnInference(WorkingProposal):
         if kind == "unknown":
             kind = by_data.kind
             if kind in ("gravity_compensated", "external", "commanded"):
-                self._refuse_kind(
+                self.refuse_kind(
                     kind, f"{self.name_columns(effort)} seem to be of another kind ({by_data.reason}); they"
                 )
         unit_note = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"

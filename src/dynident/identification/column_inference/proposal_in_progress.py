@@ -8,14 +8,21 @@ from functools import cached_property
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.errors import Remedy
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_names import ColumnName, read_names
 from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits, find_units_by_joint
 from dynident.identification.column_inference.metadata_proposal import Guess, Question
+from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT
 from dynident.recordings.columns_to_signals import NOT_RECORDED
-from dynident.recordings.units import FACTORS
+from dynident.recordings.recording_metadata import EffortKind
+from dynident.recordings.units import FACTORS, find_conversion
 from dynident.robot import Robot
+
+_BORNE_OUT = 0.1
+"""Share of the torque that the dynamics may leave unexplained with positions that are taken for the joints'."""
 
 
 @dataclass
@@ -144,6 +151,89 @@ class WorkingProposal:
                 self.take_unit(
                     key, of_units.UnitGuess(unit, guess.confidence, guess.reason, guess.choices), joint.effort_unit
                 )
+
+    def guess_units_by_joint(
+        self,
+        fits: DynamicsFits,
+        position: ColumnGroup,
+        q: FloatArray,
+        tau: FloatArray,
+        turned: of_units.UnitGuess | None,
+    ) -> dict[int, of_units.UnitGuess]:
+        """Return units of positions joint by joint, where one for all is ruled out by the names or by the dynamics.
+
+        Parameters
+        ----------
+        fits : DynamicsFits
+            Of the sample.
+        position : ColumnGroup
+            Columns of the positions.
+        q, tau : (m, n)
+            As the file has them.
+        turned : UnitGuess, optional
+            The one unit of all joints that turn.
+
+        Returns
+        -------
+        dict of int to UnitGuess
+            By joint, from 0; empty where one unit goes.
+        """
+        joints = [index for index, joint in enumerate(self.robot.joints) if joint.kind == "revolute"]
+        stated = {index: self.column_names[position.columns[index]].unit or "" for index in joints}
+        known = {index: unit for index, unit in stated.items() if unit in FACTORS["q", "revolute"]}
+        if len(known) == len(joints) and len(set(known.values())) > 1:
+            return {index: of_units.UnitGuess(unit, 0.99, f"its name says {unit}") for index, unit in known.items()}
+        if turned is None or known or turned.unit not in ("rad", "deg") or turned.confidence < of_units.SURE:
+            return {}
+        other = find_units_by_joint(fits, q, tau, turned.unit)
+        if other is None:
+            return {}
+        units, reason, is_of_shares = other
+        if is_of_shares:
+            remedy = Remedy("units", {f"q{index + 1}": unit for index, unit in units.items()})
+            detail = f"In which unit are the positions? {reason}: {remedy}."
+            self.questions.append(Question("units/q", detail, remedies=(remedy,)))
+        return {index: of_units.UnitGuess(unit, 0.95, reason) for index, unit in units.items()}
+
+    def doubt_unit_of_motors(
+        self, fits: DynamicsFits, q: FloatArray, tau: FloatArray, guess: of_units.UnitGuess
+    ) -> of_units.UnitGuess:
+        """Return the unit of positions that are called those of motors: in doubt where the dynamics do not bear it out.
+
+        Parameters
+        ----------
+        fits : DynamicsFits
+            Of the sample.
+        q, tau : (m, n)
+            As the file has them.
+        guess : UnitGuess
+            The unit of angles of joints.
+        """
+        factor, offset = find_conversion("q", "revolute", guess.unit, "q")
+        unexplained = fits.measure_unexplained(q * factor + offset, tau)
+        if unexplained is not None and unexplained < _BORNE_OUT:
+            return guess
+        reason = (
+            "they are called positions of motors, and as angles of the joints they do not go with the torques: if "
+            "gears are behind the motors, say counts per turn of each joint, q1=counts:N and so on, with N the gear "
+            "ratio for turns, 360 times it for degrees, 6.28319 times it for rad"
+        )
+        return of_units.UnitGuess(guess.unit, 0.5, reason, ("counts:N", guess.unit))
+
+    def refuse_kind(self, kind: EffortKind, names: str) -> None:
+        """Ask for the measured torque in the place of efforts that are none.
+
+        Parameters
+        ----------
+        kind : str
+            Kind of effort, such as "commanded".
+        names : str
+            Names of their columns.
+        """
+        why = NO_MEASUREMENT[kind]
+        self.add_question(
+            "effort_kind", f"{names} are {why}. No model can be identified from them; give the measured torque."
+        )
 
     def assign_columns(self, signal: str, group: ColumnGroup) -> None:
         """Assign the columns of a group to a signal of the joints.

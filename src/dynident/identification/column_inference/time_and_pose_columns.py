@@ -68,6 +68,10 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
             order = f"{backward[0]} runs backward: the rows are in reverse order. Write the earliest row first."
             work.add_question("columns/t", order)
             return None
+        unsorted = [index for index, name in enumerate(work.column_names) if name.signal == "t"]
+        if unsorted and (order := _describe_disorder(names[unsorted[0]], values[:, unsorted[0]])):
+            work.add_question("columns/t", order)
+            return None
         # More columns than rows, each row of one signal: what a matrix gives that is written as it lies in memory.
         if len(names) > _MOST_COLUMNS and len(values) < len(names):
             lying = (
@@ -109,6 +113,23 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
         detail = f"Is {name} the time, in {choice.unit}? {choice.reason}.{counts}"
         work.add_question("units/t", detail, ("s", "ms", "us", "ns"))
     return choice
+
+
+def _describe_disorder(name: str, t: FloatArray) -> str:
+    """Return what to say of a time that goes forward mostly, and back here and there; "" of others."""
+    steps = np.diff(t)
+    back = np.flatnonzero(steps < 0)
+    if not len(back) or np.mean(steps > 0) < _MOSTLY:
+        return ""
+    return (
+        f"{name} goes back in {len(back)} rows, the first is row {back[0] + 2}: the rows are not in the order of their "
+        "times. Sort the rows by time, if each row has its own time and values; if only the times are exchanged, give "
+        "the rate of the rows in Hz (rate)."
+    )
+
+
+_MOSTLY = 0.6
+"""Share of the steps of a time that go forward."""
 
 
 def _ask_for_rate(work: WorkingProposal) -> Question | None:

@@ -56,8 +56,10 @@ WELL_KNOWN = (
     *(float(2**k) for k in range(8, 27)),
     *(float(m * 10**k) for k in range(3, 8) for m in (1, 2, 4)),
     *(3.6 * 10.0**k for k in range(3, 7)),
+    *(2.0 * np.pi * 10.0**k for k in range(3, 7)),
 )
-"""Counts a turn of encoders: powers of two; lines of incremental ones; tenths to thousandths of degrees and finer."""
+"""Counts a turn of encoders: powers of two; lines of incremental ones; tenths to thousandths of degrees and
+finer; thousandths of rad and finer."""
 
 _NEAR = 1.6
 """Ratio to the best power of two up to which other numbers are tried: half way to the next power."""
@@ -219,8 +221,8 @@ def guess_position_unit(
         Of the sample.
     """
     turning = [index for index, joint in enumerate(robot.joints) if joint.kind == "revolute"]
-    wrapped = _find_wrapped_unit(q[:, turning]) if turning and stated is None else None
-    if not turning or wrapped is not None:
+    wrapped = _find_wrapped_unit(q[:, turning]) if turning else None
+    if not turning or (wrapped is not None and stated in (None, wrapped.unit)):
         return wrapped
     low, high = np.nanmin(q[:, turning], axis=0), np.nanmax(q[:, turning], axis=0)
     reach = float((high - low).max())
@@ -228,7 +230,7 @@ def guess_position_unit(
     possible = [unit for unit in ("rad", "deg", "mrad", "rev") if _is_possible_unit(robot, turning, low, high, unit)]
     likely = [unit for unit in possible if get_factor("q", "revolute", unit) * reach >= LEAST_MOTION]
     if stated is not None and stated in FACTORS["q", "revolute"]:
-        if stated in possible:
+        if stated in possible or _is_possible_unit(robot, turning, low, high, stated):
             return UnitGuess(stated, 0.99, f"its name says {stated}, and the range of motion fits it")
         beyond = f"its name says {stated}, but that goes beyond the robot's limits"
         if stated == "rev":

@@ -15,7 +15,12 @@ from dynident.identification.recording_faults.column_faults import (
     Motion,
     is_possible_delay,
 )
-from dynident.identification.recording_faults.description_units import DescriptionUnits, find_description_units
+from dynident.identification.recording_faults.description_units import (
+    ZERO,
+    find_description_units,
+    report_description_units,
+    report_zeros_from_start,
+)
 from dynident.identification.recording_faults.fault_search import (
     ALIKE,
     CURED,
@@ -33,7 +38,12 @@ from dynident.identification.recording_faults.gravity_in_torque import (
     find_other_mounting,
     find_static_torque,
 )
-from dynident.identification.recording_faults.rows_for_fault_search import HeldOutFits, filter_for_search, thin_out
+from dynident.identification.recording_faults.rows_for_fault_search import (
+    HeldOutFits,
+    filter_for_search,
+    has_enough_rows,
+    thin_out,
+)
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
 from dynident.identification.recording_faults.unexplained_torque import UnexplainedTorque
 from dynident.number_format import format_percent
@@ -55,8 +65,7 @@ _CHECK: dict[FaultKind, str] = {
 _SILENT = {"torque_scale", "joint_coupling", "joint_zero"}
 """Checks that are not listed as passed: another check reports for them, or they have nothing to say."""
 
-GRAVITY, SCALE, ZERO = "gravity_direction", "torque_scale", "joint_zero"
-DESCRIPTION_UNITS = "description_units"
+GRAVITY, SCALE = "gravity_direction", "torque_scale"
 
 VETOES = (COMMANDED, GRAVITY, SCALE, "gravity_load", "torque_sign", "joint_sign")
 """Checks whose findings make a model useless, however well it fits: its masses are not the robot's."""
@@ -131,7 +140,7 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     # Masses in grams would make every torque look a thousand times too small, so the description is brought to SI
     # first.
     machine = robot if units is None else units.to_si(robot)
-    described = () if units is None else (_report_description_units(units),)
+    described = () if units is None else (report_description_units(units),)
     judges = HeldOutFits(machine)
     # All checks share these rows, as reading and filtering the whole recording takes most of the time.
     whole = filter_for_search(recording, judges) if robot.n <= MOST_JOINTS else None
@@ -142,11 +151,16 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     static = find_static_torque(machine, motion, judges.plain_fit)
     if static is not None:
         return DynamicsCheck((_report_commanded(static, tau), *described), None)
+    if not has_enough_rows(motion, judges.plain_fit):
+        return DynamicsCheck(described, None)
+    as_is = judges.plain_fit.measure_unexplained(motion)
+    from_start = report_zeros_from_start(machine, recording, motion, judges.plain_fit, as_is, q)
+    if from_start is not None:
+        return DynamicsCheck((from_start, *described), as_is)
     search_result = search_faults(machine, motion, judges)
     if search_result is None:
         return DynamicsCheck(described, None)
     faults, now = search_result
-    as_is = judges.plain_fit.measure_unexplained(motion)
     mounted = None if _is_explained_by_one(faults, now) else find_other_mounting(machine, motion, as_is)
     # One cause for the whole robot is more likely than several for some joints.
     if mounted is not None and (len(faults) > 1 or mounted.explains.score <= now.score + ALIKE):
@@ -177,16 +191,6 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
 def _is_explained_by_one(faults: Sequence[DetectedFault], now: UnexplainedTorque) -> bool:
     """Tell whether one fault of the columns explains all that was unexplained, so that no other cause is looked for."""
     return len(faults) == 1 and faults[0].certain and now.worst_share < WORST_EXPLAINED
-
-
-def _report_description_units(units: DescriptionUnits) -> Check:
-    return Check(
-        DESCRIPTION_UNITS,
-        "warning",
-        f"The robot's description is not in SI units: its {units}. The torques are not the cause. Identification does "
-        "not need these numbers, but a prior, a completed export and some checks do: write them in kg, m and kg m² in "
-        "the description.",
-    )
 
 
 def _report_commanded(static: StaticTorque, tau: Sequence[str]) -> Check:

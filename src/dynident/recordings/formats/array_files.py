@@ -8,7 +8,7 @@ import re
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import IO, Any
 
@@ -62,6 +62,10 @@ class ArrayPlace:
         if axis == (len(self.shape) - 1 if self.by_columns else 0):
             return self._read_numbers(first * width, (last - first) * width).reshape(last - first, *lines[1:])
         return np.stack([self._read_numbers(line * width + first, last - first) for line in range(lines[0])], axis=1)
+
+    def read_all(self) -> np.ndarray[Any, Any]:
+        """Return a short array of one axis."""
+        return self._read_numbers(0, self.shape[0])
 
     def _read_numbers(self, first: int, count: int) -> np.ndarray[Any, Any]:
         # Reading at a place moves no position, so that all arrays of a file can share it.
@@ -160,6 +164,16 @@ class UnpackedParts:
         return start, start + size
 
 
+MOST_WORDS = 64
+"""Words of a list that may name the joints."""
+
+
+def read_words(cells: Iterable[object]) -> tuple[str, ...]:
+    """Return cells of text as words; none where two are the same, or one is empty."""
+    words = tuple(cell.decode(errors="replace") if isinstance(cell, bytes) else str(cell) for cell in cells)
+    return words if all(words) and len(set(words)) == len(words) > 1 else ()
+
+
 FEWEST_ROWS = 8
 """Arrays that are shorter both ways are settings, not signals."""
 
@@ -190,9 +204,17 @@ class _ArrayColumn:
 
 
 class ArrayFileSource(FileSource):
-    """The arrays of a file as columns: an array q of m x 6 is q1 … q6, whichever way it lies."""
+    """The arrays of a file as columns: an array q of m x 6 is q1 … q6, whichever way it lies.
 
-    def __init__(self, arrays: Sequence[StoredArray]) -> None:
+    Parameters
+    ----------
+    arrays : sequence of StoredArray
+        The arrays of numbers.
+    words : sequence of tuple of str
+        Lists of different words in the file: one that is as long as an array is wide names its columns.
+    """
+
+    def __init__(self, arrays: Sequence[StoredArray], words: Sequence[tuple[str, ...]] = ()) -> None:
         self._places: dict[str, _ArrayColumn] = {}
         self.stated_rate = _find_stated_rate(arrays)
         arrays = [
@@ -212,9 +234,11 @@ class ArrayFileSource(FileSource):
             axis = array.shape.index(self._length)
             width = array.shape[1 - axis] if len(array.shape) == 2 else 1
             name = array.name[len(prefix) :] or "column"
+            named = {listed for listed in words if len(listed) == width > 1}
+            parts = [f"_{word}" for word in named.pop()] if len(named) == 1 else [*map(str, range(1, width + 1))]
             joint = "_" if name[-1].isdigit() else ""
             for index in range(width):
-                column = name if width == 1 else f"{name}{joint}{index + 1}"
+                column = name if width == 1 else f"{name}{joint}{parts[index]}"
                 self._places[column] = _ArrayColumn(array, axis, index)
         super().__init__(list(self._places))
 

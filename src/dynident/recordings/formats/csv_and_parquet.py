@@ -1,4 +1,4 @@
-"""Readers of CSV (any dialect; which cells count as empty) and Parquet."""
+"""Readers of CSV (any dialect; which cells count as empty), Parquet and Feather (a file of Arrow)."""
 
 from __future__ import annotations
 
@@ -46,34 +46,67 @@ _NULLS = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "null", "NULL", "None", 
 
 
 class ParquetFileSource(FileSource):
-    """A user's Parquet file."""
+    """A user's table as Arrow holds it: a Parquet file."""
+
+    format_name = "Parquet"
 
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            with open_parquet_stream(path) as file:
-                _check_parquet(file.metadata, path.stat().st_size)
-                self.has_gaps = _has_nulls(file.metadata)
-                self._roots = {name: field.name for field in file.schema_arrow for name in _list_leaves(field)}
-                first = next(file.iter_batches(_LOOKED_AT, use_threads=False), None)
-            first = _flatten_structs(pa.RecordBatch.from_pylist([], file.schema_arrow) if first is None else first)
+            schema, first, self.has_gaps = self._look()
+            self._roots = {name: field.name for field in schema for name in _list_leaves(field)}
+            first = _flatten_structs(pa.RecordBatch.from_pylist([], schema) if first is None else first)
             self._lists = name_list_places(path, list_columns(first))
             super().__init__(expand_names(first.schema, self._lists))
             self.texts = list_texts(expand_lists(first, self.names, self._lists))
         except _BROKEN_PARQUET as error:
-            raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
+            raise RecordingError(f"The file cannot be read as {self.format_name}: {error}", title=TITLE) from error
+
+    def _look(self) -> tuple[pa.Schema, pa.RecordBatch | None, bool]:
+        """Return the columns, the first rows, and whether these have empty cells."""
+        with open_parquet_stream(self._path) as file:
+            _check_parquet(file.metadata, self._path.stat().st_size)
+            first = next(file.iter_batches(_LOOKED_AT, use_threads=False), None)
+            return file.schema_arrow, first, _has_nulls(file.metadata)
+
+    def _read_batches(self, roots: list[str]) -> Iterator[pa.RecordBatch]:
+        """Yield whole columns of the file, a batch at a time."""
+        with open_parquet_stream(self._path) as file:
+            yield from file.iter_batches(choose_block_rows(len(self.names)), columns=roots, use_threads=False)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        stored = list(dict.fromkeys(find_stored_name(name, self._lists) for name in columns))
         try:
-            with open_parquet_stream(self._path) as file:
-                stored = list(dict.fromkeys(find_stored_name(name, self._lists) for name in columns))
-                rows = choose_block_rows(len(self.names))
-                roots = list(dict.fromkeys(self._roots[name] for name in stored))
-                for batch in file.iter_batches(rows, columns=roots, use_threads=False):
-                    flat = _flatten_structs(batch)
-                    yield expand_lists(flat, columns, self._lists) if self._lists else flat.select(columns)
+            for batch in self._read_batches(list(dict.fromkeys(self._roots[name] for name in stored))):
+                flat = _flatten_structs(batch)
+                yield expand_lists(flat, columns, self._lists) if self._lists else flat.select(columns)
         except _BROKEN_PARQUET as error:
-            raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
+            raise RecordingError(f"The file cannot be read as {self.format_name}: {error}", title=TITLE) from error
+
+
+class FeatherFileSource(ParquetFileSource):
+    """A user's Feather file (version 2): batches of Arrow, as they lie in memory."""
+
+    format_name = "Feather"
+
+    def _look(self) -> tuple[pa.Schema, pa.RecordBatch | None, bool]:
+        """Return the columns, the first rows, and whether these have empty cells."""
+        with pa.memory_map(str(self._path)) as content, pa.ipc.open_file(content) as file:
+            check_columns(len(file.schema))
+            first = file.get_batch(0).slice(0, _LOOKED_AT) if file.num_record_batches else None
+            return file.schema, first, first is not None and any(column.null_count for column in first.columns)
+
+    def _read_batches(self, roots: list[str]) -> Iterator[pa.RecordBatch]:
+        """Yield whole columns of the file, a batch at a time."""
+        size, n_bytes = self._path.stat().st_size, 0
+        with pa.memory_map(str(self._path)) as content, pa.ipc.open_file(content) as file:
+            for number in range(file.num_record_batches):
+                batch = file.get_batch(number).select(roots)
+                n_bytes += batch.nbytes
+                check_unpacked(n_bytes, size)
+                # Some writers put all rows into one batch.
+                rows = choose_block_rows(len(self.names))
+                yield from (batch.slice(first, rows) for first in range(0, batch.num_rows, rows))
 
 
 def _list_leaves(field: pa.Field, prefix: str = "") -> list[str]:

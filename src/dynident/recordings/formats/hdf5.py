@@ -25,7 +25,7 @@ from dynident.recordings.file_size_limits import (
     check_columns,
     check_unpacked,
 )
-from dynident.recordings.formats.array_files import ArrayFileSource, StoredArray
+from dynident.recordings.formats.array_files import MOST_WORDS, ArrayFileSource, StoredArray, read_words
 from dynident.recordings.recording_metadata import RecordingError
 
 if TYPE_CHECKING:
@@ -191,6 +191,8 @@ def open_hdf5(path: Path) -> ArrayFileSource:
     try:
         file = h5py.File(path, "r")
         datasets = dict(_find_datasets(file))
+        words = [read_words(item[()]) for name, item in datasets.items() if not _has_numbers(item)]
+        datasets = {name: item for name, item in datasets.items() if _has_numbers(item)}
         check_columns(len(datasets))
         size = path.stat().st_size
         # Sizes as the file states them, before a byte of data is read.
@@ -203,7 +205,7 @@ def open_hdf5(path: Path) -> ArrayFileSource:
         raise
     except _BROKEN as error:
         raise RecordingError(f"The file cannot be read as HDF5: {error}", title=TITLE) from error
-    return ArrayFileSource(arrays)
+    return ArrayFileSource(arrays, words)
 
 
 def _find_datasets(file: Any) -> Iterator[tuple[str, Any]]:
@@ -241,7 +243,7 @@ def _find_datasets(file: Any) -> Iterator[tuple[str, Any]]:
                 )
             if kind == h5py.h5o.TYPE_GROUP:
                 waiting.append((f"{name}/", depth + 1, group[key]))
-            elif kind == h5py.h5o.TYPE_DATASET and _has_numbers(item := group[key]):
+            elif kind == h5py.h5o.TYPE_DATASET and (_has_numbers(item := group[key]) or _has_words(item)):
                 yield name, item
 
 
@@ -251,6 +253,21 @@ def _kind_and_address(group: Any, key: str) -> tuple[int, int]:
 
     info = h5py.h5o.get_info(group.id, group._e(key))
     return info.type, info.addr
+
+
+def _has_words(item: Any) -> bool:
+    """Return whether a data set is a short list of text that lies in this file as it is."""
+    import h5py
+
+    return (
+        item.shape is not None
+        and len(item.shape) == 1
+        and 1 < item.shape[0] <= MOST_WORDS
+        and h5py.check_string_dtype(item.dtype) is not None
+        and item.chunks is None
+        and item.external is None
+        and not item.is_virtual
+    )
 
 
 def _has_numbers(item: Any) -> bool:

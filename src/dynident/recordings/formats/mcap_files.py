@@ -6,13 +6,14 @@ import heapq
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import count
+from itertools import count, zip_longest
 from pathlib import Path
 from typing import Any
 
-from dynident.recordings.file_size_limits import UnpackedSize, check_chunk
+from dynident.recordings.file_size_limits import TITLE, UnpackedSize, check_chunk
 from dynident.recordings.formats.array_files import BoundedFile
 from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, normalise_type
+from dynident.recordings.recording_metadata import RecordingError
 
 _FOOTER = 9 + 8 + 8 + 4
 _MAGIC = 8
@@ -109,6 +110,13 @@ class _McapFile:
             for key, channel in summary.channels.items()
             if channel.schema_id in summary.schemas and normalise_type(summary.schemas[channel.schema_id].name) in KNOWN
         }
+        others = {channel.message_encoding for channel in summary.channels.values()} - {"cdr"}
+        if not known_channels and others:
+            raise RecordingError(
+                f"The messages of the file are written in {' and '.join(sorted(others))}; only those of ROS (cdr) are "
+                "read. Write them as a line of JSON each: mcap cat --json FILE > run.jsonl.",
+                title=TITLE,
+            )
         chunks = sorted(summary.chunks, key=lambda index: (index.message_start_time, index.chunk_start_offset))
         # A file without indices of messages does not say which channels are in a chunk.
         chunks = [
@@ -118,7 +126,7 @@ class _McapFile:
         ]
         messages: list[Any] = []
         file: Any = self._file
-        for chunk, following in zip(chunks, [*chunks[1:], None], strict=True):
+        for chunk, following in zip_longest(chunks, chunks[1:]):
             file.seek(chunk.chunk_start_offset + _RECORD_HEAD)
             records = self._unpack(Chunk.read(ReadDataStream(file)))
             messages += [

@@ -11,10 +11,20 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 from numpy.lib import format as numpy_format
 
 from dynident.recordings.file_size_limits import TITLE, check_columns, check_unpacked
-from dynident.recordings.formats.array_files import ArrayFileSource, ArrayPlace, BoundedFile, StoredArray, UnpackedParts
+from dynident.recordings.formats.array_files import (
+    MOST_WORDS,
+    ArrayFileSource,
+    ArrayPlace,
+    BoundedFile,
+    StoredArray,
+    UnpackedParts,
+    read_words,
+)
 from dynident.recordings.recording_metadata import RecordingError
 
 _HEADERS = {(1, 0): numpy_format.read_array_header_1_0, (2, 0): numpy_format.read_array_header_2_0}
+_LONGEST_WORD = 1024
+"""Bytes of a name in a list."""
 _NUMBERS = "fiub"
 _BROKEN = (
     *(ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, MemoryError, OverflowError, SyntaxError),
@@ -48,7 +58,7 @@ def open_numpy(path: Path, name: str) -> ArrayFileSource:
         For a file that NumPy did not write, or whose only arrays are of Python objects.
     """
     try:
-        return ArrayFileSource(_read_archive(path) if name == "npz" else _read_single(path))
+        return ArrayFileSource(*_read_archive(path)) if name == "npz" else ArrayFileSource(_read_single(path))
     except RecordingError:
         raise
     except _BROKEN as error:
@@ -58,15 +68,17 @@ def open_numpy(path: Path, name: str) -> ArrayFileSource:
 def _read_single(path: Path) -> list[StoredArray]:
     file = path.open("rb")
     place = _locate_array(file, 0, path.stat().st_size)
-    if place is None:
+    if place is None or place.kind.kind in "US":
         return []
     if place.kind.names and len(place.shape) == 1:
         return [place.to_array(field, field) for field in place.kind.names if place.kind[field].base.kind in _NUMBERS]
     return [] if place.kind.names else [place.to_array("column")]
 
 
-def _read_archive(path: Path) -> list[StoredArray]:
+def _read_archive(path: Path) -> tuple[list[StoredArray], list[tuple[str, ...]]]:
+    """Return the arrays of numbers, and the lists of words."""
     arrays: list[StoredArray] = []
+    words: list[tuple[str, ...]] = []
     objects: _ObjectsError | None = None
     file = path.open("rb")
     with ZipFile(path) as archive:
@@ -93,11 +105,13 @@ def _read_archive(path: Path) -> list[StoredArray]:
                 # Beside arrays of numbers it is passed by, unread.
                 objects = error
                 continue
-            if place is not None and not place.kind.names:
+            if place is not None and place.kind.kind in "US":
+                words.append(read_words(place.read_all()))
+            elif place is not None and not place.kind.names:
                 arrays.append(place.to_array(member.filename.removesuffix(".npy")))
     if objects is not None and not arrays:
         raise objects
-    return arrays
+    return arrays, words
 
 
 def _find_start(file: IO[bytes], member: ZipInfo) -> int:
@@ -117,7 +131,8 @@ def _locate_array(file: IO[bytes], start: int, end: int) -> ArrayPlace | None:
     shape, by_columns, kind = _HEADERS[version](bounded)
     if kind.hasobject:
         raise _ObjectsError("it contains Python objects, which are never loaded for safety; save arrays of numbers")
-    if not kind.names and kind.kind not in _NUMBERS:
+    is_list = kind.kind in "US" and len(shape) == 1 and shape[0] <= MOST_WORDS and kind.itemsize <= _LONGEST_WORD
+    if not kind.names and kind.kind not in _NUMBERS and not is_list:
         return None
     if any(size < 0 for size in shape):
         raise ValueError(f"its shape is {shape}")

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+import codecs
+import re
 from pathlib import Path
 from typing import get_args
 
-from dynident.recordings.cells_without_numbers import read_word_cells
+from dynident.recordings.cells_without_numbers import read_marked_gaps, read_word_cells
 from dynident.recordings.file_names_and_digests import split_path
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats import json_records
-from dynident.recordings.formats.csv_and_parquet import CsvFileSource, ParquetFileSource
+from dynident.recordings.formats.csv_and_parquet import CsvFileSource, FeatherFileSource, ParquetFileSource
 from dynident.recordings.formats.kuka_rsi import START, open_telegrams
 from dynident.recordings.formats.multiple_files import has_arrays, open_joined_files
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.recordings.recording_metadata import Format, RecordingError
 from dynident.recordings.sample_series_join import join_own_clocks, join_sparse_rows
-from dynident.recordings.time_columns import add_stated_time, is_time_name, join_split_stamps
+from dynident.recordings.time_columns import add_stated_time, is_time_name, join_split_stamps, sum_increments
 from dynident.text_encoding import escape_surrogates
 
 FORMATS: tuple[str, ...] = get_args(Format)
 
 _STARTS: tuple[tuple[bytes, Format], ...] = (
     (b"PAR1", "parquet"),
+    (b"ARROW1", "feather"),
     (b"\x93NUMPY", "npy"),
     (b"PK\x03\x04", "npz"),
     (b"MATLAB 5.0", "mat"),
@@ -36,6 +39,9 @@ _INFLUX = (
     'InfluxDB\'s annotated CSV, with one value in each row: give each moment one row, by pivot(rowKey: ["_time"], '
     'columnKey: ["_field"], valueColumn: "_value") in the query.'
 )
+_OF_BUS = (
+    "a log of raw frames of a bus: decode it to signals with their units first, by the drives' description (DBC, ESI)"
+)
 _NOT_READ = (
     (b"\xd0\xcf\x11\xe0", "an Excel workbook (.xls): save the sheet as CSV."),
     (b"\x80\x04", "a pickle of Python, which may run programs and is never opened: save the table as CSV or Parquet."),
@@ -48,12 +54,48 @@ _NOT_READ = (
     (b"#datatype,", _INFLUX),
     (b"<!DOCTYPE html", "a page of the web, and not the file that it shows: download that itself (raw)."),
     (b"<html", "a page of the web, and not the file that it shows: download that itself (raw)."),
-    (b"ARROW1", "a table of Arrow (Feather): write it as Parquet, df.to_parquet(…), or as CSV."),
+    (b"FEA1", "a Feather file of version 1: write it anew with df.to_feather(…), or as Parquet or CSV."),
+    (b"TDSm", "a TDMS file of LabVIEW: export it as CSV, or write it anew with nptdms and df.to_parquet(…)."),
+    (
+        b"MDF     ",
+        "an MDF measurement (.mf4, .dat): export it as CSV, or with asammdf: mdf.to_dataframe().to_parquet(…).",
+    ),
+    (b"LOGG\x90", f"{_OF_BUS} (.blf)."),
+    (b"\xd4\xc3\xb2\xa1", f"{_OF_BUS} (.pcap)."),
+    (b"\x4d\x3c\xb2\xa1", f"{_OF_BUS} (.pcap)."),
+    (b"CDF\x01", "a NetCDF file of version 3: write it anew as NetCDF 4, or as Parquet or CSV."),
+    (b"CDF\x02", "a NetCDF file of version 3: write it anew as NetCDF 4, or as Parquet or CSV."),
+    (b"7z\xbc\xaf", "an archive (.7z): unpack it, and give the file in it."),
+    (b"Rar!", "an archive (.rar): unpack it, and give the file in it."),
+    (b"RDX2\n", "data of R: write the table with write.csv(…, row.names = FALSE)."),
+    (b"RDX3\n", "data of R: write the table with write.csv(…, row.names = FALSE)."),
+    (b"Obj\x01", "an Avro file: write it as Parquet or CSV."),
+    (b"%PDF", "a PDF: give the table of numbers itself."),
+    (b"\x89PNG", "a picture: give the table of numbers itself."),
     (b"ULog", "a log of PX4 (.ulg): convert it with ulog2csv."),
     (b"header:", "a printout of messages: record a bag, or write a table with `ros2 topic echo --csv TOPIC`."),
     (b"---\nheader:", "a printout of messages: record a bag, or write a table with `ros2 topic echo --csv TOPIC`."),
 )
-_WRITTEN = {"csv": "CSV", "parquet": "Parquet", "jsonl": "JSON"}
+_TEXTS_NOT_READ = (
+    (rb"^\n\r\r\n", f"{_OF_BUS} (.pcapng)."),
+    (rb"^\s*<\?xml", "XML: write a table, one row for each moment, as CSV or JSON lines."),
+    (rb"^\s*\(\d+\.\d+\) +\w+ +[0-9A-Fa-f]+#", f"{_OF_BUS}, for instance with cantools: decode."),
+    (
+        rb"^\s*(?:---\s+)?- +[\w.]+: ",
+        "YAML: write an object of JSON a line, json.dumps(record), or a table (CSV).",
+    ),
+    (
+        rb"^\s*\{'",
+        "a printout of Python, in single quotes: write json.dumps(record) a line, or a table (CSV).",
+    ),
+    (
+        rb"^(?:%[^\n]*\n|\s)*[A-Za-z]\w* *= *\[",
+        "a script with matrices: save them, save('run.mat', 't', 'q', 'tau'), or write a table.",
+    ),
+)
+"""How the text of files begins that is no table, and what to do."""
+_TAR, _TAR_AT = b"ustar", 257
+_WRITTEN = {"csv": "CSV", "parquet": "Parquet", "feather": "Feather", "jsonl": "JSON"}
 _LOOKED_AT = 4096
 """Bytes: a logger may write some lines of its own before the first telegram."""
 
@@ -107,6 +149,13 @@ def _refuse_foreign(start: bytes) -> None:
     for begin, advice in _NOT_READ:
         if start.lstrip()[: len(begin)].lower() == begin.lower():
             raise RecordingError(f"The file is {advice}", title="Unreadable file")
+    if start[_TAR_AT : _TAR_AT + len(_TAR)] == _TAR:
+        raise RecordingError(
+            "The file is an archive (.tar): unpack it, and give the file in it.", title="Unreadable file"
+        )
+    for pattern, advice in _TEXTS_NOT_READ:
+        if re.match(pattern, start.removeprefix(codecs.BOM_UTF8)) and not START.search(start):
+            raise RecordingError(f"The file is {advice}", title="Unreadable file")
 
 
 def open_source(path: Path, file_format: str | None, rate: float | None = None) -> FileSource:
@@ -136,15 +185,17 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
             f"The file's name {escape_surrogates(path.name)!r} is not UTF-8; rename the file.", title="Unreadable file"
         )
     # Each wrapper repairs one thing: words in cells first, since times may be among them; then channels with their
-    # own times; split stamps; rows of several series; the stated rate last, which replaces any time.
-    source = _open_source(path, file_format)
+    # own times; split stamps; rows of several series; times since the row before; the stated rate last, which replaces
+    # any time.
+    file = _open_source(path, file_format)
+    source = sum_increments(join_sparse_rows(join_split_stamps(join_own_clocks(read_word_cells(file)))))
     if rate is None and not any(is_time_name(name) for name in source.names):
-        rate = source.stated_rate
+        rate = file.stated_rate
         if rate is not None:
             source.own_remarks += (
                 f"No column is a time: by what the file says beside its columns the rate is {rate:g} Hz.",
             )
-    return add_stated_time(join_sparse_rows(join_split_stamps(join_own_clocks(read_word_cells(source)))), rate)
+    return add_stated_time(source, rate)
 
 
 def _open_source(path: Path, file_format: str | None) -> FileSource:
@@ -161,8 +212,8 @@ def _open_source(path: Path, file_format: str | None) -> FileSource:
             f'"format": "{detected}".',
             pointer="/format",
         )
-    if detected == "parquet":
-        return ParquetFileSource(path)
+    if detected in ("parquet", "feather"):
+        return ParquetFileSource(path) if detected == "parquet" else FeatherFileSource(path)
     if detected in ("csv", "jsonl"):
         return open_text(TextContent(path))
     if detected == "zip":
@@ -195,7 +246,7 @@ def open_text(content: TextContent) -> FileSource:
         If it cannot be read.
     """
     is_json = json_records.START.search(content.read_start(_LOOKED_AT))
-    return json_records.open_json(content) if is_json else CsvFileSource(content)
+    return read_marked_gaps(json_records.open_json(content) if is_json else CsvFileSource(content))
 
 
 def _open_foreign(path: Path, name: str) -> FileSource:

@@ -201,7 +201,67 @@ def replace_typographic_signs(text: str) -> str:
     return _APOSTROPHES.sub("", _SIGN.sub("-", text))
 
 
+_QUOTED_DECIMAL = re.compile(r'"([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)"')
+_OPEN_QUOTE = re.compile(r'"[^"]*"')
+
+
+def has_quoted_decimals(text: str) -> bool:
+    """Return whether cells in quotes have decimal commas; three digits behind all of them are thousands."""
+    cells = _QUOTED_DECIMAL.findall(text)
+    return any(len(decimals) != _OF_THOUSANDS or whole.lstrip("+-") == "0" for whole, decimals in cells)
+
+
+def replace_quoted_decimals(text: str) -> str:
+    """Return the text with points in numbers in quotes that have commas."""
+    return _QUOTED_DECIMAL.sub(r"\1.\2", text)
+
+
+def has_names_on_lines(text: str) -> bool:
+    """Return whether the first line ends within a quoted name, which goes on below."""
+    return text.lstrip().partition("\n")[0].count('"') % 2 == 1
+
+
+def join_names_on_lines(text: str) -> str:
+    """Return the text with quoted cells on one line each."""
+    return _OPEN_QUOTE.sub(lambda cell: " ".join(cell[0].split()), text)
+
+
+_OF_THOUSANDS = 3
+_CELL_BEGINS, _CELL_ENDS = r"(?m)(^|[,;\t|])[ ]*", r"[ ]*(?=[,;\t|]|\r?$)"
+_IN_BRACKETS = re.compile(rf"{_CELL_BEGINS}\(((?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?)\){_CELL_ENDS}")
+_MINUS_BEHIND = re.compile(rf"{_CELL_BEGINS}((?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)-{_CELL_ENDS}")
+_MINUS_BEFORE = re.compile(rf"{_CELL_BEGINS}-[.,]?\d")
+
+
+def has_minus_elsewhere(text: str) -> bool:
+    """Return whether negative numbers are in brackets, or have the minus behind them, and none before them."""
+    elsewhere = _IN_BRACKETS.search(text) or _MINUS_BEHIND.search(text)
+    return elsewhere is not None and _MINUS_BEFORE.search(text) is None
+
+
+def put_minus_before(text: str) -> str:
+    """Return the text with the minus before its numbers."""
+    return _MINUS_BEHIND.sub(r"\1-\2", _IN_BRACKETS.sub(r"\1-\2", text))
+
+
+_NO_CELLS = re.compile(r"(?m)^[;,\t|]{2,}[ ]*(?=\r?$)")
+
+
+def has_rows_without_cells(text: str) -> bool:
+    """Return whether rows have separators alone."""
+    return _NO_CELLS.search(text) is not None
+
+
+def remove_rows_without_cells(text: str) -> str:
+    """Return the text with empty lines, which count as no rows, in the place of separators alone."""
+    return _NO_CELLS.sub("", text)
+
+
 CHANGES_OF_CELLS = (
+    (has_minus_elsewhere, put_minus_before),
+    (has_rows_without_cells, remove_rows_without_cells),
+    (has_names_on_lines, join_names_on_lines),
+    (has_quoted_decimals, replace_quoted_decimals),
     (has_spaced_quotes, close_up_quotes),
     (has_fortran_exponents, replace_fortran_exponents),
     (has_typographic_signs, replace_typographic_signs),
