@@ -18,7 +18,7 @@ from dynident.identification.recording_faults import (
     check_recording_faults,
     find_recording_faults,
 )
-from dynident.identification.recording_faults.description_units import find_description_units
+from dynident.identification.recording_faults.description_fit import find_description_units
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.identification.recording_faults.torque_scale import refine_factor_by_masses

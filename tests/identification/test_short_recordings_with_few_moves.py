@@ -10,13 +10,10 @@ from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, recor
 
 from dynident.identification.recording_faults import ColumnFault, find_recording_faults, gravity_in_torque
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows
+from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.identification.recording_faults.tree_fit import BLOCKS, GramMatrices
-from dynident.identification.recording_faults.unexplained_torque import (
-    DescriptionFit,
-    HeldOutFit,
-    measure_left_by_description,
-)
+from dynident.identification.recording_faults.unexplained_torque import HeldOutFit
 from dynident.recordings import Recording
 from dynident.robot.pinocchio_conversion import compute_described_torque
 

@@ -103,7 +103,7 @@ def commands_in_messages() -> Iterator[tuple[str, str]]:
 def test_every_command_that_a_message_names_is_there_with_its_options() -> None:
     found = set(commands_in_messages())
     assert len(found) > 30
-    assert {("fitness_by_use.py", "dynident validate MODEL payload LOADED --unloaded RUN --mass KG")} <= found
+    assert {("printed_results.py", "dynident validate MODEL payload LOADED --unloaded RUN --mass KG")} <= found
     assert not {one: wrong for one in found if (wrong := wrong_with(one[1].replace("'", "")))}
 
 

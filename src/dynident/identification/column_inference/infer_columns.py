@@ -54,7 +54,7 @@ from dynident.identification.column_inference.unnamed_columns import (
     select_whole_signals,
     sort_by_number,
 )
-from dynident.identification.recording_faults.description_units import find_description_units
+from dynident.identification.recording_faults.description_fit import find_description_units
 from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.conditioning.signed_registers import decode_registers
 from dynident.recordings.recording_metadata import EffortKind

@@ -15,7 +15,7 @@ from dynident.identification.recording_faults.column_faults import (
     Motion,
     is_possible_delay,
 )
-from dynident.identification.recording_faults.description_units import (
+from dynident.identification.recording_faults.description_fit import (
     ZERO,
     find_description_units,
     report_description_units,

@@ -22,6 +22,7 @@ from dynident.identification.recording_faults.column_faults import (
     list_possible_faults,
     silence_others,
 )
+from dynident.identification.recording_faults.description_fit import DescriptionFit
 from dynident.identification.recording_faults.rows_for_fault_search import (
     HeldOutFits,
     filter_for_search,
@@ -42,7 +43,6 @@ from dynident.identification.recording_faults.torque_scale import (
 from dynident.identification.recording_faults.tree_fit import find_moving_joints, find_parallel_axes, list_chains
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY_IN_ALL_BLOCKS,
-    DescriptionFit,
     HeldOutFit,
     UnexplainedTorque,
 )

@@ -13,6 +13,7 @@ from scipy.optimize import minimize
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.recording_faults.column_faults import Motion
+from dynident.identification.recording_faults.description_fit import measure_left_by_description
 from dynident.identification.recording_faults.fault_search import measure_unexplained_share
 from dynident.identification.recording_faults.torque_scale import KNOWN
 from dynident.identification.recording_faults.tree_fit import BLOCKS
@@ -20,7 +21,6 @@ from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY,
     HeldOutFit,
     UnexplainedTorque,
-    measure_left_by_description,
 )
 from dynident.robot.pinocchio_conversion import compute_described_torque
 from dynident.robot.robot_model import Robot

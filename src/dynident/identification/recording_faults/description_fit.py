@@ -1,0 +1,506 @@
+"""Judge a recording by the description's masses: units of the masses, zeros counted from the start, column faults."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import minimize, nnls
+
+from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.effects import ReferenceParameters, get_role
+from dynident.errors import Remedy
+from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
+from dynident.identification.recording_faults.torque_scale import find_revolute_joints
+from dynident.identification.recording_faults.tree_fit import (
+    BLOCKS,
+    LEAVE_ONE_OUT,
+    find_moving_joints,
+    find_moving_rows,
+)
+from dynident.identification.recording_faults.unexplained_torque import (
+    CLEARLY,
+    SURELY,
+    HeldOutFit,
+    UnexplainedTorque,
+    build_models,
+    compute_log_shares,
+)
+from dynident.number_format import format_percent
+from dynident.recordings.recording import Recording
+from dynident.recordings.recording_metadata import Check, Revision
+from dynident.robot.robot_model import INERTIAL_NAMES, Robot
+
+_FEW_ROWS = 400
+"""Rows by which it is estimated what the description leaves: it has a few parameters a joint."""
+
+# Added to the scaled normal matrix, so that it has a Cholesky factor where columns depend on each other.
+_RIDGE = 1e-9
+
+_HEAVIEST = 1000.0
+"""kg per m² of reach: arms have 10 to 160, from a hobby servo arm to one for 300 kg; in grams it is at least 10,000."""
+
+_WIDEST = 3.0
+"""Times the reach up to which a link's centre of mass, or its radius of gyration, may be from its joint: 0.6 in
+descriptions that are right, and 30 and more with mm taken for m."""
+
+_SMALL = 1e-3
+
+
+@dataclass(frozen=True)
+class DescriptionUnits:
+    """Factors that bring a description's numbers to SI units.
+
+    Parameters
+    ----------
+    mass : float
+        Factor of the masses.
+    moment : float
+        Factor of the first moments.
+    inertia : float
+        Factor of the moments and products of inertia.
+    """
+
+    mass: float
+    moment: float
+    inertia: float
+
+    def to_si(self, robot: Robot) -> Robot:
+        """Return the robot with inertial parameters in SI units.
+
+        Parameters
+        ----------
+        robot : Robot
+            As it was described.
+        """
+        assert robot.inertias is not None
+        factors = np.array([self.inertia] * 6 + [self.moment] * 3 + [self.mass])
+        return replace(robot, inertias=robot.inertias * factors)
+
+    def __str__(self) -> str:
+        masses = "" if self.mass == 1.0 else "masses seem to be in g, 1000 times the mass of such an arm"
+        centres = "" if self.moment == self.mass else "centres of mass seem to be in mm"
+        times = self.inertia / self.mass
+        unit = {(_SMALL, _SMALL**2): "g mm²", (1.0, _SMALL**2): "kg mm²", (_SMALL, 1.0): "g m²"}
+        named = unit.get((self.mass, round(times, 12)))
+        inertias = "" if self.inertia == 1.0 else f"inertias in {named}, {1.0 / self.inertia:.0e} times those in kg m²"
+        return ", ".join(text for text in (masses, centres, inertias) if text)
+
+
+def find_description_units(robot: Robot) -> DescriptionUnits | None:
+    """Find the units of a description's masses, from its own numbers alone.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+
+    Returns
+    -------
+    DescriptionUnits or None
+        None where they are SI, or the description has no masses.
+    """
+    if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
+        return None
+    reach = sum(float(np.linalg.norm(np.asarray(joint.placement)[:3, 3])) for joint in robot.joints)
+    links = robot.inertias[robot.inertias[:, 9] > 0]
+    # Without a length nothing can be compared.
+    if reach <= 0.0:
+        return None
+    masses = links[:, 9]
+    mass = _SMALL if masses.sum() > _HEAVIEST * reach**2 else 1.0
+    # The median over the links: a single link may have an odd centre of mass, a unit is wrong for all of them.
+    centre = float(np.median(np.linalg.norm(links[:, 6:9], axis=1) / masses))
+    moment = mass * (_SMALL if centre > _WIDEST * reach else 1.0)
+    # Radius of gyration about the joint, by the largest moment of inertia; about the centre of mass it is no larger.
+    squares = np.abs(links[:, [0, 3, 5]]).max(axis=1) / masses
+    wide = float(np.sqrt(np.median(squares))) > _WIDEST * reach
+    units = DescriptionUnits(mass, moment, mass * (_SMALL**2 if wide else 1.0))
+    return None if units == DescriptionUnits(1.0, 1.0, 1.0) else units
+
+
+def report_description_units(units: DescriptionUnits) -> Check:
+    """Report a description that is not in SI units.
+
+    Parameters
+    ----------
+    units : DescriptionUnits
+        Its units.
+    """
+    return Check(
+        DESCRIPTION_UNITS,
+        "warning",
+        f"The robot's description is not in SI units: its {units}. The torques are not the cause. Identification does "
+        "not need these numbers, but a prior, a completed export and some checks do: write them in kg, m and kg m² in "
+        "the description.",
+    )
+
+
+ZERO, DESCRIPTION_UNITS = "joint_zero", "description_units"
+
+_AT_START = 1e-3
+"""Share of its motion up to which a joint's first position is 0."""
+_POOR = 0.1
+"""Left of the torque of the joint that is explained worst, from which on such zeros are doubted."""
+_ROWS = 400
+"""Rows by which the zeros are looked for: an angle a joint is told by few."""
+_GRID = np.deg2rad(sorted(range(-150, 181, 30), key=abs))
+"""Angles that are tried, no shift first: without masses all are alike."""
+_TRIES, _STEPS = 200, 30
+"""Fits of the rough search, and steps down the slope."""
+_FLAT, _BESIDE = 0.02, np.deg2rad(5.0)
+"""Logarithm by which the score has to rise beside a zero, and how far beside, for the data to tell it."""
+
+
+def begins_at_zero(recording: Recording) -> bool:
+    """Return whether every joint of several is at 0 in the first row, as where positions are counted from the start."""
+    first = next(iter(recording.source.rows(0, recording.n_samples, recording.n_samples)))
+    span = np.ptp(first.q, axis=0)
+    return recording.n > 1 and bool((np.abs(first.q[0]) <= _AT_START * span).all() and (span > 0).all())
+
+
+def report_zeros_from_start(
+    robot: Robot, recording: Recording, motion: Motion, fit: HeldOutFit, as_is: UnexplainedTorque, q: Sequence[str]
+) -> Check | None:
+    """Report positions that begin at 0 and do not go with the description's zeros; None where they do.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with masses in SI units.
+    recording : Recording
+        The recording.
+    motion : Motion
+        Its filtered rows.
+    fit : HeldOutFit
+        That of the robot.
+    as_is : UnexplainedTorque
+        What it leaves of the torque as it is.
+    q : sequence of str
+        Names of the columns of positions.
+    """
+    if as_is.worst_share < _POOR or not begins_at_zero(recording):
+        return None
+    zeros = _find_zeros(robot, motion, fit)
+    unexplained = fit.measure_unexplained(replace(motion, q=motion.q - zeros))
+    if not as_is.is_surely_above(unexplained):
+        return None
+    told = {f"q{joint + 1}": float(f"{zero:.4g}") for joint, zero in enumerate(zeros) if zero}
+    remedy = Remedy("zeros", told)
+    others = [robot.joint_names[joint] for joint, zero in enumerate(zeros) if not zero]
+    open_ones = f" Those of {', '.join(others)} do not show in these data." if others else ""
+    detail = (
+        f"All positions ({q[0]} … {q[-1]}) begin at 0: they seem to be counted from where the robot stood at the "
+        "start, and not from the zeros of the description. The robot's dynamics leave "
+        f"{format_percent(as_is.average_share, decimals=1)} of an average joint's torque unexplained, and "
+        f"{format_percent(unexplained.average_share, decimals=1)} with zeros at {remedy} (in rad).{open_ones} "
+        "State the angles at which the robot stood at the start, with the opposite sign, as zeros, for each recording "
+        "its own; or log absolute positions."
+    )
+    # Zeros that do not show differ from recording to recording: a model of this one would fit no other.
+    return Check(ZERO, "error", detail, q[0], apply=None if others[1:] else Revision(zeros=told), remedies=(remedy,))
+
+
+def _find_zeros(robot: Robot, motion: Motion, fit: HeldOutFit) -> FloatArray:
+    """Return the angles (n,) in rad that the positions have too much; 0 where the data do not tell.
+
+    The masses of the description tell roughly, one joint after the other; a fit of all parameters tells the rest.
+    """
+    every = max(1, len(motion.q) // _ROWS)
+    few = Motion(*(getattr(motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block")))
+    joints = [int(joint) for joint in np.flatnonzero(find_revolute_joints(robot))]
+
+    def measure_described(zeros: FloatArray) -> float:
+        left = measure_left_by_description(robot, replace(few, q=few.q - zeros))
+        return 0.0 if left is None else left
+
+    def measure(zeros: FloatArray) -> float:
+        return fit.measure_unexplained(replace(motion, q=motion.q - zeros)).fine_inside
+
+    zeros = np.zeros(robot.n)
+    # The zero of the last joint is one with the parameters of its link.
+    if not (inner := joints[:-1]):
+        return zeros
+    for joint in joints:
+        tries = [zeros + angle * (np.arange(robot.n) == joint) for angle in _GRID]
+        zeros = min(tries, key=measure_described)
+
+    def measure_inner(angles: FloatArray) -> float:
+        return measure(_spread(angles, inner, robot.n))
+
+    # Joints with parallel axes trade their zeros for one another: a narrow valley, along which slopes lead.
+    rough = minimize(measure_inner, zeros[inner], method="Powell", options={
+        "xtol": 1e-2, "ftol": 1e-2, "maxfev": _TRIES})  # fmt: skip
+    angles = minimize(measure_inner, rough.x, method="BFGS", options={"maxiter": _STEPS}).x
+    zeros = _spread(angles, inner, robot.n)
+    least = measure(zeros)
+    for joint in joints:
+        beside = [measure(zeros + side * _BESIDE * (np.arange(robot.n) == joint)) - least for side in (-1.0, 1.0)]
+        # Nothing changes with this angle: the first joint's about a vertical axis, or that of the last link.
+        if max(beside) < _FLAT:
+            zeros[joint] = 0.0
+    return np.asarray((zeros + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def _spread(values: FloatArray, joints: Sequence[int], n: int) -> FloatArray:
+    zeros = np.zeros(n)
+    zeros[list(joints)] = values
+    return zeros
+
+
+def compute_load(robot: Robot, motion: Motion) -> FloatArray | None:
+    """Return the torque (m, n) that the links need as the description has them; None without masses.
+
+    As `compute_described_load`, by the rows of W that fits are made of.
+    """
+    if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
+        return None
+    load = np.zeros_like(motion.tau)
+    for _, observation, _ in build_models(robot, ()):
+        memory = np.zeros((len(motion.q), observation.n_memory))
+        reference = ReferenceParameters.massless(robot)
+        entries = observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
+        values = np.zeros(observation.n_columns)
+        for k, column in enumerate(observation.columns):
+            if get_role(column) == "link":
+                link = robot.tree.joint_names.index(column.link)
+                values[k] = robot.inertias[link, INERTIAL_NAMES.index(column.parameter)]
+        load += observation.compute_torque(entries, values)
+    return load
+
+
+@dataclass(frozen=True, eq=False)
+class DescriptionFit:
+    """Opinion of a robot's description on faults in a motion.
+
+    In few moves a fit of all parameters explains by chance: another order of the columns of a short right motion left
+    less by 0.2 and more in five of 180, the description's own masses at most 0.03 less. Where the description explains
+    as much as a fit, planted faults left 0.3 less and more without the fault.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot with the masses of its description.
+    motion : Motion
+        Filtered rows of the recording.
+    now : UnexplainedTorque
+        What a fit of all parameters leaves of the torque as it is.
+    """
+
+    robot: Robot
+    motion: Motion
+    now: UnexplainedTorque
+
+    def refutes(self, fault: ColumnFault) -> bool:
+        """Tell whether the description explains the torque as the columns are, and no better without a fault.
+
+        It has no opinion on a scaled torque, as its gain is free.
+
+        Parameters
+        ----------
+        fault : ColumnFault
+            The fault.
+        """
+        as_is = self._left_as_is
+        if fault.kind == "torque scaled" or as_is is None:
+            return False
+        mended = self.measure_left(fault)
+        if mended is None:
+            return False
+        explains_as_it_is = as_is.mean() <= self.now.blocks.mean() + self._threshold
+        return bool(
+            (explains_as_it_is and as_is.mean() - mended.mean() < self._threshold)
+            or self._is_surely_less(as_is, mended)
+        )
+
+    def surely_demands(self, fault: ColumnFault) -> bool:
+        """Tell whether the description surely explains more without a fault.
+
+        Parameters
+        ----------
+        fault : ColumnFault
+            The fault.
+        """
+        as_is, mended = self._left_as_is, self.measure_left(fault)
+        return as_is is not None and mended is not None and self._is_surely_less(mended, as_is)
+
+    def measure_left(self, fault: ColumnFault) -> FloatArray | None:
+        """Return what the description leaves in every block (blocks,) without a fault; None without masses.
+
+        Parameters
+        ----------
+        fault : ColumnFault
+            The fault.
+        """
+        if fault not in self._blocks_by_fault:
+            self._blocks_by_fault[fault] = measure_blocks_left_by_description(self.robot, fault.mend(self.motion))
+        return self._blocks_by_fault[fault]
+
+    def may_demand(self, fault: ColumnFault) -> bool:
+        """Tell whether the description may explain more without a fault, by a few rows; also without masses.
+
+        Parameters
+        ----------
+        fault : ColumnFault
+            The fault.
+        """
+        as_is, mended = self._estimate_as_is, self.estimate_left(fault)
+        return as_is is None or mended is None or as_is - mended >= 0.5 * self._threshold
+
+    def estimate_left(self, fault: ColumnFault) -> float | None:
+        """Return what the description leaves of a few rows without a fault, in the mean; None without masses.
+
+        Parameters
+        ----------
+        fault : ColumnFault
+            The fault.
+        """
+        motion = fault.mend(self._few_rows)
+        if fault.is_of_positions:
+            shares = _estimate_shares(motion, compute_load(self.robot, motion))
+        else:
+            # Neither the load nor other joints depend on the torque of some joints.
+            shares = self._few_shares | _estimate_shares(motion, self._few_loads, fault.joints)
+        return float(np.mean([*shares.values()])) if shares else None
+
+    def _is_surely_less(self, left: FloatArray, other: FloatArray) -> bool:
+        """Tell whether clearly less is left than otherwise, and in most blocks."""
+        more = other - left
+        error = float(more.std(ddof=1)) / np.sqrt(BLOCKS)
+        return bool(more.mean() >= max(self._threshold, SURELY * error))
+
+    def prefers(self, fault: ColumnFault, other: ColumnFault) -> bool:
+        """Tell whether the description explains clearly more without one fault than without another.
+
+        It decides between faults that a fit cannot tell apart.
+
+        Parameters
+        ----------
+        fault, other : ColumnFault
+            Two faults.
+        """
+        first, second = self.measure_left(fault), self.measure_left(other)
+        return first is not None and second is not None and second.mean() - first.mean() >= self._threshold
+
+    @property
+    def _threshold(self) -> float:
+        return CLEARLY / max(int(self.now.moving.sum()), 1)
+
+    @cached_property
+    def _left_as_is(self) -> FloatArray | None:
+        return measure_blocks_left_by_description(self.robot, self.motion)
+
+    @cached_property
+    def _estimate_as_is(self) -> float | None:
+        return float(np.mean([*self._few_shares.values()])) if self._few_shares else None
+
+    @cached_property
+    def _few_rows(self) -> Motion:
+        every = max(1, len(self.motion.q) // _FEW_ROWS)
+        return Motion(*(getattr(self.motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block")))
+
+    @cached_property
+    def _few_loads(self) -> FloatArray | None:
+        return compute_load(self.robot, self._few_rows)
+
+    @cached_property
+    def _few_shares(self) -> dict[int, float]:
+        return _estimate_shares(self._few_rows, self._few_loads)
+
+    @cached_property
+    def _blocks_by_fault(self) -> dict[ColumnFault, FloatArray | None]:
+        return {}
+
+
+def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
+    """Return the mean logarithm of the unexplained share of the torque, with the description's load on each joint.
+
+    The gain of the load, dry and viscous friction and the inertia of the drive are not negative; a constant torque is
+    free. Each block of time is predicted from the others, as in `HeldOutFit.measure_unexplained`.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+
+    Returns
+    -------
+    float or None
+        None where the description has no masses.
+    """
+    blocks = measure_blocks_left_by_description(robot, motion)
+    return None if blocks is None else float(blocks.mean())
+
+
+def measure_blocks_left_by_description(robot: Robot, motion: Motion) -> FloatArray | None:
+    """Return the same of every block (blocks,).
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    """
+    load = compute_load(robot, motion)
+    if load is None:
+        return None
+    moves = find_moving_rows(motion)
+    shares = [
+        _measure_unexplained(
+            _build_columns(motion, load, int(joint)), motion.tau[:, joint], motion.block, moves[:, joint]
+        )
+        for joint in np.flatnonzero(find_moving_joints(motion))
+    ]
+    return np.asarray(np.mean(shares, axis=0))
+
+
+def _estimate_shares(motion: Motion, load: FloatArray | None, joints: Sequence[int] | None = None) -> dict[int, float]:
+    """Return the log share of each joint's torque that a load leaves, of all rows that are fitted to.
+
+    Only of joints that move, and of the stated ones; none without a load.
+    """
+    moves, moving, shares = find_moving_rows(motion), find_moving_joints(motion), {}
+    for joint in range(len(moving)) if joints is None else joints:
+        if load is None or not moving[joint]:
+            continue
+        rows = np.column_stack([_build_columns(motion, load, joint), motion.tau[:, joint]])[moves[:, joint]]
+        gram = rows.T @ rows
+        residual = np.append(-_fit(gram), 1.0)
+        shares[joint] = float(compute_log_shares(residual @ gram @ residual, gram[-1, -1]))
+    return shares
+
+
+def _build_columns(motion: Motion, load: FloatArray, joint: int) -> FloatArray:
+    """Return the columns (m, 6): load, dry and viscous friction, inertia of the drive, and ± a constant."""
+    # A constant of either sign, as two columns that are not negative.
+    dq, ones = motion.dq[:, joint], np.ones(len(load))
+    return np.stack([load[:, joint], np.sign(dq), dq, motion.ddq[:, joint], ones, -ones], axis=1)
+
+
+def _measure_unexplained(columns: FloatArray, tau: FloatArray, block: IntArray, moves: BoolArray) -> FloatArray:
+    rows = np.concatenate([columns, tau[:, None]], axis=1)
+    parts = [rows[moves & (block == number)] for number in range(BLOCKS)]
+    grams = np.stack([part.T @ part for part in parts])
+    # Inner products of all blocks but each one: every block is then predicted from a fit without it, at no further
+    # pass.
+    others = np.tensordot(LEAVE_ONE_OUT, grams, axes=1)
+    residual = np.stack([np.append(-_fit(gram), 1.0) for gram in others[:-1]])
+    squares = np.einsum("bi,bik,bk->b", residual, grams, residual)
+    return compute_log_shares(squares, others[-1, -1, -1] / BLOCKS)
+
+
+def _fit(gram: FloatArray) -> FloatArray:
+    """Return the parameters (c,), none of them negative, of inner products (c + 1, c + 1) of [W | Y]."""
+    # Columns of equal size, or the ridge would weigh them by their units.
+    scale = np.sqrt(np.maximum(np.diag(gram)[:-1], np.finfo(float).tiny))
+    normal = gram[:-1, :-1] / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    # Non-negative least squares on the Cholesky factor has the same solution as on all rows, and is small.
+    upper = cholesky(normal)
+    scaled_values, _ = nnls(upper, solve_triangular(upper, gram[:-1, -1] / scale, trans="T"))
+    return scaled_values / scale
