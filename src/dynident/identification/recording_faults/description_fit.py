@@ -11,7 +11,6 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize, nnls
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-from dynident.effects import ReferenceParameters, get_role
 from dynident.errors import Remedy
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
 from dynident.identification.recording_faults.torque_scale import find_revolute_joints
@@ -26,13 +25,13 @@ from dynident.identification.recording_faults.unexplained_torque import (
     SURELY,
     HeldOutFit,
     UnexplainedTorque,
-    build_models,
+    compute_load,
     compute_log_shares,
 )
 from dynident.number_format import format_percent
 from dynident.recordings.recording import Recording
 from dynident.recordings.recording_metadata import Check, Revision
-from dynident.robot.robot_model import INERTIAL_NAMES, Robot
+from dynident.robot.robot_model import Robot
 
 _FEW_ROWS = 400
 """Rows by which it is estimated what the description leaves: it has a few parameters a joint."""
@@ -249,27 +248,6 @@ def _spread(values: FloatArray, joints: Sequence[int], n: int) -> FloatArray:
     zeros = np.zeros(n)
     zeros[list(joints)] = values
     return zeros
-
-
-def compute_load(robot: Robot, motion: Motion) -> FloatArray | None:
-    """Return the torque (m, n) that the links need as the description has them; None without masses.
-
-    As `compute_described_load`, by the rows of W that fits are made of.
-    """
-    if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
-        return None
-    load = np.zeros_like(motion.tau)
-    for _, observation, _ in build_models(robot, ()):
-        memory = np.zeros((len(motion.q), observation.n_memory))
-        reference = ReferenceParameters.massless(robot)
-        entries = observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
-        values = np.zeros(observation.n_columns)
-        for k, column in enumerate(observation.columns):
-            if get_role(column) == "link":
-                link = robot.tree.joint_names.index(column.link)
-                values[k] = robot.inertias[link, INERTIAL_NAMES.index(column.parameter)]
-        load += observation.compute_torque(entries, values)
-    return load
 
 
 @dataclass(frozen=True, eq=False)

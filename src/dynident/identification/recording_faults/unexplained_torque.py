@@ -12,9 +12,11 @@ from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.effects import (
     DEFAULT_EFFECTS,
     EffectChoice,
+    ReferenceParameters,
     Signals,
     build_columns,
     get_effect,
+    get_role,
 )
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.tree_fit import (
@@ -26,7 +28,7 @@ from dynident.identification.recording_faults.tree_fit import (
 )
 from dynident.regressors.base_parameters import evaluate_at_random_states, select_base
 from dynident.regressors.observation_matrix import Observation
-from dynident.robot.robot_model import Robot
+from dynident.robot.robot_model import INERTIAL_NAMES, Robot
 
 CLEARLY, SURELY = 0.6, 2.5
 """Sum over the joints of the logarithm by which the unexplained share of the torque has to fall without a fault (on
@@ -147,8 +149,8 @@ class HeldOutFit:
 
     def __init__(self, robot: Robot, more: tuple[EffectChoice, ...] = (), like: HeldOutFit | None = None) -> None:
         self._robot = robot
-        models = build_models(robot, more)
-        parameters = [model[2] for model in (models if like is None else build_models(like._robot, more))]
+        models = _build_models(robot, more)
+        parameters = [model[2] for model in (models if like is None else _build_models(like._robot, more))]
         self._trees = [
             TreeFit(robot, joints, observation, independent)
             for (joints, observation, _), independent in zip(models, parameters, strict=True)
@@ -262,7 +264,7 @@ class HeldOutFit:
 
 
 @lru_cache(maxsize=8)
-def build_models(
+def _build_models(
     robot: Robot, more: tuple[EffectChoice, ...]
 ) -> tuple[tuple[tuple[int, ...], Observation, IntArray], ...]:
     """Build the columns of each tree's links, rotors and friction, and number those that do not depend on others.
@@ -283,6 +285,27 @@ def build_models(
         base = select_base(rows, tuple(own[k].name for k in order))
         models.append((tuple(joints), observation, np.sort(np.array(order)[list(base.kept)])))
     return tuple(models)
+
+
+def compute_load(robot: Robot, motion: Motion) -> FloatArray | None:
+    """Return the torque (m, n) that the links need as the description has them; None without masses.
+
+    As `compute_described_load`, by the rows of W that fits are made of.
+    """
+    if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
+        return None
+    load = np.zeros_like(motion.tau)
+    for _, observation, _ in _build_models(robot, ()):
+        memory = np.zeros((len(motion.q), observation.n_memory))
+        reference = ReferenceParameters.massless(robot)
+        entries = observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
+        values = np.zeros(observation.n_columns)
+        for k, column in enumerate(observation.columns):
+            if get_role(column) == "link":
+                link = robot.tree.joint_names.index(column.link)
+                values[k] = robot.inertias[link, INERTIAL_NAMES.index(column.parameter)]
+        load += observation.compute_torque(entries, values)
+    return load
 
 
 _STATES_PER_COLUMN = 2
