@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dynident.diagnosis import decision_levels, diagnose_model
+from dynident.diagnosis import ambiguities, decision_levels, diagnose_model
 from dynident.diagnosis.candidates import significance
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.outcome_reasons import Reason
@@ -23,6 +23,7 @@ from dynident.diagnosis.search import (
     comparison_of_rivals,
     finding_refinement,
     forward_selection,
+    identifiability_and_invisible_effects,
     next_finding,
     physical_plausibility,
     pruning,
@@ -74,6 +75,10 @@ LEVELS: dict[str, dict[str, float]] = {
     "adequate_over_noise": {"adequate_over_noise": 1e9},
 }
 """Levels and the values that switch them off."""
+
+
+_search: Callable[..., Any] = forward_selection.search_findings
+_stability: Callable[..., float] = acceptance_rules.compute_stability
 
 
 def _no_reason(*_: Any, **__: Any) -> None:
@@ -216,12 +221,12 @@ DECISIONS: dict[str, list[Callable[..., Any]]] = {
     "given_back": [physical_plausibility._is_dissipative],
     "wrong_sign": [physical_plausibility.find_impossibility],
     "rows_of_filter": [physical_plausibility.find_impossibility],
-    "part_to_part": [forward_selection.is_determined],
-    "main_explanation": [forward_selection.is_main_explanation],
+    "part_to_part": [identifiability_and_invisible_effects.is_determined],
+    "main_explanation": [identifiability_and_invisible_effects.is_main_explanation],
     "few_waves": [forward_selection._is_slow_wave],
     "few_waves none": [forward_selection._is_slow_wave],
-    "left_over": [diagnose_model.find_misnamed],
-    "much_left_over": [diagnose_model.find_misnamed],
+    "left_over": [ambiguities.find_misnamed],
+    "much_left_over": [ambiguities.find_misnamed],
 }
 """The decisions that a level is for; one without an entry is always tried."""
 
@@ -241,7 +246,6 @@ FLOODGATES = {
 """What opens the way to many findings: each is switched off by itself, and only where it is asked for."""
 
 SWITCHES = (*LEVELS, *RULES)
-_search, _stability = forward_selection.search_findings, acceptance_rules.compute_stability
 
 
 def fork_at_rules(
@@ -283,7 +287,7 @@ def fork_at_rules(
             return apply_switches(rules, forked.group)
         raise Explored
 
-    diagnose_model.DecisionRules = build  # type: ignore[assignment, misc]
+    replace_name(diagnose_model, "DecisionRules", build)
     try:
         outcome = {**run(), "fired": sorted(fired)}
     except Explored:
@@ -293,7 +297,7 @@ def fork_at_rules(
             raise
         outcome = {"failed": traceback.format_exc()}
     finally:
-        diagnose_model.DecisionRules = plain_class  # type: ignore[misc]
+        replace_name(diagnose_model, "DecisionRules", plain_class)
     # Only a child gets here.
     with os.fdopen(channel[0], "wb") as stream:
         stream.write(pickle.dumps(outcome))
@@ -317,15 +321,20 @@ class Forked(Exception):
 def apply_switches(rules: decision_levels.DecisionRules, group: Sequence[str]) -> decision_levels.DecisionRules:
     """Switch levels and rules off in this process; leave out what is computed for the report alone."""
     if group != ("only names",):
-        diagnose_model.compute_detection_limits = _nothing  # type: ignore[assignment]
-        diagnose_model.score_beside_findings = _keep_scores  # type: ignore[assignment]
+        replace_name(diagnose_model, "compute_detection_limits", _nothing)
+        replace_name(diagnose_model, "score_beside_findings", _keep_scores)
     for switch in group:
         for level, value in LEVELS.get(switch, {}).items():
             object.__setattr__(decision_levels.RULES, level, value)
             object.__setattr__(rules, level, value)
         for module, attribute, stand_in in RULES.get(switch, ()):
-            setattr(module, attribute, stand_in)
+            replace_name(module, attribute, stand_in)
     return rules
+
+
+def replace_name(module: Any, name: str, value: Any) -> None:
+    """Replace what a module calls by a name, whichever module has defined it."""
+    setattr(module, name, value)
 
 
 def watch_decisions(fired: set[str]) -> None:

@@ -347,7 +347,7 @@ class _Batch:
         What pulls at two joints has to help both; anything else the joint that it helps most.
         """
         pulls = np.array([get_effect(each.candidate.effect).pulls_on_each for each in self.planted])
-        return np.where(pulls[:, None], values.min(axis=1), values.max(axis=1))
+        return np.asarray(np.where(pulls[:, None], values.min(axis=1), values.max(axis=1)))
 
 
 def _stack_terms(planted: Sequence[_PlantedEffect]) -> list[tuple[FloatArray, ...]]:
