@@ -128,22 +128,6 @@ def test_two_mistakes_at_once_are_both_named() -> None:
     }
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_sweep_of_one_joint_tells_the_sign_of_its_torque_and_nothing_of_joints_that_rest(sign: float) -> None:
-    whole, _ = measured()
-    rows, moves = slice(0, 1600), np.arange(6) == 1
-    posture = np.array([0.0, -1.2, 1.2, 0.3, 0.4, 0.0])
-    q = np.where(moves, whole.q, posture)
-    motion = Motion(whole.t[rows], q[rows], (whole.dq * moves)[rows], (whole.ddq * moves)[rows])
-    tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq) + 0.04 * EFFORT * np.sign(motion.dq)
-    tau = tau + 0.03 * EFFORT * motion.dq + 0.002 * EFFORT * np.random.default_rng(1).normal(size=tau.shape)
-    # The brakes of the wrist hold more than the load of its links.
-    tau[:, 4] += 20.0 * pinocchio_torque(ROBOT, motion.q, 0.0 * motion.dq, 0.0 * motion.ddq)[:, 4]
-    checks = build_dynamics_checks(ROBOT)(record(ROBOT, motion, tau * np.where(moves, sign, 1.0)), Q, TAU)
-    assert checks is not None
-    assert [check.name for check in checks if check.status != "ok"] == ([] if sign > 0 else ["torque_sign"])
-
-
 def test_a_motion_that_is_too_short_to_tell_is_not_judged() -> None:
     motion, tau = measured()
     few = slice(0, 300)

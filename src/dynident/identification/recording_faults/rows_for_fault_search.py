@@ -29,8 +29,7 @@ _ROWS = 2500
 
 
 _ROWS_PER_COLUMN = 13
-"""Rows for each parameter that the motion tells, at least, that a fit needs to tell one order of the columns from
-another."""
+"""Rows for each independent parameter that a fit needs, at least, to tell one order of the columns from another."""
 
 _EXPLAINED = 0.2
 """Share left of an average joint's torque, or of the worst joint's, from which on the motion's own band is looked at
@@ -161,8 +160,5 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion
 
 
 def has_enough_rows(motion: Motion, judge: HeldOutFit) -> bool:
-    """Tell whether there are enough rows to decide anything: where few joints move, few parameters take part."""
-    rows = thin_out(motion)
-    return len(rows.q) * int(find_moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * max(
-        judge.count_determined(rows), 1
-    )
+    """Tell whether there are enough rows to decide anything."""
+    return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns

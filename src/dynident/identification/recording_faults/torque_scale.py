@@ -15,7 +15,6 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.tree_fit import find_moving_joints
 from dynident.robot.pinocchio_conversion import compute_described_torque
 from dynident.robot.robot_model import Robot
 
@@ -363,11 +362,7 @@ def _compare_with_masses(robot: Robot, motion: Motion) -> list[tuple[float, floa
     None without masses.
     """
     load = compute_described_load(robot, motion)
-    if load is None:
-        return None
-    # A brake, or friction, holds some of the load of a joint that rests: its torque tells nothing of its size.
-    moving = find_moving_joints(motion)
-    return [_compare_load(load[:, joint], motion, joint) if moving[joint] else (1.0, 0.0) for joint in range(robot.n)]
+    return None if load is None else [_compare_load(load[:, joint], motion, joint) for joint in range(robot.n)]
 
 
 def compute_described_load(robot: Robot, motion: Motion) -> FloatArray | None:

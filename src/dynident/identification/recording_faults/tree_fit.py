@@ -242,15 +242,6 @@ class TreeFit:
         _, squares = self._solve_weighted(grams, self._fit_all)
         return squares[:-1], grams.measured[-1]
 
-    def count_determined(self, motion: Motion) -> int:
-        """Count the parameters, or combinations of them, that the joints that move tell."""
-        own = self._select(motion)
-        inner = self._get_rows(motion, own).inner[-1][find_moving_joints(own)]
-        size = np.maximum(np.trace(inner, axis1=1, axis2=2), np.finfo(float).tiny)
-        normal = (inner / size[:, None, None]).sum(axis=0)
-        # What is smaller than the ridge, the ridge decides.
-        return int((np.linalg.eigvalsh(_scale_columns(normal[None])[0][0]) > _RIDGE).sum())
-
     def _select(self, motion: Motion) -> Motion:
         if len(self.joints) == motion.q.shape[1]:
             return motion
@@ -404,15 +395,10 @@ class TreeFit:
 
 def _solve_normal_equations(normal: FloatArray, right: FloatArray) -> FloatArray:
     """Return the solutions (k, c) of normal matrices (k, c, c) and right sides (k, c)."""
-    scaled, scale = _scale_columns(normal)
-    scaled += _RIDGE * np.eye(normal.shape[-1])
-    return np.asarray(np.linalg.solve(scaled, (right / scale)[:, :, None])[:, :, 0] / scale)
-
-
-def _scale_columns(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return normal matrices (k, c, c) of columns of equal size, for a ridge without units, and sizes (k, c)."""
+    # Columns of equal size, so that the ridge does not depend on units.
     scale = np.sqrt(np.maximum(np.einsum("bii->bi", normal), np.finfo(float).tiny))
-    return normal / (scale[:, :, None] * scale[:, None, :]), scale
+    scaled = normal / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(normal.shape[-1])
+    return np.asarray(np.linalg.solve(scaled, (right / scale)[:, :, None])[:, :, 0] / scale)
 
 
 def _list_blocks(motion: Motion, at: IntArray) -> list[slice]:

@@ -161,16 +161,6 @@ class HeldOutFit:
         """Number of independent parameters."""
         return sum(tree.n_columns for tree in self._trees)
 
-    def count_determined(self, motion: Motion) -> int:
-        """Count the parameters, or combinations of them, that a motion tells.
-
-        Parameters
-        ----------
-        motion : Motion
-            Filtered rows of the recording.
-        """
-        return sum(tree.count_determined(motion) for tree in self._trees)
-
     def measure_unexplained(self, motion: Motion) -> UnexplainedTorque:
         """Return the unexplained shares of a motion's torque, each block of time predicted from the others.
 
