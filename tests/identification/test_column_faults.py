@@ -452,6 +452,15 @@ def test_a_mistake_is_named_beside_constant_torques_too(seed: int) -> None:
     assert [one.fault for one in found] == [ColumnFault("torques swapped", (1, 2))]
 
 
+def test_a_torque_that_was_not_recorded_does_not_spoil_the_fit_of_the_others() -> None:
+    motion, tau = measured()
+    rows = filter_motion(record(ROBOT, motion, np.where(np.arange(6) == 0, 0.0, tau)))
+    assert rows is not None
+    shares = HeldOutFit(ROBOT).measure_unexplained(rows).joints
+    assert shares[0] == 0.0
+    assert shares[1:].max() < 0.1
+
+
 def test_a_command_is_told_where_a_joint_without_a_load_has_no_torque_at_all(tmp_path: Path) -> None:
     motion, _ = measured()
     still = np.zeros_like(motion.q)

@@ -302,15 +302,17 @@ class TreeFit:
         Parameters (blocks + 1, c); and the squares (blocks + 1, n) that they leave, in the one block and in all.
         """
         measured = grams.measured[-1]
-        # A joint whose torque is zero, or explained exactly, must not get an infinite weight.
+        # A joint whose torque is explained exactly must not get an infinite weight. One whose torque was not recorded
+        # has none: zeros throughout would say that the links have no mass.
         least = max(_QUIET * float(measured.max(initial=0.0)), np.finfo(float).tiny)
-        noise = np.sqrt(np.maximum(measured, least))
+        recorded = measured > 0
+        noise = np.where(recorded, np.sqrt(np.maximum(measured, least)), np.inf)
         squares, values = grams.measured, np.zeros((BLOCKS + 1, self.n_columns))
         # Two rounds: the first weighs joints by their torque, the second by what the first left unexplained.
         for _ in range(2):
             values = fit(grams, noise)
             squares = grams.compute_squares(values)
-            noise = np.sqrt(np.maximum(squares[:-1].sum(axis=0), least))
+            noise = np.where(recorded, np.sqrt(np.maximum(squares[:-1].sum(axis=0), least)), np.inf)
         return values, squares
 
     def _compute_grams(self, motion: Motion, known: _MotionRows) -> GramMatrices:
@@ -356,14 +358,13 @@ class TreeFit:
 
         Of those that the motion does not determine, the smallest.
         """
-        # Weights relative to the largest noise: torques may be in any unit, and squares of their inverses may overflow.
-        c, weights = self.n_columns, (noise.max() / noise) ** 2
+        c, weights = self.n_columns, _compute_weights(noise)
         normal = LEAVE_ONE_OUT @ (weights @ grams.inner[:-1].reshape(BLOCKS, len(self.joints), c * c))
         return _solve_normal_equations(normal.reshape(-1, c, c), LEAVE_ONE_OUT @ (weights @ grams.right[:-1]))
 
     def _fit_all(self, grams: GramMatrices, noise: FloatArray) -> FloatArray:
         """Return the parameters (blocks + 1, c) of all blocks, for each of them."""
-        c, weights = self.n_columns, (noise.max() / noise) ** 2
+        c, weights = self.n_columns, _compute_weights(noise)
         normal = (weights @ grams.inner[-1].reshape(len(self.joints), c * c)).reshape(1, c, c)
         values = _solve_normal_equations(normal, weights[None, :] @ grams.right[-1])
         return np.broadcast_to(values, (BLOCKS + 1, c))
@@ -410,6 +411,12 @@ def _list_blocks(motion: Motion, at: IntArray) -> list[slice]:
 def find_moving_rows(motion: Motion) -> BoolArray:
     """Return where each joint moves (m, n)."""
     return np.asarray(np.abs(motion.dq) > _SLOW * np.sqrt((motion.dq**2).mean(axis=0)))
+
+
+def _compute_weights(noise: FloatArray) -> FloatArray:
+    """Return the weight of each joint (n,), zero where its noise is infinite."""
+    # Relative to the largest noise: torques may be in any unit, and squares of their inverses may overflow.
+    return np.asarray((noise[np.isfinite(noise)].max(initial=0.0) / noise) ** 2)
 
 
 def find_moving_joints(motion: Motion) -> BoolArray:

@@ -198,7 +198,7 @@ class HeldOutFit:
         fine = compute_log_shares(squares[:-1], measured / BLOCKS, _LEAST_FINE)[:, moving]
         fine_inside = compute_log_shares(squares[-1], measured, _LEAST_FINE)[moving]
         rest = squares[:-1].sum(axis=0)
-        joints = np.where(moving, np.sqrt(rest / np.maximum(measured, np.finfo(float).tiny)), 0.0)
+        joints = np.sqrt(np.divide(rest, measured, out=np.zeros_like(rest), where=moving & (measured > 0)))
         return UnexplainedTorque(
             blocks.mean(axis=1),
             float(whole.mean()),
@@ -315,5 +315,6 @@ def compute_log_shares(squares: FloatArray, measured: FloatArray, least: float =
         Smaller shares count as this one.
     """
     # Clipped: one block that is explained perfectly must not decide a mean of logarithms.
-    shares = np.sqrt(np.maximum(squares, 0.0) / np.maximum(measured, np.finfo(float).tiny))
+    squares = np.maximum(squares, 0.0)
+    shares = np.sqrt(np.divide(squares, measured, out=np.full(squares.shape, _MOST**2), where=np.asarray(measured) > 0))
     return np.asarray(np.log(np.clip(shares, least, _MOST)))
