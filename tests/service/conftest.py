@@ -124,7 +124,7 @@ def live(
 ) -> Iterator[Client]:
     """A client of a service that listens on a port of its own."""
     folder = tmp_path_factory.mktemp("live")
-    with installed(installation, folder, lambda: request.getfixturevalue("postgresql")) as url, Client(url) as client:
+    with installed(installation, folder, lambda: request.getfixturevalue("postgresql_server")) as url, Client(url) as client:
         yield client
 
 

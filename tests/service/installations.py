@@ -23,10 +23,10 @@ INSTALLATIONS = (SMALLEST, *LARGER)
 
 
 @contextmanager
-def installed(name: str, folder: Path, postgresql: Callable[[], str]) -> Iterator[str]:
+def installed(name: str, folder: Path, postgresql_server: Callable[[], str]) -> Iterator[str]:
     """A service of one of the INSTALLATIONS that listens on a port of its own; gives its address.
 
-    `postgresql` gives the URL of an empty database.
+    `postgresql_server` gives the URL of a server, which is asked for a new database where one is needed.
     """
     here = Settings(data_dir=folder / "data", workers=2, port=0, log_level="warning")
     with ExitStack() as stack:
@@ -38,7 +38,7 @@ def installed(name: str, folder: Path, postgresql: Callable[[], str]) -> Iterato
                 patch.setenv(variable, value)
             more = {
                 "object_store_url": BUCKET,
-                "database_url": postgresql(),
+                "database_url": stack.enter_context(temporary_database(postgresql_server())),
             }
         if name == "postgresql_s3_and_cluster":
             cluster = Cluster(folder, SCIENCE)
