@@ -289,7 +289,7 @@ def score(outcome: dict[str, Any], case: Case) -> dict[str, Any]:
     effects, unknown = outcome["effects"], ["unknown:" + text.split()[-1] for text in outcome["unknown"]]
     # An arm on which another effect is as good as none is right without a name.
     first = effects[0] if effects else "none"
-    target = [name for group in case.accept for name in group] or ["none"]
+    target = case.accept[0] if case.accept else ("none",)
     is_messy = case.name.startswith("messy")
     hits = [any(name in group for name in (*effects, *unknown)) for group in case.accept]
     right = hits[0] if is_messy else first in target or any(name in target for name in unknown)

@@ -1,6 +1,8 @@
-"""Forward selection: add the best candidate that passes the rules until none does; merge those on one joint.
+"""Forward selection: add the best candidate that passes the rules until none does; revise and merge earlier findings.
 
-Holds when several findings on a joint become one.
+Holds which two findings become one effect on several joints.
+
+Later findings lead back to earlier ones: waves get another name, and two findings become one effect.
 """
 
 from __future__ import annotations
@@ -131,9 +133,79 @@ class ProductSource(Protocol):
         """Return the same with the torque predicted by the model with these findings in it."""
 
 
+def revisit_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
+    """Give functions of a joint's position the names that they have beside all that was found on that joint.
+
+    Parameters
+    ----------
+    rows : ProductSource
+        Gives products of further columns.
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    """
+    for number, finding in enumerate(state.findings):
+        later = state.findings[number + 1 :]
+        # Another function of the position says what its constants are off by, until they are refined.
+        others = [other for other in later if not is_of_position(other)]
+        if _may_be_a_wave(finding) and any(_share_a_joint(finding, other) for other in others):
+            state = _rename_finding(rows, data, pool, state, number)
+    return state
+
+
+def _rename_finding(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State, number: int) -> State:
+    finding = state.findings[number]
+    mine = finding.judged.candidate
+    others = (*state.findings[:number], *state.findings[number + 1 :])
+    without_it = replace(state, base=tuple(k for k in state.base if k not in finding.columns), findings=others)
+    # The same joint in the same runs: only the name is in question.
+    free = [
+        candidate for candidate in pool.candidates if candidate.joints == mine.joints and candidate.runs == mine.runs
+    ]
+    free = [
+        candidate
+        for candidate in free
+        if _is_admissible(candidate, others) and not set(candidate.columns) & set(without_it.base)
+    ]
+    judged = score_all(data, pool, without_it.base, free, state.noise)
+    # That something is there was tested among all that could be.
+    judged = [replace(scored, p=finding.p) for scored in judged]
+    choice = select_candidate(data, pool, without_it, judged)
+    if choice is None:
+        return state
+    chosen, equal = compare_names(rows.model, pool, without_it, choice, judged, rows.gather_products)
+    new = Finding(chosen, equal, finding.p)
+    findings = (*state.findings[:number], new, *state.findings[number + 1 :])
+    return replace(state, base=without_it.base + new.columns, findings=findings)
+
+
 def is_of_position(finding: Finding) -> bool:
     """Return whether a finding is a function of the positions and the direction alone."""
     return get_effect(finding.judged.candidate.effect).of_position
+
+
+def _may_be_a_wave(finding: Finding) -> bool:
+    """Return whether a finding is, or might be called, a wave over the joint's angle."""
+    names = {finding.judged.candidate.effect, *(scored.candidate.effect for scored in finding.equal)}
+    known = {other for name in names for other in (name, *get_effect(name).confused_with, *get_effect(name).covers)}
+    return any(get_effect(name).proposal == "angle_spectrum" for name in known)
+
+
+def _is_admissible(candidate: Candidate, others: Sequence[Finding]) -> bool:
+    """Return whether a candidate is none of the other findings, nor contained in one."""
+    return not any(
+        other.judged.candidate.effect == candidate.effect
+        or candidate.effect in get_effect(other.judged.candidate.effect).covers
+        for other in others
+        if set(other.judged.candidate.joints) & set(candidate.joints)
+    )
+
+
+def _share_a_joint(first: Finding, second: Finding) -> bool:
+    return bool(set(first.judged.candidate.joints) & set(second.judged.candidate.joints))
 
 
 @dataclass(frozen=True)
@@ -213,8 +285,8 @@ def search_findings(
     of the plain model are about torque that it predicted wrongly for want of this effect, and what they leave would be
     taken for something else.
     Names that take much of the same error are weighed with their shape constants between those of the grid.
-    What the residual has but a faint trace of is asked about once something was found on its joint. What two findings
-    over the position of a joint say, one that says as much takes the name of.
+    What the residual has but a faint trace of is asked about once something was found on its joint, and what was found
+    before it once more. What two findings over the position of a joint say, one that says as much takes the name of.
     Joints of a group whose constants the data tell apart are told with their own.
     Where neither the model nor that with its first finding predicts parts of the motion from the others, nothing is
     found but what explains most of the error where it was fitted.
@@ -280,8 +352,9 @@ def search_findings(
         record.record_losses(finding, before, judged)
         if not remaining:
             break
-    # The order matters: findings are merged before anything is dropped or split.
-    state = merge_findings_on_joint(rows, data, pool, state)
+    # The order matters: names are settled before findings of one name are merged, and only then is anything dropped or
+    # split.
+    state = merge_findings_on_joint(rows, data, pool, revisit_findings(rows, data, pool, state))
     pruned = prune_findings(data, pool, state)
     lasting = {finding.judged.candidate for finding in pruned.findings}
     superfluous = {finding.judged.candidate for finding in state.findings} - lasting
