@@ -7,6 +7,7 @@ import subprocess
 import tempfile
 import uuid
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +125,8 @@ def live(
 ) -> Iterator[Client]:
     """A client of a service that listens on a port of its own."""
     folder = tmp_path_factory.mktemp("live")
-    with installed(installation, folder, lambda: request.getfixturevalue("postgresql_server")) as url, Client(url) as client:
+    server = partial(request.getfixturevalue, "postgresql_server")
+    with installed(installation, folder, server) as url, Client(url) as client:
         yield client
 
 

@@ -122,12 +122,17 @@ def describe_essential(path: EssentialPath) -> wire.EssentialView:
 def build_identification_tables(
     result: wire.IdentificationResult, floor: Sequence[float | None] | None = None
 ) -> Iterator[ReportedTable]:
-    """Yield the tables of errors, beside the noise floor where it is known, of parameters and of shape constants."""
+    """Yield the tables of parameters, shape constants, quality, and errors (with the noise floor where it is known)."""
     kinds = [
         ErrorKind(name, errors.moving or errors, errors)
         for name, errors in (("fit", result.residual), ("held out", result.validation))
         if errors is not None
     ]
+    yield build_parameter_table("Base parameters", [_restore_parameter(parameter) for parameter in result.parameters])
+    if result.shape_constants:
+        yield build_shape_table(
+            [from_view(ShapeConstant, constant) for constant in result.shape_constants], result.joints
+        )
     yield build_quality_table(
         select_judged(result.residual).relative_total,
         None if result.validation is None else select_judged(result.validation).relative_total,
@@ -137,11 +142,6 @@ def build_identification_tables(
         result.equations_per_parameter,
     )
     yield build_error_table(kinds, result.joints, result.effort_units, floor)
-    yield build_parameter_table("Base parameters", [_restore_parameter(parameter) for parameter in result.parameters])
-    if result.shape_constants:
-        yield build_shape_table(
-            [from_view(ShapeConstant, constant) for constant in result.shape_constants], result.joints
-        )
 
 
 def _restore_parameter(parameter: wire.ParameterView) -> IdentifiedParameter:

@@ -140,7 +140,9 @@ def _ask_for_rate(work: WorkingProposal) -> Question | None:
         if name.signal != "t" or not np.isfinite(t).all() or (steps < 0).any():
             continue
         ticks = np.flatnonzero(steps > 0) + 1
-        if len(t) > 2 and len(ticks) < _FEWEST_TICKS:
+        if len(t) <= 2:
+            continue
+        if len(ticks) < _FEWEST_TICKS:
             remedy = Remedy("rate")
             detail = (
                 f"{name.name} is the same in nearly all rows: it has too few digits, as seconds since 1970 have with "

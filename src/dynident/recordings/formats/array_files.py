@@ -63,9 +63,9 @@ class ArrayPlace:
             return self._read_numbers(first * width, (last - first) * width).reshape(last - first, *lines[1:])
         return np.stack([self._read_numbers(line * width + first, last - first) for line in range(lines[0])], axis=1)
 
-    def read_all(self) -> np.ndarray[Any, Any]:
-        """Return a short array of one axis."""
-        return self._read_numbers(0, self.shape[0])
+    def read_cells(self) -> list[object]:
+        """Return the cells of a short array of one axis."""
+        return list(self._read_numbers(0, self.shape[0]).tolist())
 
     def _read_numbers(self, first: int, count: int) -> np.ndarray[Any, Any]:
         # Reading at a place moves no position, so that all arrays of a file can share it.

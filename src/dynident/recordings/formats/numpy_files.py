@@ -106,7 +106,7 @@ def _read_archive(path: Path) -> tuple[list[StoredArray], list[tuple[str, ...]]]
                 objects = error
                 continue
             if place is not None and place.kind.kind in "US":
-                words.append(read_words(place.read_all()))
+                words.append(read_words(place.read_cells()))
             elif place is not None and not place.kind.names:
                 arrays.append(place.to_array(member.filename.removesuffix(".npy")))
     if objects is not None and not arrays:
