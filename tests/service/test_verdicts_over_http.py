@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -10,8 +10,10 @@ from fastapi.testclient import TestClient
 from service_helpers import wait_for
 from support.measurement_uploads import as_csv, sound, upload
 
+from dynident.verdict import Action, State, UseName
 from dynident_service.interactive_compute import InteractiveCompute
 from dynident_service.lru_cache import LruCache
+from dynident_service.wire_types.verdicts import UseView
 
 
 def identified(client: TestClient, robot: dict[str, Any], fitted: str, held_out: list[str]) -> str:
@@ -142,3 +144,10 @@ def test_a_validation_that_fails_revises_the_verdict_of_its_use(client: TestClie
 
 def test_a_model_that_is_not_there_has_no_verdict(client: TestClient) -> None:
     assert client.get("/v1/identifications/ide_none/verdict").status_code == 404
+
+
+def test_the_contract_names_every_use_state_and_action_of_the_library() -> None:
+    properties = UseView.model_json_schema()["properties"]
+    (actions,) = [choice["enum"] for choice in properties["next_action"]["anyOf"] if "enum" in choice]
+    named = (properties["use"]["enum"], properties["state"]["enum"], actions)
+    assert [set(names) for names in named] == [set(get_args(kind)) for kind in (UseName, State, Action)]

@@ -329,7 +329,8 @@ class SummedTimeSource(FileSource):
 
     def __init__(self, source: FileSource, increment: str) -> None:
         self._source, self._increment = source, increment
-        unit = re.sub(r"[ _.\[\]()]", "", _INCREMENT.search(increment)["unit"] or "")  # type: ignore[index]
+        match = _INCREMENT.search(increment)
+        unit = re.sub(r"[ _.\[\]()]", "", (match and match["unit"]) or "")
         unit = source.units.get(increment, "s" if unit.startswith("sec") else unit)
         super().__init__([_TIME, *source.names], {**source.units, **({_TIME: unit} if unit else {})})
         self.sample_rows, self.texts = source.sample_rows, source.texts

@@ -10,6 +10,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.recordings.time_columns import find_unfilled
+from dynident.recordings.units import FACTORS
 
 SLOPE = 0.9
 """Correlation above which one column is taken for the slope of another."""
@@ -70,7 +71,7 @@ class Clock:
 
 TICK = 1e-7
 """s: a tick of the clocks of Windows and .NET."""
-CLOCK_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
+CLOCK_FACTORS = {unit: FACTORS["t", None][unit] for unit in ("s", "ms", "us", "ns", "min", "h", "d")}
 _TICKS = ((1.2e17, 1.5e17), (6.2e17, 6.6e17))
 """Times from 1981 to 2076 in ticks of 100 ns since 1601, as Windows counts them, and from 1965 to 2091 since year 1."""
 _DAYS = ((36_526.0, 55_153.0), (730_486.0, 749_113.0))
