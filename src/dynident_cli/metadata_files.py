@@ -13,7 +13,8 @@ from typing import Any, get_args
 from dynident.errors import DynidentError, word_remedies
 from dynident.identification.column_inference import EffortKind, Inspection, Question
 from dynident.recordings import RecordingMetadata
-from dynident_cli.input_checks_and_writes import read_json_object
+from dynident_cli.contract_documents import parse_metadata
+from dynident_cli.input_checks import read_json_object
 from dynident_cli.request_options import write_option
 
 NEEDED_FOR_GAINS = "drives"
@@ -210,12 +211,6 @@ def read_metadata(texts: Sequence[str], names: Sequence[str]) -> dict[str, Recor
 
 
 def _read_metadata_file(path: Path) -> RecordingMetadata:
-    # Imported here: most calls have no metadata file and need not wait for the models of the contract.
-    from pydantic import ValidationError
-
-    from dynident_service.adapters.measurements import to_recording_metadata
-    from dynident_service.wire_types.measurements import MeasurementMetadata
-
     document = read_json_object(path)
     field_names = [
         metadata_field.name for metadata_field in fields(RecordingMetadata) if metadata_field.name not in _OTHER_SOURCES
@@ -241,12 +236,5 @@ def _read_metadata_file(path: Path) -> RecordingMetadata:
             f"{path.name}: effort_kind is {effort_kind!r}; allowed are {', '.join(get_args(EffortKind))}",
             pointer=str(path),
         )
-    try:
-        # Null means that the field is not stated.
-        values = {name: document[name] for name in field_names if document.get(name) is not None}
-        # The model of the contract checks types and ranges; a robot and a name are mandatory there, but unused here.
-        return to_recording_metadata(MeasurementMetadata.model_validate({"robot_id": "-", "name": "-", **values}))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = "/".join(map(str, first["loc"]))
-        raise DynidentError(f"{path.name}: {place}: {first['msg']}", pointer=str(path)) from error
+    # Null means that the field is not stated.
+    return parse_metadata(path, {name: document[name] for name in field_names if document.get(name) is not None})

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from dynident.errors import DynidentError
+
+if TYPE_CHECKING:
+    from dynident.recordings import Filters
 
 Window = tuple[float, float]
 
@@ -206,16 +210,20 @@ def _check_no_overlap(name: str, windows: Sequence[Window]) -> None:
             )
 
 
-def parse_preprocessing(text: str) -> Mapping[str, object] | str:
-    """Parse `auto`, or pairs such as position_cutoff=6,torque_cutoff=6,decimation=3; `none` means no filter."""
+def parse_filters(text: str) -> Filters | None:
+    """Parse pairs such as position_cutoff=6,torque_cutoff=6,decimation=3; `auto`, for all of them, is None."""
+    from dynident.recordings.preprocessing import values_from_request
+    from dynident.recordings.recording_metadata import Filters
+
     if text.strip() == "auto":
-        return "auto"
+        return None
     # Both spellings of no filter: that of the command line, and that of JSON.
     words: dict[str, object] = {"auto": "auto", "none": None, "null": None}
-    return {
+    values = {
         name: words[value] if value in words else parse_number(value, f"--preprocessing {name}")
         for name, value in parse_pairs([text], "--preprocessing").items()
     }
+    return Filters(**values_from_request(values))  # type: ignore[arg-type]
 
 
 def _split_items(text: str) -> list[str]:

@@ -52,10 +52,10 @@ from dynident.presentation.recording_tables import ShownRecording, build_recordi
 from dynident.presentation.validation_and_verdict_tables import VALIDATION_WORDS, build_verdict_tables
 from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
-from dynident_cli.argument_loading import LoadedRecording
-from dynident_cli.terminal import print_tables
+from dynident_cli.command_output import print_tables
 
 if TYPE_CHECKING:
+    from dynident.api.recording_collection import Recordings
     from dynident.diagnosis import Comparison, Diagnosis, Judgement
     from dynident.diagnosis.diagnosis_result import Change
     from dynident.diagnosis.monitoring import Series
@@ -72,9 +72,7 @@ EXIT_STOPPED = 3
 _STYLES: Mapping[State, str] = {"yes": "green", "limited": "yellow", "no": "red", "not_judged": "yellow"}
 
 
-def show_measurements(
-    console: Console, measurements: Sequence[LoadedRecording], held_out: Sequence[LoadedRecording]
-) -> None:
+def show_measurements(console: Console, measurements: Recordings, held_out: Recordings) -> None:
     """Print the recordings and all checks that are not ok."""
     uses = ((measurements, "identification"), (held_out, "held out"))
     shown = [ShownRecording(item.recording, item.checks, use) for group, use in uses for item in group]
@@ -274,8 +272,7 @@ def show_validation(console: Console, result: ValidationResult, robot: Robot) ->
     """Print the tables of a validation, its verdict, and the reason."""
     names = robot.joint_names
     by_number = {name: str(number) for number, name in enumerate(names, start=1)}
-    # Loaded here: it needs what describes answers, which most commands do without.
-    from dynident_service.adapters.validations import build_validation_tables
+    from dynident_cli.contract_documents import build_validation_tables
 
     for reported_table in build_validation_tables(result, names):
         # Where the terminal is too narrow for the joints' names as columns, their numbers stand there.

@@ -10,11 +10,12 @@ from importlib import import_module
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from dynident.errors import Cancelled, DynidentError, word_remedies
 from dynident.optional_dependencies import format_install_hint
 from dynident.version import __version__
-from dynident_cli.input_checks_and_writes import check_inputs
+from dynident_cli.input_checks import check_inputs
 from dynident_cli.request_options import spread_options, write_option
 
 EXIT_MISUSED = 2
@@ -44,26 +45,24 @@ def print_error(error: DynidentError, as_json: bool) -> None:
     for check in checks:
         print(f"  also {check.name.replace('_', ' ')}: {check.detail}", file=sys.stderr)
     if as_json:
-        print(json.dumps(_problem_document(error), indent=2))
+        from dynident_cli.contract_documents import describe_error
+
+        print(json.dumps(describe_error(error), indent=2))
 
 
-def _problem_document(error: DynidentError) -> dict[str, object]:
-    from dynident.recordings import RecordingError
-    from dynident_service.adapters.measurements import describe_file_problem
-    from dynident_service.problems import to_problem
-
-    problem = describe_file_problem(error) if isinstance(error, RecordingError) else to_problem(error)
-    # The same document as the service sends: a script need not know which of the two it talks to.
-    document: dict[str, object] = problem.model_dump(exclude_none=True)
-    return document
-
-
-_COMMANDS = (
-    *("demo", "design", "simulate", "inspect", "identify", "compare", "diagnose", "changes", "validate", "essential"),
-    *("gains", "currents", "extend", "remove", "ladder", "report", "series", "export", "effects", "doctor"),
-    *("backup", "restore", "export_robot", "import_robot", "serve", "mcp"),
-)
-"""Commands in the order of the overview."""
+_GROUPS = {
+    "From files to a better model": (
+        *("inspect", "design", "identify", "compare", "diagnose", "extend", "remove", "ladder"),
+        *("changes", "series", "effects"),
+    ),
+    "Currents and drive gains": ("gains", "currents"),
+    "How far to trust a model": ("validate", "essential"),
+    "Results for others": ("report", "export"),
+    "Without a robot": ("demo", "simulate"),
+    "The service and its data": (*("serve", "mcp", "backup", "restore", "export_robot", "import_robot", "doctor"),),
+}
+"""Commands in the order of the overview, by what they are for."""
+_COMMANDS = tuple(command for commands in _GROUPS.values() for command in commands)
 
 _MODULES = {
     **dict.fromkeys(("effects", "essential", "extend", "ladder", "remove"), "identify"),
@@ -122,6 +121,24 @@ def handle_errors(command: Callable[..., None]) -> Callable[..., None]:
     return run_command
 
 
+class CommandsByPurpose(TyperGroup):
+    """The program, whose overview lists its commands by what they are for."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the sections of commands; their first column is as wide in all of them."""
+        names = [name.replace("_", "-") for name in _COMMANDS]
+        width = max(map(len, names))
+        for title, commands in _GROUPS.items():
+            rows = [
+                (name.ljust(width), self.commands[name].get_short_help_str(formatter.width - width - 4))
+                for name in (command.replace("_", "-") for command in commands)
+                if name in self.commands
+            ]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
+
 def create_application(typed: str | None = None) -> typer.Typer:
     """Build the command line.
 
@@ -139,6 +156,7 @@ def create_application(typed: str | None = None) -> typer.Typer:
     command_names = [command_name for command_name in _COMMANDS if command_name.replace("_", "-") == typed] or _COMMANDS
     application = typer.Typer(
         name="dynident",
+        cls=CommandsByPurpose,
         help="Identify the dynamic parameters of a robot, and name the physics that its model is missing.",
         no_args_is_help=True,
         pretty_exceptions_enable=False,

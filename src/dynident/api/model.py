@@ -11,13 +11,14 @@ import numpy as np
 
 from dynident.api.argument_checks import require
 from dynident.api.effect_arguments import Addition, collect_added_effects, resolve_effects
-from dynident.api.figure import Figure, check_ending, join_figures
+from dynident.api.figure import Figure, join_figures
 from dynident.api.model_results import ModelResults
 from dynident.api.named_tables import Framed, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import compare
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
+from dynident.file_output import check_ending, write_atomically
 from dynident.identification import Identification, check_same_recordings, extend, remove, to_bytes
 from dynident.number_format import format_count, format_percent
 from dynident.presentation.labels import describe_condition_number
@@ -252,7 +253,7 @@ class Model(ModelResults):
         DynidentError
             For another ending, or a folder that does not exist.
         """
-        check_ending(path, (".npz",)).write_bytes(to_bytes(self.identification))
+        write_atomically(check_ending(path, (".npz",)), to_bytes(self.identification))
 
     def plot(self) -> Figure:
         """Draw the errors of every model of the ladder, in total and joint by joint.

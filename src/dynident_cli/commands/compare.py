@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident_cli.input_checks_and_writes import READABLE_FILE
+from dynident_cli.input_checks import READABLE_FILE
 from dynident_cli.shared_options import Json, ModelArgument, Out, Reading, repeatable_file_option
 
 if TYPE_CHECKING:
@@ -36,35 +36,28 @@ def compare(
 
     --out writes the signals as .csv or .parquet.
     """
-    from dynident.diagnosis import compare as compare_model
-    from dynident.diagnosis import judge
-    from dynident.identification import check_same_recordings
-    from dynident.progress import scale_progress
-    from dynident_cli import argument_loading, command_output, csv_and_parquet_output, printed_results
-    from dynident_service.adapters.comparisons import describe_comparison
+    from dynident.api.model_identification import load_model
+    from dynident.api.torque_comparison import compare as compare_model
+    from dynident.file_output import TABLE_ENDINGS, check_ending
+    from dynident_cli import argument_loading, command_output, contract_documents, printed_results
 
-    identification = argument_loading.load_model(model)
+    identified = load_model(model)
     if out is not None:
-        csv_and_parquet_output.check_ending(out)
-    with argument_loading.read_recordings(
-        "compare", [measurement], identification.model.robot, reading, learnt
-    ) as data:
-        (recording,) = data.recordings
-        if learnt:
-            check_same_recordings(identification, data.other_recordings)
-        comparison = compare_model(identification, recording, scale_progress(data.progress, 0.0, 0.8))
-        judgement = judge(comparison, recording, identification.preprocessing, data.other_recordings)
+        check_ending(out, TABLE_ENDINGS)
+    with argument_loading.read_recordings("compare", [measurement], identified.robot, reading, learnt) as data:
+        recordings, others, progress = data
+        (compared,) = compare_model(identified, recordings, learnt=others or None, progress=progress)
     if out is not None:
-        csv_and_parquet_output.write_table(csv_and_parquet_output.build_comparison_table(comparison), out)
+        compared.save(out)
 
     def print_comparison(console: Console) -> None:
-        printed_results.show_measurements(console, (), data.loaded)
-        printed_results.show_comparison(console, recording.name, comparison, judgement)
+        printed_results.show_measurements(console, recordings[:0], recordings)
+        printed_results.show_comparison(console, compared.name, compared.comparison, compared.judgement)
 
     messages = () if out is None else (f"signals written to {out}",)
     command_output.print_result(
         as_json,
-        lambda: describe_comparison(comparison, judgement, True if learnt else None),
+        lambda: contract_documents.describe_comparison(compared, learnt=bool(learnt)),
         print_comparison,
         *messages,
     )

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dynident.text_encoding import encode_text
-from dynident_cli.input_checks_and_writes import KNOWN_ROBOT, READABLE_FILE
+from dynident_cli.input_checks import KNOWN_ROBOT, READABLE_FILE
 from dynident_cli.shared_options import Json, Out, Rate, RobotAdditions
 
 if TYPE_CHECKING:
@@ -45,8 +45,9 @@ def inspect(
 
     --out writes the proposal as JSON, for `dynident identify --metadata`.
     """
+    from dynident.file_output import write_atomically
     from dynident.identification.column_inference import inspect_file
-    from dynident_cli import argument_loading, command_output, input_checks_and_writes, metadata_files
+    from dynident_cli import argument_loading, command_output, contract_documents, metadata_files
 
     machine = None if robot is None else argument_loading.load_robot_argument(robot, additions)
     inspection = inspect_file(file, machine, rate)
@@ -56,23 +57,20 @@ def inspect(
             metadata_files.accept_proposal(file, inspection, has_gains=True)
         if out is not None:
             document = json.dumps(metadata_files.proposal_document(inspection, rate), indent=2, ensure_ascii=False)
-            input_checks_and_writes.write_atomically(out, encode_text(f"{document}\n"))
+            write_atomically(out, encode_text(f"{document}\n"))
     messages = () if out is None or inspection.proposal is None else (f"proposal written to {out}",)
     command_output.print_result(
-        as_json, lambda: _to_document(inspection), lambda console: _print_inspection(console, inspection), *messages
+        as_json,
+        lambda: contract_documents.describe_inspection(inspection),
+        lambda console: _print_inspection(console, inspection),
+        *messages,
     )
-
-
-def _to_document(inspection: Inspection) -> dict[str, Any]:
-    from dynident_service.adapters.measurements import describe_inspection
-
-    return describe_inspection(inspection, inspection.sha256).model_dump(mode="json")
 
 
 def _print_inspection(console: Console, inspection: Inspection) -> None:
     from dynident.errors import word_remedies
     from dynident.presentation.recording_tables import build_guess_table
-    from dynident_cli import metadata_files, terminal
+    from dynident_cli import command_output, metadata_files
     from dynident_cli.request_options import write_option
 
     console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows inspected")
@@ -80,7 +78,7 @@ def _print_inspection(console: Console, inspection: Inspection) -> None:
         console.print(", ".join(inspection.columns), soft_wrap=True)
         console.print("To find out what the columns are, give the robot: --robot ROBOT.")
         return
-    terminal.print_tables(console, [build_guess_table(inspection.proposal.guesses, write_option)])
+    command_output.print_tables(console, [build_guess_table(inspection.proposal.guesses, write_option)])
     for question in inspection.proposal.questions:
         choices = f" ({', '.join(question.choices[:8])})" if question.choices else ""
         detail = word_remedies(question.detail, question.remedies, write_option)

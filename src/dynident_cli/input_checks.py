@@ -1,10 +1,9 @@
-"""Check input files before anything slow is imported; write output files atomically."""
+"""Check and read input files, before anything slow is imported."""
 
 from __future__ import annotations
 
 import json
 import os
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,27 +87,6 @@ def read_text(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise DynidentError(f"{path.name} is not a text file: {error}", pointer=str(path)) from error
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file atomically: it appears complete, or not at all."""
-    if not path.parent.is_dir():
-        raise DynidentError(f"there is no folder {path.parent}", pointer="--out", title="No such folder")
-    # In the same folder, so that the final rename stays on one file system and is atomic.
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as unfinished:
-        temporary = Path(unfinished.name)
-    try:
-        # Whoever reads the old file meanwhile reads all of it.
-        temporary.write_bytes(content)
-        # Temporary files are private (0600); this one is the user's and gets the permissions that the umask leaves.
-        # The umask can only be read by setting it.
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 def check_folder(path: Path) -> None:
