@@ -62,7 +62,6 @@ def simulate(
         resolve_true_effects,
     )
     from dynident.simulation import simulate as simulate_robot
-    from dynident_service.adapters.designs import describe_simulation
     from dynident_service.cli import (
         argument_loading,
         command_output,
@@ -70,6 +69,7 @@ def simulate(
         design_and_simulation_files,
         terminal,
     )
+    from dynident_service.designs.adapters import describe_simulation
 
     csv_and_parquet_output.check_ending(out)
     machine = argument_loading.load_robot_argument(robot, additions)
@@ -171,7 +171,6 @@ def design(
     The options for columns, units, windows, checks and drive gains apply to the measurements of --earlier.
     """
     from dynident.excitation import design_experiment
-    from dynident_service.adapters.designs import describe_design
     from dynident_service.cli import argument_loading, command_output, csv_and_parquet_output, terminal
     from dynident_service.cli.design_and_simulation_files import (
         choose_mesh_folders,
@@ -181,6 +180,7 @@ def design(
         print_warnings,
         show_design,
     )
+    from dynident_service.designs.adapters import describe_design
 
     # Before the design, which takes minutes.
     csv_and_parquet_output.check_ending(out, csv_and_parquet_output.TRAJECTORY_ENDINGS)

@@ -53,7 +53,6 @@ def series(
     from dynident.diagnosis.monitoring import monitor_days as series_of
     from dynident.progress import scale_progress
     from dynident.reports.figures.changes import draw_parameter_tracks
-    from dynident_service.adapters.diagnoses import describe_series
     from dynident_service.cli import (
         argument_loading,
         command_output,
@@ -63,6 +62,7 @@ def series(
         terminal,
     )
     from dynident_service.cli.argument_loading import load_continued_days
+    from dynident_service.diagnoses.adapters import describe_series
 
     identification = argument_loading.load_model(model)
     if out is not None:
@@ -97,8 +97,8 @@ def changes(
     The motions may differ. --out writes the diagnosis with the changes as JSON.
     """
     from dynident.diagnosis import diagnose
-    from dynident_service.adapters.diagnoses import describe_diagnosis
     from dynident_service.cli import argument_loading, command_output, printed_results
+    from dynident_service.diagnoses.adapters import describe_diagnosis
 
     identification = argument_loading.load_model(model)
     robot = identification.model.robot
@@ -145,8 +145,8 @@ def diagnose(
     Give the measurements that the model was identified from. --out writes the diagnosis as JSON.
     """
     from dynident.diagnosis import examine
-    from dynident_service.adapters.diagnoses import describe_diagnosis
     from dynident_service.cli import argument_loading, command_output, option_parsers, printed_results
+    from dynident_service.diagnoses.adapters import describe_diagnosis
 
     identification = argument_loading.load_model(model)
     robot = identification.model.robot

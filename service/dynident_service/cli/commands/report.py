@@ -53,10 +53,10 @@ def report(
     from dynident.identification import check_same_recordings
     from dynident.progress import scale_progress
     from dynident.reports import html_report, render_pdf
-    from dynident_service.adapters.validations import build_reported_validation
     from dynident_service.cli import argument_loading, command_output, input_checks_and_writes
     from dynident_service.cli.command_output import build_reported_runs
     from dynident_service.cli.commands.validate import load_validation
+    from dynident_service.validations.adapters import build_reported_validation
 
     prints = out.suffix.lower() == ".pdf"
     choices = request_options.build_request(ReportChoices, format="pdf" if prints else "html")
