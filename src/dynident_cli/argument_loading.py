@@ -334,7 +334,7 @@ def load_diagnosis(path: Path) -> AdvisedDiagnosis:
     """Read a diagnosis that `dynident diagnose --out` wrote; `DynidentError` where the file holds none."""
     from pydantic import ValidationError
 
-    from dynident_service.adapters.diagnoses import restore_diagnosis
+    from dynident_service.diagnoses.adapters import restore_diagnosis
 
     try:
         return restore_diagnosis(read_json_object(path))

@@ -93,9 +93,9 @@ def write_extended_model(
     from dynident_cli.printed_results import show_identification, show_ladder, show_verdict
 
     def describe_model() -> Document:
-        from dynident_service.adapters.identifications import describe_identification
-        from dynident_service.adapters.identifications import show_verdict as view_verdict
-        from dynident_service.wire_types.shared_types import to_plain_json
+        from dynident_service.identifications.adapters import describe_identification
+        from dynident_service.identifications.adapters import show_verdict as view_verdict
+        from dynident_service.shared.wire_types import to_plain_json
 
         document = to_plain_json(describe_identification(identification, parent_id, parent))
         return document if verdict is None else {**document, "verdict": to_plain_json(view_verdict(verdict))}
@@ -114,7 +114,7 @@ def write_unchanged_model(result: OutputOptions, identification: Identification,
     from dynident.identification import to_bytes
 
     def describe_model() -> BaseModel:
-        from dynident_service.adapters.identifications import describe_identification
+        from dynident_service.identifications.adapters import describe_identification
 
         return describe_identification(identification, None)
 
@@ -126,6 +126,6 @@ def write_unchanged_model(result: OutputOptions, identification: Identification,
 def _to_document(described: BaseModel | Document) -> Document:
     if isinstance(described, Mapping):
         return described
-    from dynident_service.wire_types.shared_types import to_plain_json
+    from dynident_service.shared.wire_types import to_plain_json
 
     return to_plain_json(described)

@@ -33,10 +33,10 @@ from dynident.simulation import ActingEffect, Reference
 from dynident_cli.argument_loading import load_diagnosis
 from dynident_cli.input_checks_and_writes import check_readable, read_json_object
 from dynident_cli.terminal import print_tables
-from dynident_service.adapters.field_by_field import to_request
 from dynident_service.problems import to_problem_fields
-from dynident_service.wire_types.request_bodies import find_body
-from dynident_service.wire_types.robots import Limits as WireLimits
+from dynident_service.robots.wire_types import Limits as WireLimits
+from dynident_service.shared.field_by_field import to_request
+from dynident_service.shared.request_bodies import find_body
 
 Wanted = TypeVar("Wanted")
 _LIMITS = TypeAdapter(dict[str, WireLimits])

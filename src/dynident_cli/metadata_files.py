@@ -213,8 +213,8 @@ def _read_metadata_file(path: Path) -> RecordingMetadata:
     # Imported here: most calls have no metadata file and need not wait for the models of the contract.
     from pydantic import ValidationError
 
-    from dynident_service.adapters.measurements import to_recording_metadata
-    from dynident_service.wire_types.measurements import MeasurementMetadata
+    from dynident_service.measurements.adapters import to_recording_metadata
+    from dynident_service.measurements.wire_types import MeasurementMetadata
 
     document = read_json_object(path)
     field_names = [

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from dynident.diagnosis.monitoring import Series
     from dynident.presentation.tables import ReportedTable
     from dynident.verdict import Action, ModelVerdict, State
-    from dynident_service.wire_types.validations import ValidationResult
+    from dynident_service.validations.wire_types import ValidationResult
 
 _TOO_WIDE = (GROUPING, TIMES_SMALLEST)
 """Columns of parameter tables that do not fit a terminal; files and reports have them."""
@@ -275,7 +275,7 @@ def show_validation(console: Console, result: ValidationResult, robot: Robot) ->
     names = robot.joint_names
     by_number = {name: str(number) for number, name in enumerate(names, start=1)}
     # Loaded here: it needs what describes answers, which most commands do without.
-    from dynident_service.adapters.validations import build_validation_tables
+    from dynident_service.validations.adapters import build_validation_tables
 
     for reported_table in build_validation_tables(result, names):
         # Where the terminal is too narrow for the joints' names as columns, their numbers stand there.

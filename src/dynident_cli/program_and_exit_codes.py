@@ -49,7 +49,7 @@ def print_error(error: DynidentError, as_json: bool) -> None:
 
 def _problem_document(error: DynidentError) -> dict[str, object]:
     from dynident.recordings import RecordingError
-    from dynident_service.adapters.measurements import describe_file_problem
+    from dynident_service.measurements.adapters import describe_file_problem
     from dynident_service.problems import to_problem
 
     problem = describe_file_problem(error) if isinstance(error, RecordingError) else to_problem(error)

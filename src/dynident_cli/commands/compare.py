@@ -41,7 +41,7 @@ def compare(
     from dynident.identification import check_same_recordings
     from dynident.progress import scale_progress
     from dynident_cli import argument_loading, command_output, csv_and_parquet_output, printed_results
-    from dynident_service.adapters.comparisons import describe_comparison
+    from dynident_service.comparisons.adapters import describe_comparison
 
     identification = argument_loading.load_model(model)
     if out is not None:

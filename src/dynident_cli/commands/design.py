@@ -69,7 +69,7 @@ def simulate(
         design_and_simulation_files,
         terminal,
     )
-    from dynident_service.adapters.designs import describe_simulation
+    from dynident_service.designs.adapters import describe_simulation
 
     csv_and_parquet_output.check_ending(out)
     machine = argument_loading.load_robot_argument(robot, additions)
@@ -180,7 +180,7 @@ def design(
         print_warnings,
         show_design,
     )
-    from dynident_service.adapters.designs import describe_design
+    from dynident_service.designs.adapters import describe_design
 
     # Before the design, which takes minutes.
     csv_and_parquet_output.check_ending(out, csv_and_parquet_output.TRAJECTORY_ENDINGS)

@@ -62,7 +62,7 @@ def series(
         terminal,
     )
     from dynident_cli.argument_loading import load_continued_days
-    from dynident_service.adapters.diagnoses import describe_series
+    from dynident_service.diagnoses.adapters import describe_series
 
     identification = argument_loading.load_model(model)
     if out is not None:
@@ -98,7 +98,7 @@ def changes(
     """
     from dynident.diagnosis import diagnose
     from dynident_cli import argument_loading, command_output, printed_results
-    from dynident_service.adapters.diagnoses import describe_diagnosis
+    from dynident_service.diagnoses.adapters import describe_diagnosis
 
     identification = argument_loading.load_model(model)
     robot = identification.model.robot
@@ -146,7 +146,7 @@ def diagnose(
     """
     from dynident.diagnosis import examine
     from dynident_cli import argument_loading, command_output, option_parsers, printed_results
-    from dynident_service.adapters.diagnoses import describe_diagnosis
+    from dynident_service.diagnoses.adapters import describe_diagnosis
 
     identification = argument_loading.load_model(model)
     robot = identification.model.robot

@@ -45,8 +45,8 @@ def currents(
     from dynident.identification import identify_currents
     from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS
     from dynident_cli import argument_loading, command_output, printed_results
-    from dynident_service.adapters.field_by_field import to_view as in_contract
-    from dynident_service.wire_types.drive_gains import CurrentModelsResult
+    from dynident_service.drive_gains.wire_types import CurrentModelsResult
+    from dynident_service.shared.field_by_field import to_view as in_contract
 
     machine = argument_loading.load_robot_argument(robot, reading)
     unknown = all(drive.gain is None for drive in machine.drives)
@@ -146,7 +146,7 @@ def gains(
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import scale_progress
     from dynident_cli import argument_loading, command_output, terminal
-    from dynident_service.adapters.validations import build_gain_tables, describe_gains
+    from dynident_service.validations.adapters import build_gain_tables, describe_gains
 
     if weigh_unloaded and not weigh:
         raise DynidentError("there is no load to weigh; give --weigh, too", pointer="--weigh-unloaded")

@@ -54,7 +54,7 @@ def effects(as_json: Json = False) -> None:
     table = terminal.build_table("", columns, rows, right_from=len(columns))
 
     def describe_catalogue() -> BaseModel:
-        from dynident_service.adapters.field_by_field import show_catalogue
+        from dynident_service.shared.field_by_field import show_catalogue
 
         return show_catalogue()
 
@@ -73,8 +73,8 @@ def ladder(
     """Show the steps that led to a model, with their errors. The step that predicts held-out data best is marked."""
     from dynident.errors import DynidentError
     from dynident_cli import argument_loading, command_output, printed_results
-    from dynident_service.adapters.ladders import build_steps, compare_ladders
-    from dynident_service.wire_types.identifications import Lineage
+    from dynident_service.identifications.ladders import build_steps, compare_ladders
+    from dynident_service.identifications.wire_types import Lineage
 
     identification = argument_loading.load_model(model)
     other = None if against is None else argument_loading.load_model(against)
@@ -110,7 +110,7 @@ def essential(
     from dynident.identification import to_bytes
     from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
     from dynident_cli import argument_loading, command_output, printed_results
-    from dynident_service.adapters.identifications import describe_essential
+    from dynident_service.identifications.adapters import describe_essential
 
     path = essential_parameters(
         argument_loading.load_model(model), request_options.build_request(EssentialChoices).ratio
@@ -247,9 +247,9 @@ def identify(
         model_verdict = verdict(identification, recordings, held_out, checks)
 
     def describe_result() -> dict[str, object]:
-        from dynident_service.adapters.identifications import describe_identification, show_verdict
-        from dynident_service.adapters.measurements import show_checks
-        from dynident_service.wire_types.shared_types import to_plain_json
+        from dynident_service.identifications.adapters import describe_identification, show_verdict
+        from dynident_service.measurements.adapters import show_checks
+        from dynident_service.shared.wire_types import to_plain_json
 
         return {
             **to_plain_json(describe_identification(identification, None)),

@@ -64,7 +64,7 @@ def inspect(
 
 
 def _to_document(inspection: Inspection) -> dict[str, Any]:
-    from dynident_service.adapters.measurements import describe_inspection
+    from dynident_service.measurements.adapters import describe_inspection
 
     return describe_inspection(inspection, inspection.sha256).model_dump(mode="json")
 

@@ -56,7 +56,7 @@ def report(
     from dynident_cli import argument_loading, command_output, input_checks_and_writes
     from dynident_cli.command_output import build_reported_runs
     from dynident_cli.commands.validate import load_validation
-    from dynident_service.adapters.validations import build_reported_validation
+    from dynident_service.validations.adapters import build_reported_validation
 
     prints = out.suffix.lower() == ".pdf"
     choices = request_options.build_request(ReportChoices, format="pdf" if prints else "html")

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from dynident.schema.fields import NamedValues
     from dynident.validation import Method
     from dynident.validation.validation_request import Trial
-    from dynident_service.wire_types.validations import ValidationResult
+    from dynident_service.validations.wire_types import ValidationResult
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def load_validation(path: Path) -> ValidationResult:
 
     from dynident.errors import DynidentError
     from dynident_cli.input_checks_and_writes import read_text
-    from dynident_service.wire_types.validations import ValidationResult
+    from dynident_service.validations.wire_types import ValidationResult
 
     try:
         return ValidationResult.model_validate_json(read_text(path))
@@ -153,7 +153,7 @@ def run_validation(
 ) -> ValidationResult:
     """Make a validation."""
     from dynident.validation.validation_request import Methods, ValidationData
-    from dynident_service.adapters.validations import describe_validation
+    from dynident_service.validations.adapters import describe_validation
 
     # Methods are tried on what was held out; what is given first is what they learn from.
     tested, others = (held_out, recordings) if isinstance(trial, Methods) else (recordings, held_out)
