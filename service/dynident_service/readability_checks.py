@@ -8,18 +8,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import TracebackType
 
+from dynident_service.identifications.batch_routes import member_ids
 from dynident_service.jobs.child_messages import Answer, Call
 from dynident_service.jobs.child_pool import ChildProcess, ForkServer
 from dynident_service.jobs.confinement import REQUEST_MEMORY, AllowedFolders, Confinement
 from dynident_service.problems import ProblemError
-from dynident_service.routes import batches, jobs
-from dynident_service.routes.resource_routes import SHOW_FUNCTIONS
+from dynident_service.service_routes import show_job
+from dynident_service.shared.resource_routes import SHOW_FUNCTIONS
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.repository_values import Kind, Resource
 
 LONGEST = 120.0
 """Seconds to read one resource, including the start of the process; as long as a request that reads it may take."""
-FUNCTION = "dynident_service.job_functions.stored_inputs:read_stored"
+FUNCTION = "dynident_service.shared.stored_inputs:read_stored"
 
 
 class StoredFilesReader:
@@ -103,8 +104,8 @@ def check_stored_resource(resource: Resource) -> None:
 def show_resource(resource: Resource) -> None:
     """Show a resource and its job, whatever files it has; raises what showing it does where this service cannot."""
     if resource.job is not None:
-        jobs.show_job(resource.job)
+        show_job(resource.job)
     if resource.kind == "batch":
-        batches.member_ids(resource)
+        member_ids(resource)
     else:
         SHOW_FUNCTIONS[resource.kind](resource)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from dynident.simulation import SimulatedRecording
     from dynident.validation.validation_request import Trial, TrialResult
     from dynident.verdict import ModelVerdict
-    from dynident_service.wire_types.validations import ValidationResult
+    from dynident_service.validations.wire_types import ValidationResult
 
 Document = Mapping[str, object]
 View = TypeVar("View")
@@ -44,14 +44,14 @@ View = TypeVar("View")
 
 def to_document(view: BaseModel) -> Document:
     """Return a view as plain JSON."""
-    from dynident_service.wire_types.shared_types import to_plain_json
+    from dynident_service.shared.wire_types import to_plain_json
 
     return to_plain_json(view)
 
 
 def describe_catalogue() -> Document:
     """Describe the effects that a model can contain."""
-    from dynident_service.adapters.field_by_field import show_catalogue
+    from dynident_service.shared.field_by_field import show_catalogue
 
     return to_document(show_catalogue())
 
@@ -75,8 +75,8 @@ def describe_model(
     recordings : sequence of CheckedRecording
         Those that were read for it.
     """
-    from dynident_service.adapters.identifications import describe_identification, show_verdict
-    from dynident_service.adapters.measurements import show_checks
+    from dynident_service.identifications.adapters import describe_identification, show_verdict
+    from dynident_service.measurements.adapters import show_checks
 
     parent_id, ancestor = (None, None) if parent is None else (parent[0], parent[1].identification)
     document: dict[str, object] = {**to_document(describe_identification(model.identification, parent_id, ancestor))}
@@ -92,8 +92,8 @@ def describe_model(
 
 def describe_ladder(named: tuple[str, Model], against: tuple[str, Model] | None = None) -> Document:
     """Describe the steps that led to a model, given with its name, and those of another one."""
-    from dynident_service.adapters.ladders import build_steps, compare_ladders
-    from dynident_service.wire_types.identifications import Lineage
+    from dynident_service.identifications.ladders import build_steps, compare_ladders
+    from dynident_service.identifications.wire_types import Lineage
 
     name, model = named[0], named[1].identification
     own = build_steps(model, name)
@@ -107,29 +107,29 @@ def describe_ladder(named: tuple[str, Model], against: tuple[str, Model] | None 
 
 def describe_essential(path: EssentialPath) -> Document:
     """Describe the steps of a backward elimination."""
-    from dynident_service.adapters.identifications import describe_essential as describe
+    from dynident_service.identifications.adapters import describe_essential as describe
 
     return to_document(describe(path))
 
 
 def describe_currents(models: Sequence[CurrentModel]) -> Document:
     """Describe models of currents, one a joint."""
-    from dynident_service.adapters.field_by_field import to_view
-    from dynident_service.wire_types.drive_gains import CurrentModelsResult
+    from dynident_service.drive_gains.wire_types import CurrentModelsResult
+    from dynident_service.shared.field_by_field import to_view
 
     return to_document(to_view(CurrentModelsResult, None, joints=models))
 
 
 def describe_comparison(compared: ComparedRecording, *, learnt: bool) -> Document:
     """Describe measured against predicted torque."""
-    from dynident_service.adapters.comparisons import describe_comparison as describe
+    from dynident_service.comparisons.adapters import describe_comparison as describe
 
     return to_document(describe(compared.comparison, compared.judgement, True if learnt else None))
 
 
 def describe_diagnosis(diagnosis: Diagnosis, robot: Robot) -> Document:
     """Describe a diagnosis; `load_diagnosis` reads it back."""
-    from dynident_service.adapters.diagnoses import describe_diagnosis as describe
+    from dynident_service.diagnoses.adapters import describe_diagnosis as describe
 
     return to_document(describe(diagnosis, robot.name))
 
@@ -138,7 +138,7 @@ def load_diagnosis(path: Path) -> AdvisedDiagnosis:
     """Read a diagnosis that `dynident diagnose --out` wrote; `DynidentError` where the file holds none."""
     from pydantic import ValidationError
 
-    from dynident_service.adapters.diagnoses import restore_diagnosis
+    from dynident_service.diagnoses.adapters import restore_diagnosis
 
     try:
         return restore_diagnosis(read_json_object(path))
@@ -151,28 +151,28 @@ def load_diagnosis(path: Path) -> AdvisedDiagnosis:
 
 def describe_series(series: Series) -> Document:
     """Describe what has changed over many days."""
-    from dynident_service.adapters.diagnoses import describe_series as describe
+    from dynident_service.diagnoses.adapters import describe_series as describe
 
     return to_document(describe(series))
 
 
 def describe_design(design: Design) -> Document:
     """Describe a designed motion."""
-    from dynident_service.adapters.designs import describe_design as describe
+    from dynident_service.designs.adapters import describe_design as describe
 
     return to_document(describe(design))
 
 
 def describe_simulation(simulation: SimulatedRecording, rate: float) -> Document:
     """Describe a simulated recording of a rate in Hz."""
-    from dynident_service.adapters.designs import describe_simulation as describe
+    from dynident_service.designs.adapters import describe_simulation as describe
 
     return to_document(describe(simulation, rate))
 
 
 def describe_inspection(inspection: Inspection) -> Document:
     """Describe what the columns of a file probably are."""
-    from dynident_service.adapters.measurements import describe_inspection as describe
+    from dynident_service.measurements.adapters import describe_inspection as describe
 
     document: Document = describe(inspection, inspection.sha256).model_dump(mode="json")
     return document
@@ -181,7 +181,7 @@ def describe_inspection(inspection: Inspection) -> Document:
 def describe_error(error: DynidentError) -> Document:
     """Describe an error as the service does: a script need not know which of the two it talks to."""
     from dynident.recordings import RecordingError
-    from dynident_service.adapters.measurements import describe_file_problem
+    from dynident_service.measurements.adapters import describe_file_problem
     from dynident_service.problems import to_problem
 
     problem = describe_file_problem(error) if isinstance(error, RecordingError) else to_problem(error)
@@ -191,7 +191,7 @@ def describe_error(error: DynidentError) -> Document:
 
 def describe_validation(trial: Trial, outcome: TrialResult, names: Sequence[str]) -> ValidationResult:
     """Describe a test of a model on the recordings of these names, for `to_document` and `build_validation_tables`."""
-    from dynident_service.adapters.validations import describe_validation as describe
+    from dynident_service.validations.adapters import describe_validation as describe
 
     return describe(trial, outcome, names)
 
@@ -200,8 +200,8 @@ def describe_gains(
     robot: Robot, gains: DriveGains, loads: Sequence[tuple[str, PayloadEstimate]]
 ) -> tuple[Document, list[ReportedTable]]:
     """Describe drive gains and the loads that were weighed by them, by name: their document, and their tables."""
-    from dynident_service.adapters.validations import build_gain_tables
-    from dynident_service.adapters.validations import describe_gains as describe
+    from dynident_service.validations.adapters import build_gain_tables
+    from dynident_service.validations.adapters import describe_gains as describe
 
     view = describe(robot, gains, [(name, name, load) for name, load in loads])
     return to_document(view), list(build_gain_tables(view))
@@ -211,7 +211,7 @@ def load_validation(path: Path) -> ValidationResult:
     """Read what `dynident validate --out` wrote; `DynidentError` where the file holds no validation."""
     from pydantic import ValidationError
 
-    from dynident_service.wire_types.validations import ValidationResult
+    from dynident_service.validations.wire_types import ValidationResult
 
     try:
         return ValidationResult.model_validate_json(read_text(path))
@@ -222,14 +222,14 @@ def load_validation(path: Path) -> ValidationResult:
 
 def load_reported_validation(path: Path, joint_names: Sequence[str]) -> ReportedValidation:
     """Read what `dynident validate --out` wrote, for a report."""
-    from dynident_service.adapters.validations import build_reported_validation
+    from dynident_service.validations.adapters import build_reported_validation
 
     return build_reported_validation(load_validation(path), joint_names)
 
 
 def build_validation_tables(result: ValidationResult, joint_names: Sequence[str]) -> list[ReportedTable]:
     """Return the tables of a validation."""
-    from dynident_service.adapters.validations import build_validation_tables as build
+    from dynident_service.validations.adapters import build_validation_tables as build
 
     return list(build(result, joint_names))
 
@@ -238,8 +238,8 @@ def parse_metadata(path: Path, values: Mapping[str, object]) -> RecordingMetadat
     """Return metadata that a file states, after a check of their types and ranges."""
     from pydantic import ValidationError
 
-    from dynident_service.adapters.measurements import to_recording_metadata
-    from dynident_service.wire_types.measurements import MeasurementMetadata
+    from dynident_service.measurements.adapters import to_recording_metadata
+    from dynident_service.measurements.wire_types import MeasurementMetadata
 
     try:
         # A robot and a name are mandatory in the contract, but unused here.
@@ -257,8 +257,8 @@ def load_limits(path: Path | None) -> dict[str, Limits]:
     from pydantic import TypeAdapter
 
     from dynident.robot import Limits
-    from dynident_service.adapters.field_by_field import to_request
-    from dynident_service.wire_types.robots import Limits as WireLimits
+    from dynident_service.robots.wire_types import Limits as WireLimits
+    from dynident_service.shared.field_by_field import to_request
 
     limits_by_joint = _load_validated(TypeAdapter(dict[str, WireLimits]), path, "Unusable limits")
     return {name: to_request(value, Limits) for name, value in limits_by_joint.items()}
@@ -284,8 +284,8 @@ def load_surroundings(path: Path | None, mesh_folders: Sequence[Path], *, floor:
     from pydantic import TypeAdapter
 
     from dynident.motion import Surroundings
-    from dynident_service.adapters.field_by_field import to_request
-    from dynident_service.wire_types.request_bodies import find_body
+    from dynident_service.shared.field_by_field import to_request
+    from dynident_service.shared.request_bodies import find_body
 
     surroundings = Surroundings()
     if path is not None:

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from dynident.diagnosis.monitoring import Series
     from dynident.presentation.tables import ReportedTable
     from dynident.verdict import Action, ModelVerdict, State
-    from dynident_service.wire_types.validations import ValidationResult
+    from dynident_service.validations.wire_types import ValidationResult
 
 _TOO_WIDE = (GROUPING, TIMES_SMALLEST)
 """Columns of parameter tables that do not fit a terminal; files and reports have them."""

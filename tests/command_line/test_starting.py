@@ -64,7 +64,7 @@ def test_identifying_and_diagnosing_load_no_package_that_they_do_not_need() -> N
         "from dynident.verdict import verdict\n"
         "from dynident.diagnosis import diagnose\n"
         "from dynident_cli import printed_results\n"
-        "from dynident_service.adapters.diagnoses import describe_diagnosis\n"
+        "from dynident_service.diagnoses.adapters import describe_diagnosis\n"
         "heavy = ('scipy.signal', 'scipy.stats', 'matplotlib', 'fastapi', 'dynident.excitation.experiment_design')\n"
         "print([name for name in heavy if name in sys.modules])\n"
     )

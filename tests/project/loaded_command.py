@@ -50,7 +50,8 @@ def loaded_command(folder: Path) -> Iterator[Path]:
 def serve(listening: socket.socket) -> None:
     """Do what is asked, one after the other or at the same time."""
     importlib.import_module("dynident_cli.program_and_exit_codes").create_application()
-    importlib.import_module("dynident_service.job_functions")
+    for module in importlib.import_module("dynident_service.jobs.fork_server_main").PRELOADED:
+        importlib.import_module(module)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     while True:
         line, _ = listening.accept()

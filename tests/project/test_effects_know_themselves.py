@@ -26,9 +26,9 @@ OTHER_MEANINGS = {"payload"}
 # The contract (api.md) fixes the four usual effects as the defaults of a request, and the demonstration's default is in
 # its help; who says "the links" there says it in the contract's words.
 CONTRACT = {
-    "service/dynident_service/wire_types/identifications.py": {choice.effect for choice in DEFAULT_EFFECTS},
-    "service/dynident_service/wire_types/designs.py": {choice.effect for choice in DEFAULT_EFFECTS},
-    "service/dynident_service/adapters/robots.py": {"rigid_body"},
+    "service/dynident_service/identifications/wire_types.py": {choice.effect for choice in DEFAULT_EFFECTS},
+    "service/dynident_service/designs/wire_types.py": {choice.effect for choice in DEFAULT_EFFECTS},
+    "service/dynident_service/robots/adapters.py": {"rigid_body"},
     "src/dynident_cli/commands/demo.py": {"stribeck"},
     # A check of recordings has the name of what it looks for; a URDF's mimic joint has an offset.
     "src/dynident/recordings/recording_metadata.py": {"torque_delay"},
