@@ -36,25 +36,7 @@ _NOTHING_BESIDE = RobotAdditions()
 
 
 def load_robot_argument(text: str, additions: RobotAdditions = _NOTHING_BESIDE) -> Robot:
-    """Load the robot that an argument names.
-
-    Parameters
-    ----------
-    text : str
-        A file, or the name of a well-known arm.
-    additions : RobotAdditions
-        Drive gains, locked joints, gravity and hardware from options.
-
-    Returns
-    -------
-    Robot
-        The robot with what the options add.
-
-    Raises
-    ------
-    DynidentError
-        Where there is no such robot, or an option does not fit it.
-    """
+    """Load the robot of a file, or a well-known arm, with what the options add."""
     upright = option_parsers.parse_vector(additions.gravity, "--gravity") if additions.gravity else None
     has, has_not = _split_names(additions.has), _split_names(additions.has_not)
     check_hardware(has, has_not)

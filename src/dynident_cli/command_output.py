@@ -92,18 +92,8 @@ def build_table(
 ) -> Table:
     """Return a plain table.
 
-    Parameters
-    ----------
-    title : str
-        Title above it.
-    columns : sequence of str
-        Heads of the columns.
-    rows : sequence of sequence of str
-        Cells.
-    right_from : int
-        First column with figures, which stand at the right and are never wrapped.
-    wrapped : int, optional
-        Another column with text, which may be wrapped as those before the figures are.
+    Columns from `right_from` on have figures, which stand at the right and are never wrapped; `wrapped` is another
+    column with text, which may be wrapped as those before the figures are.
     """
     rich_table = Table(title=title or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
     for index, column in enumerate(columns):

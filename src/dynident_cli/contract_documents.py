@@ -62,19 +62,7 @@ def describe_model(
     verdict: ModelVerdict | None = None,
     recordings: Sequence[CheckedRecording] = (),
 ) -> Document:
-    """Describe a model, with its verdict and the checks of its recordings where these are given.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    parent : tuple of (str, Model), optional
-        Name and model that it was made from.
-    verdict : ModelVerdict, optional
-        What it is fit for.
-    recordings : sequence of CheckedRecording
-        Those that were read for it.
-    """
+    """Describe a model that was made from `parent`, with its verdict and the checks of its recordings where given."""
     from dynident_service.identifications.adapters import describe_identification, show_verdict
     from dynident_service.measurements.adapters import show_checks
 
@@ -265,21 +253,9 @@ def load_limits(path: Path | None) -> dict[str, Limits]:
 
 
 def load_surroundings(path: Path | None, mesh_folders: Sequence[Path], *, floor: bool) -> Surroundings:
-    """Read the robot's surroundings from a JSON file.
+    """Read the robot's surroundings from a JSON file; without one, nothing around the robot is stated.
 
-    Parameters
-    ----------
-    path : Path, optional
-        The file; without it nothing around the robot is stated.
-    mesh_folders : sequence of Path
-        Folders to search for collision meshes.
-    floor : bool
-        Whether to assume a floor where nothing around the robot is stated.
-
-    Returns
-    -------
-    Surroundings
-        What the motion has to keep clear of.
+    Collision meshes are searched for in the folders. `floor` tells whether to assume a floor where none is stated.
     """
     from pydantic import TypeAdapter
 

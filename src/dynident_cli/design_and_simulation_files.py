@@ -8,14 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-import pyarrow as pa
-import pyarrow.csv as pacsv
-import pyarrow.parquet as pq
 from rich.console import Console
-from scipy.interpolate import CubicSpline
 
-from dynident.array_types import FloatArray
 from dynident.effects import get_effect
 from dynident.effects.effect_text_format import parse_effect, split_effects
 from dynident.errors import DynidentError
@@ -26,9 +20,9 @@ from dynident.progress import Progress
 from dynident.robot import Robot
 from dynident.robot.collision_reader import find_mesh_folders
 from dynident.simulation import ActingEffect, Reference
+from dynident.simulation.reference_motion import read_reference
 from dynident_cli.command_output import print_tables
 from dynident_cli.contract_documents import load_diagnosis
-from dynident_cli.input_checks import check_readable
 
 
 def load_proposed_design(path: Path) -> DesignRequest:
@@ -69,7 +63,6 @@ def show_design(console: Console, design: Design, robot: Robot) -> None:
     console.print(describe_design(design))
 
 
-_TITLE = "Unusable trajectory"
 _RANDOM = TrajectoryRequest(sampling_rate=200.0)
 
 
@@ -99,39 +92,4 @@ def load_reference(path: Path | None, robot: Robot, seed: int, progress: Progres
         request = DesignRequest(kind="random", trajectory=_RANDOM, seed=seed)
         design = design_experiment(robot, request, progress)
         return Reference(design.t, design.q, design.dq, design.ddq)
-    table = _read_table(path)
-    t, q = _read_column(table, "t", path), _read_signal(table, "q", robot, path)
-    if len(t) < 4 or not np.all(np.diff(t) > 0):
-        raise DynidentError("t must increase and have at least four rows", pointer=f"{path}: t", title=_TITLE)
-    spline = CubicSpline(t, q)
-    derivatives = []
-    for order, kind in enumerate(("dq", "ddq"), start=1):
-        # Of all joints or of none: a spline for some of them would not fit the others.
-        present = all(f"{kind}_{name}" in table.column_names for name in robot.joint_names)
-        derivatives.append(_read_signal(table, kind, robot, path) if present else np.asarray(spline(t, order)))
-    return Reference(t, q, *derivatives)
-
-
-def _read_table(path: Path) -> pa.Table:
-    check_readable(path)
-    try:
-        return pq.read_table(path) if path.suffix == ".parquet" else pacsv.read_csv(path)
-    except (pa.ArrowInvalid, OSError) as error:
-        raise DynidentError(f"{path.name} cannot be read: {error}", pointer=str(path), title=_TITLE) from error
-
-
-def _read_signal(table: pa.Table, kind: str, robot: Robot, path: Path) -> FloatArray:
-    return np.column_stack([_read_column(table, f"{kind}_{name}", path) for name in robot.joint_names])
-
-
-def _read_column(table: pa.Table, name: str, path: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    if name not in table.column_names:
-        raise DynidentError(
-            f"{path.name} has no column {name}; it has: {', '.join(table.column_names)}",
-            pointer=name,
-            title=_TITLE,
-        )
-    column = table[name]
-    if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
-        raise DynidentError(f"column {name} of {path.name} does not hold numbers", pointer=name, title=_TITLE)
-    return np.asarray(column.to_numpy(), dtype=np.float64)
+    return read_reference(path, robot)

@@ -28,20 +28,7 @@ class InputCheck:
 
 
 def check_inputs(command: Callable[..., None], options: Mapping[str, object]) -> None:
-    """Check all options of a command that are marked with an `InputCheck`.
-
-    Parameters
-    ----------
-    command : callable
-        The command, whose annotations hold the markers.
-    options : mapping
-        The values that the command is called with.
-
-    Raises
-    ------
-    DynidentError
-        Where an option names a file, folder or robot that is missing.
-    """
+    """Check all options of a command that are marked with an `InputCheck`, by the values that it is called with."""
     for name, hint in get_type_hints(command, include_extras=True).items():
         if get_origin(hint) is Annotated:
             for marker in hint.__metadata__:

@@ -85,13 +85,7 @@ class StatedAnswers:
 
 
 def describe_answer(question: Question) -> str:
-    """Return the options that answer a question, as they are typed; "" where no option does.
-
-    Parameters
-    ----------
-    question : Question
-        Open question of a proposal.
-    """
+    """Return the options that answer a question, as they are typed; "" where no option does."""
     about, _, key = question.field.partition("/")
     if question.check:
         return f"--accept {question.check} if the recording is right as it is"
@@ -119,28 +113,9 @@ def _signal_kind(key: str) -> str:
 def accept_proposal(
     path: Path, inspection: Inspection, *, has_gains: bool, answers: StatedAnswers | None = None
 ) -> RecordingMetadata:
-    """Accept proposed metadata as they are.
+    """Accept proposed metadata as they are; an error where a question is open, as to accept would be a guess.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for the message.
-    inspection : Inspection
-        What was found in it.
-    has_gains : bool
-        Whether the robot states drive gains.
-    answers : StatedAnswers, optional
-        Options that answer questions.
-
-    Returns
-    -------
-    RecordingMetadata
-        The proposed columns, units and kind of effort.
-
-    Raises
-    ------
-    DynidentError
-        Where a question is open: to accept the proposal would be a guess.
+    `has_gains` says whether the robot states drive gains; `answers` are options that answer questions.
     """
     assert inspection.proposal is not None
     stated_answers = answers or StatedAnswers()
@@ -180,25 +155,7 @@ def accept_proposal(
 
 
 def read_metadata(texts: Sequence[str], names: Sequence[str]) -> dict[str, RecordingMetadata]:
-    """Read metadata files.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        FILE for all recordings, or NAME=FILE for one.
-    names : sequence of str
-        Names of the recordings.
-
-    Returns
-    -------
-    dict
-        Metadata by the name of the recording.
-
-    Raises
-    ------
-    DynidentError
-        Where a file is no metadata, or holds open questions.
-    """
+    """Read metadata files, each FILE for all recordings or NAME=FILE for one, by the names of the recordings."""
     metadata_by_name: dict[str, RecordingMetadata] = {}
     for text in texts:
         name, sign, path = text.partition("=")

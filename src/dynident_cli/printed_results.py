@@ -137,22 +137,10 @@ def show_diagnosis(
     questions: Sequence[tuple[str, str]] = (),
     n_open: int = 0,
 ) -> None:
-    """Print a diagnosis.
+    """Print a diagnosis, and the command that adds what it recommends.
 
-    Parameters
-    ----------
-    console : Console
-        Where to print.
-    diagnosis : Diagnosis
-        Summary, ranked candidates, recommendation, what the data cannot show, and the next experiment if it has one.
-    robot : Robot
-        Its robot.
-    extend_command : str
-        Command that adds the recommended effects.
-    questions : sequence of (str, str)
-        Effects and joints for which the reason is printed; an empty joint stands for the best place.
-    n_open : int
-        Number of open questions for which no experiment was looked for.
+    `questions` are effects and joints for which the reason is printed, with "" for the best place; `n_open` is the
+    number of open questions for which no experiment was looked for.
     """
     from dynident.advice import AdvisedDiagnosis
 

@@ -25,14 +25,9 @@ EXIT_CANCELLED = 130
 
 
 def print_error(error: DynidentError, as_json: bool) -> None:
-    """Print what is wrong, where, and how to mend it.
+    """Print what is wrong, where, and how to mend it: on stderr for people, on stdout as JSON where that was asked for.
 
-    Parameters
-    ----------
-    error : DynidentError
-        The error. It is printed on stderr for people.
-    as_json : bool
-        Whether to print it on stdout, too, as the problem document that the service answers with (RFC 9457).
+    The JSON is the problem document that the service answers with (RFC 9457).
     """
     # Many messages name the place already.
     where = f"{error.pointer}: " if error.pointer and error.pointer not in error.detail else ""
@@ -65,8 +60,8 @@ _GROUPS = {
 _COMMANDS = tuple(command for commands in _GROUPS.values() for command in commands)
 
 _MODULES = {
-    **dict.fromkeys(("effects", "essential", "extend", "ladder", "remove"), "identify"),
-    **dict.fromkeys(("changes", "series"), "diagnose"),
+    **dict.fromkeys(("effects", "essential", "extend", "inspect", "ladder", "remove"), "identify"),
+    **dict.fromkeys(("changes", "compare", "series"), "diagnose"),
     "simulate": "design",
     **dict.fromkeys(("restore", "export_robot", "import_robot", "doctor"), "backup"),
     "currents": "gains",
@@ -142,16 +137,8 @@ class CommandsByPurpose(TyperGroup):
 def create_application(typed: str | None = None) -> typer.Typer:
     """Build the command line.
 
-    Parameters
-    ----------
-    typed : str, optional
-        The first word that the user typed. Where it is a command, only that command is registered, because importing
-        the modules of all of them takes time.
-
-    Returns
-    -------
-    typer.Typer
-        The application, with the command typed or with all of them.
+    Where the first word that the user typed is a command, only that command is registered, because importing the
+    modules of all of them takes time.
     """
     command_names = [command_name for command_name in _COMMANDS if command_name.replace("_", "-") == typed] or _COMMANDS
     application = typer.Typer(

@@ -103,7 +103,7 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         """
         path, columns = check_ending(path, TABLE_ENDINGS), dict(self._columns().columns)
         # Names come from files and may hold lone surrogates, which no table takes.
-        columns |= {name: list(map(escape_surrogates, columns[name])) for name in ("parameter", "joint", "day")}  # type: ignore[arg-type]
+        columns |= {name: list(map(escape_surrogates, columns[name])) for name in ("parameter", "joint", "day")}
         write_table(pa.table(columns), path)
 
     def _columns(self) -> Table:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dynident.api.recording_collection import Recordings
-    from dynident.identification import CurrentModel
 
 
 def currents(
@@ -44,6 +42,7 @@ def currents(
     """
     from dynident.identification import identify_currents
     from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS
+    from dynident.presentation.model_tables import build_current_tables
     from dynident_cli import argument_loading, command_output, contract_documents, printed_results
 
     machine = argument_loading.load_robot_argument(robot, reading)
@@ -61,7 +60,7 @@ def currents(
 
     def print_models(console: Console) -> None:
         printed_results.show_measurements(console, *checked)
-        _print_current_models(console, models)
+        command_output.print_tables(console, build_current_tables(models))
 
     command_output.write_result(
         result, "parameters", lambda: contract_documents.describe_currents(models), print_models
@@ -76,41 +75,6 @@ def _without_scale_checks(recordings: Recordings) -> Recordings:
             for item in recordings
         )
     )
-
-
-def _print_current_models(console: Console, models: Sequence[CurrentModel]) -> None:
-    from dynident.number_format import format_estimate, format_number, format_percent
-    from dynident.presentation.labels import PARAMETER_JUDGEMENTS
-    from dynident_cli import command_output
-
-    rows = [
-        [
-            model.joint,
-            str(len(model.parameters)),
-            format_number(model.fit.rms_total, 3),
-            format_percent(model.fit.relative_total),
-            "–" if model.held_out is None else format_number(model.held_out.rms_total, 3),
-            "–" if model.held_out is None else format_percent(model.held_out.relative_total),
-        ]
-        for model in models
-    ]
-    heads = ("joint", "parameters", "residual, A", "of the current", "held out, A", "of the current")
-    console.print(command_output.build_table("The current of every joint", heads, rows))
-    for model in models:
-        parameter_rows = [
-            [
-                p.name,
-                *format_estimate(p.value, 0.5 * (p.interval[1] - p.interval[0])),
-                p.unit,
-                PARAMETER_JUDGEMENTS[p.judgement].words,
-            ]
-            for p in model.parameters
-        ]
-        console.print(
-            command_output.build_table(
-                model.joint, ("parameter", "value", "± 95 %", "unit", "judgement"), parameter_rows
-            )
-        )
 
 
 def gains(

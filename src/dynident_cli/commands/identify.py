@@ -1,7 +1,8 @@
-"""`dynident effects`, `identify`, `extend`, `remove`, `essential` and `ladder`."""
+"""`dynident inspect`, `effects`, `identify`, `extend`, `remove`, `essential` and `ladder`."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,15 +12,19 @@ import typer
 from dynident.identification.identification_choices import EssentialChoices, IdentificationChoices
 from dynident.recordings.recording_metadata import Filters
 from dynident.schema.fields import get_description
-from dynident_cli.input_checks import READABLE_FILE
+from dynident.text_encoding import encode_text
+from dynident_cli.input_checks import KNOWN_ROBOT, READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Effects,
     Json,
     Measurements,
     ModelArgument,
+    Out,
     OutputOptions,
+    Rate,
     Reading,
+    RobotAdditions,
     RobotArgument,
     RobotReading,
     SomeFile,
@@ -31,28 +36,19 @@ from dynident_cli.shared_options import (
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from dynident.identification.column_inference import Inspection
+
 
 def effects(as_json: Json = False) -> None:
     """List the effects that a model can contain."""
     from dynident.effects import CATALOGUE
+    from dynident.presentation.model_tables import build_catalogue_table
     from dynident_cli import command_output, contract_documents
 
-    rows = [
-        [
-            effect.id,
-            effect.title,
-            ", ".join(
-                f"{parameter.name} ({parameter.unit})" if parameter.unit != "-" else parameter.name
-                for parameter in effect.parameters
-            ),
-            effect.signature,
-        ]
-        for effect in CATALOGUE.values()
-    ]
-    columns = ("effect", "what it is", "parameters", "what it leaves in the residual")
-    table = command_output.build_table("", columns, rows, right_from=len(columns))
-
-    command_output.print_result(as_json, contract_documents.describe_catalogue, lambda console: console.print(table))
+    table = build_catalogue_table(CATALOGUE.values())
+    command_output.print_result(
+        as_json, contract_documents.describe_catalogue, lambda console: command_output.print_tables(console, [table])
+    )
 
 
 def ladder(
@@ -234,3 +230,79 @@ def identify(
     # The model is written all the same: a script sees by the exit code that it must not be used.
     if verdict.stop is not None:
         raise typer.Exit(printed_results.EXIT_STOPPED)
+
+
+_MOST_COLUMNS = 60
+"""Columns that are listed of a file: robots record less, and files that are no recordings may have thousands."""
+
+
+def inspect(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="A recording, as a robot or a logger wrote it.", show_default=False),
+        READABLE_FILE,
+    ],
+    additions: RobotAdditions,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            "--robot", "-r", metavar="ROBOT", help="The robot of the recording; without it, columns are only listed."
+        ),
+        KNOWN_ROBOT,
+    ] = None,
+    rate: Rate = None,
+    out: Out = None,
+    as_proposed: Annotated[
+        bool, typer.Option("--as-proposed/--no-as-proposed", help="Fail if a question is open, and write nothing.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Find out what the columns of a file are.
+
+    The answer has reasons, and the questions that you must answer before you can use the file.
+
+    --out writes the proposal as JSON, for `dynident identify --metadata`.
+    """
+    from dynident.file_output import write_atomically
+    from dynident.identification.column_inference import inspect_file
+    from dynident_cli import argument_loading, command_output, contract_documents, metadata_files
+
+    machine = None if robot is None else argument_loading.load_robot_argument(robot, additions)
+    inspection = inspect_file(file, machine, rate)
+    if inspection.proposal is not None:
+        # An open question ends the command here, before anything is written.
+        if as_proposed:
+            metadata_files.accept_proposal(file, inspection, has_gains=True)
+        if out is not None:
+            document = json.dumps(metadata_files.proposal_document(inspection, rate), indent=2, ensure_ascii=False)
+            write_atomically(out, encode_text(f"{document}\n"))
+    messages = () if out is None or inspection.proposal is None else (f"proposal written to {out}",)
+    command_output.print_result(
+        as_json,
+        lambda: contract_documents.describe_inspection(inspection),
+        lambda console: _print_inspection(console, inspection),
+        *messages,
+    )
+
+
+def _print_inspection(console: Console, inspection: Inspection) -> None:
+    from dynident.errors import word_remedies
+    from dynident.presentation.recording_tables import build_guess_table
+    from dynident_cli import command_output, metadata_files
+    from dynident_cli.request_options import write_option
+
+    console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows inspected")
+    if inspection.proposal is None:
+        rest = f" and {len(inspection.columns) - _MOST_COLUMNS} more" if len(inspection.columns) > _MOST_COLUMNS else ""
+        console.print(f"{', '.join(inspection.columns[:_MOST_COLUMNS])}{rest}", soft_wrap=True)
+        console.print("To find out what the columns are, give the robot: --robot ROBOT.")
+        return
+    command_output.print_tables(console, [build_guess_table(inspection.proposal.guesses, write_option)])
+    for question in inspection.proposal.questions:
+        choices = f" ({', '.join(question.choices[:8])})" if question.choices else ""
+        detail = word_remedies(question.detail, question.remedies, write_option)
+        console.print(f"? {question.field}: {detail}{choices}", soft_wrap=True)
+        if answer := metadata_files.describe_answer(question):
+            console.print(f"    → {answer}", soft_wrap=True, markup=False)
+    if not inspection.proposal.questions:
+        console.print("No question is open: identify with --as-proposed.")
