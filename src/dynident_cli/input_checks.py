@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_origin, get_type_hints
 
 from dynident.errors import DynidentError
-from dynident.known_robots import locate_robot
+from dynident.known_robots import list_library_arms, locate_robot
 from dynident.recordings.file_names_and_digests import split_path
 
 
@@ -49,7 +49,8 @@ def check_readable(path: Path) -> None:
     # Files that are one recording are given together, as q.csv+dq.csv+tau.csv.
     for part in split_path(path):
         if not part.is_file():
-            raise DynidentError(f"there is no file {part}", pointer=str(path), title="No such file")
+            hint = "; this is a robot, which comes before the recordings" if str(part) in list_library_arms() else ""
+            raise DynidentError(f"there is no file {part}{hint}", pointer=str(path), title="No such file")
         if not os.access(part, os.R_OK):
             raise DynidentError(
                 f"{part} cannot be read; check its permissions", pointer=str(path), title="Unreadable file"

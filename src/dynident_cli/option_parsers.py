@@ -140,12 +140,14 @@ def _check_no_overlap(name: str, windows: Sequence[Window]) -> None:
 
 
 def parse_filters(text: str) -> Filters | None:
-    """Parse pairs such as position_cutoff=6,torque_cutoff=6,decimation=3; `auto`, for all of them, is None."""
+    """Parse pairs such as position_cutoff=6,torque_cutoff=6,decimation=3; `none` is no filter, `auto` None."""
     from dynident.recordings.preprocessing import values_from_request
     from dynident.recordings.recording_metadata import Filters
 
     if text.strip() == "auto":
         return None
+    if text.strip() == "none":
+        return Filters(position_cutoff=None, torque_cutoff=None)
     # Both spellings of no filter: that of the command line, and that of JSON.
     words: dict[str, object] = {"auto": "auto", "none": None, "null": None}
     values = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from importlib import import_module
 from typing import Annotated, Any
 
@@ -24,13 +24,17 @@ EXIT_CANCELLED = 130
 """Exit code after Ctrl-C: 128 plus the number of SIGINT, as shells have it."""
 
 
-def print_error(error: DynidentError, as_json: bool) -> None:
+def print_error(error: DynidentError, as_json: bool, option_names: Collection[str] = ()) -> None:
     """Print what is wrong, where, and how to mend it: on stderr for people, on stdout as JSON where that was asked for.
 
     The JSON is the problem document that the service answers with (RFC 9457).
     """
     # Many messages name the place already.
     where = f"{error.pointer}: " if error.pointer and error.pointer not in error.detail else ""
+    # A place in a request is an option here; a path of a file may begin with a slash, too.
+    field = error.pointer.split("/")[1] if error.pointer.startswith("/") else ""
+    if field in option_names:
+        where = f"--{field.replace('_', '-')}: "
     detail = word_remedies(error.detail, error.remedies, write_option)
     print(f"dynident: {error.title}\n  {where}{detail}", file=sys.stderr)
     # A file may fail several checks; the first is the error itself.
@@ -98,7 +102,7 @@ def handle_errors(command: Callable[..., None]) -> Callable[..., None]:
             check_inputs(command, options)
             command(*arguments, **options)
         except DynidentError as error:
-            print_error(error, bool(options.get("as_json")))
+            print_error(error, bool(options.get("as_json")), options)
             raise typer.Exit(EXIT_MISUSED) from error
         except ModuleNotFoundError as missing:
             # A missing module of dynident itself is a bug. Any other belongs to an optional dependency, whose extra
