@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_origin, get_type_hints
 
 from dynident.errors import DynidentError
+from dynident.file_output import check_folder_exists
 from dynident.known_robots import list_library_arms, locate_robot
 from dynident.recordings.file_names_and_digests import split_path
 
@@ -84,5 +85,6 @@ def check_folder(path: Path) -> None:
 
 
 READABLE_FILE = InputCheck(check_readable)
+FILE_IN_FOLDER = InputCheck(check_folder_exists)
 READABLE_FOLDER = InputCheck(check_folder)
 KNOWN_ROBOT = InputCheck(locate_robot)

@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Collection
 from importlib import import_module
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -17,6 +17,11 @@ from dynident.optional_dependencies import format_install_hint
 from dynident.version import __version__
 from dynident_cli.input_checks import check_inputs
 from dynident_cli.request_options import spread_options, write_option
+
+if TYPE_CHECKING:
+    # Click, as typer brings it.
+    from typer._click.core import Context
+    from typer._click.formatting import HelpFormatter
 
 EXIT_MISUSED = 2
 """Exit code after an error that the user can mend; typer ends with the same one for wrong options."""
@@ -102,6 +107,10 @@ def handle_errors(command: Callable[..., None]) -> Callable[..., None]:
             check_inputs(command, options)
             command(*arguments, **options)
         except DynidentError as error:
+            # The library points at the file; the user knows the option.
+            written = {str(options[name]): name for name in ("out", "figure", "keep") if options.get(name) is not None}
+            if error.pointer in written:
+                error.pointer = f"--{written[error.pointer]}"
             print_error(error, bool(options.get("as_json")), options)
             raise typer.Exit(EXIT_MISUSED) from error
         except ModuleNotFoundError as missing:
@@ -123,7 +132,7 @@ def handle_errors(command: Callable[..., None]) -> Callable[..., None]:
 class CommandsByPurpose(TyperGroup):
     """The program, whose overview lists its commands by what they are for."""
 
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
+    def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:
         """Write the sections of commands; their first column is as wide in all of them."""
         names = [name.replace("_", "-") for name in _COMMANDS]
         width = max(map(len, names))

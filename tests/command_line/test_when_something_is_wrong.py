@@ -244,7 +244,7 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing(desk: Path, monkeypatc
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dynident.identification.identify", interrupted)
+    monkeypatch.setattr("dynident.api.model_identification.identify", interrupted)
     answer = dynident("identify", desk / "arm.json", desk / "run1.csv", "-o", desk / "never.npz")
     assert answer.code == 130
     assert answer.err.strip() == "dynident: cancelled"

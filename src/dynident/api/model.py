@@ -194,7 +194,7 @@ class Model(ModelResults):
         Parameters
         ----------
         recordings : recordings
-            Those that the model was identified from, in the same order and read in the same way.
+            Those that the model was identified from, read in the same way.
         validation : recordings
             Held-out recordings; none by default.
 
@@ -206,11 +206,12 @@ class Model(ModelResults):
         Raises
         ------
         DynidentError
-            Where they have other names than those that it was identified from, or hold other samples.
+            Where they hold other samples than those that it was identified from, or held-out ones have other names.
         """
         fit_recordings, held_out = as_recordings(recordings), as_recordings(validation)
-        # Names first: a message that names the wrong file helps more than one about its samples.
-        _check_recording_names(fit_recordings, self.identification.data.measurement_names, "was identified from")
+        # Where the model knows the samples, a copy by another name is the same recording.
+        if not self.identification.data.digests:
+            _check_recording_names(fit_recordings, self.identification.data.measurement_names, "was identified from")
         check_same_recordings(self.identification, fit_recordings.recordings)
         if held_out and self.identification.data.validation_names:
             _check_recording_names(held_out, self.identification.data.validation_names, "was validated on")

@@ -10,7 +10,7 @@ import typer
 
 from dynident.excitation.design_request import DesignRequest
 from dynident.simulation.virtual_robot_request import Simulated
-from dynident_cli.input_checks import READABLE_FOLDER
+from dynident_cli.input_checks import FILE_IN_FOLDER, READABLE_FOLDER
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Effects,
@@ -49,7 +49,9 @@ def simulate(
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FILE", help="The measurement to write, .csv or .parquet.")
+        Path,
+        typer.Option("--out", "-o", metavar="FILE", help="The measurement to write, .csv or .parquet."),
+        FILE_IN_FOLDER,
     ] = Path("measurement.csv"),
     as_json: Json = False,
 ) -> None:
@@ -157,7 +159,9 @@ def design(
     files: DesignFiles,
     reading: RobotTimedReading,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2).")
+        Path,
+        typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2)."),
+        FILE_IN_FOLDER,
     ] = Path("trajectory.csv"),
     as_json: Json = False,
 ) -> None:

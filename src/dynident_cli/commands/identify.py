@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -156,7 +156,8 @@ def extend(
         )
     with argument_loading.read_recordings("extend", measurements, robot, reading, validation) as data:
         recordings, held_out, progress = data
-        extended = identified.with_data(recordings, held_out).extend(*added, progress=progress)
+        whole = replace(identified.with_data(recordings), validation=held_out)
+        extended = whole.extend(*added, progress=progress)
         verdict = extended.verdict()
     command_output.write_extended_model(result, extended, model.stem, identified, verdict)
     if verdict.stop is not None:

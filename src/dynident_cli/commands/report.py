@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +10,7 @@ import typer
 
 from dynident.export.export_request import ENDINGS, FORMATS, ExportChoices
 from dynident.reports.report_request import MEDIA_TYPES, ReportChoices
+from dynident_cli.input_checks import FILE_IN_FOLDER
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Json,
@@ -45,6 +46,7 @@ def report(
     out: Annotated[
         Path,
         typer.Option("--out", "-o", metavar="FILE", help="The HTML file to write, or a PDF if the name ends in .pdf."),
+        FILE_IN_FOLDER,
     ] = Path("report.html"),
     as_json: Json = False,
 ) -> None:
@@ -62,7 +64,7 @@ def report(
         "report", measurements, identified.robot, reading, validation, share=0.4
     ) as data:
         recordings, held_out, progress = data
-        whole = identified.with_data(recordings, held_out)
+        whole = replace(identified.with_data(recordings), validation=held_out)
         page = write_report(whole, diagnosis=diagnosis, validations=validations, title=choices.name, progress=progress)
         page.save(out)
     size = out.stat().st_size
@@ -77,6 +79,7 @@ def export(
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="File to write; named after the robot by default."),
+        FILE_IN_FOLDER,
     ] = None,
     format: Annotated[
         str, typer.Option("--format", "-f", help=f"{FORMATS.format_help()}; by default from the ending of --out.")
