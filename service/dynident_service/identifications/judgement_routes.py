@@ -85,10 +85,10 @@ async def get_verdict(identification_id: str, request: Request, services: Servic
     }
     # A model and its measurements never change: what is said of them changes with its validations alone.
     key = f"{identification_id} {json.dumps(arguments['outcomes'])}"
-    answer = services.verdicts.get(key)
-    if answer is None:
-        answer = await services.interactive.call(request, f"{FUNCTIONS}:judge_model", dict, arguments)
-        services.verdicts.put(key, answer)
+    if (cached := services.verdicts.get(key)) is not None:
+        return VerdictView.model_validate(cached)
+    answer = await services.interactive.call(request, f"{FUNCTIONS}:judge_model", dict, arguments)
+    services.verdicts.put(key, answer)
     return VerdictView.model_validate(answer)
 
 
