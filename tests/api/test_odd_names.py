@@ -27,8 +27,8 @@ from dynident.export.export_request import LOAD_FORMATS
 from dynident.recordings import Recording
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.text_encoding import escape_surrogates
-from dynident_service.cli.csv_and_parquet_output import build_comparison_table, build_courses_table, write_table
-from dynident_service.cli.csv_and_parquet_output import write_trajectory as write_trajectory_of_command
+from dynident_cli.csv_and_parquet_output import build_comparison_table, build_courses_table, write_table
+from dynident_cli.csv_and_parquet_output import write_trajectory as write_trajectory_of_command
 from dynident_service.designs.adapters import trajectory_as_csv, write_trajectory
 from dynident_service.identifications.adapters import build_file_response
 

@@ -32,7 +32,7 @@ from dynident.schema.registry import kind_to_document
 from dynident.simulation import ActingEffect, Simulated, Warming, list_drive_effects, resolve_true_effects
 from dynident.simulation.virtual_robot_request import list_usual_effects
 from dynident.validation.validation_request import TRIALS, build_trial
-from dynident_service.cli.program_and_exit_codes import app
+from dynident_cli.program_and_exit_codes import app
 from dynident_service.designs import wire_types as designs
 from dynident_service.identifications import wire_types as identifications
 from dynident_service.measurements.adapters import show_revision, to_recording_metadata, to_revision
@@ -63,7 +63,7 @@ print(json.dumps({{
     "client": build_request_types(document),
     "taken": [choices.solver.name, choices.solver.power],
 }}))
-from dynident_service.cli.program_and_exit_codes import app
+from dynident_cli.program_and_exit_codes import app
 app(["identify", "--help"], prog_name="dynident")
 """
 

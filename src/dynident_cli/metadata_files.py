@@ -13,8 +13,8 @@ from typing import Any, get_args
 from dynident.errors import DynidentError, word_remedies
 from dynident.identification.column_inference import EffortKind, Inspection, Question
 from dynident.recordings import RecordingMetadata
-from dynident_service.cli.input_checks_and_writes import read_json_object
-from dynident_service.cli.request_options import write_option
+from dynident_cli.input_checks_and_writes import read_json_object
+from dynident_cli.request_options import write_option
 
 NEEDED_FOR_GAINS = "drives"
 """The question that asks for drive gains, which belong to the robot and not to the file."""

@@ -29,12 +29,12 @@ from dynident.recordings import Check, Recording, RecordingError, RecordingMetad
 from dynident.recordings.file_names_and_digests import compute_digest, make_unique_names
 from dynident.robot import Robot
 from dynident.robot.limits_and_drives import check_hardware
-from dynident_service.cli import option_parsers
-from dynident_service.cli.input_checks_and_writes import check_readable, read_json_object
-from dynident_service.cli.metadata_files import StatedAnswers, accept_proposal, read_metadata
-from dynident_service.cli.request_options import write_option
-from dynident_service.cli.shared_options import Reading, RobotAdditions, TimedReading
-from dynident_service.cli.terminal import show_progress_bar
+from dynident_cli import option_parsers
+from dynident_cli.input_checks_and_writes import check_readable, read_json_object
+from dynident_cli.metadata_files import StatedAnswers, accept_proposal, read_metadata
+from dynident_cli.request_options import write_option
+from dynident_cli.shared_options import Reading, RobotAdditions, TimedReading
+from dynident_cli.terminal import show_progress_bar
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.

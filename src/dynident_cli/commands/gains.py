@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from dynident.errors import DynidentError
 from dynident.identification.loads.drive_gain_request import KnownLoad
-from dynident_service.cli.input_checks_and_writes import READABLE_FILE
-from dynident_service.cli.request_options import RequestOptions, TypedValues
-from dynident_service.cli.shared_options import (
+from dynident_cli.input_checks_and_writes import READABLE_FILE
+from dynident_cli.request_options import RequestOptions, TypedValues
+from dynident_cli.shared_options import (
     Effects,
     Json,
     Measurements,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dynident.identification import CurrentModel
-    from dynident_service.cli.argument_loading import LoadedRecording
+    from dynident_cli.argument_loading import LoadedRecording
 
 
 def currents(
@@ -44,7 +44,7 @@ def currents(
     """
     from dynident.identification import identify_currents
     from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS
-    from dynident_service.cli import argument_loading, command_output, printed_results
+    from dynident_cli import argument_loading, command_output, printed_results
     from dynident_service.drive_gains.wire_types import CurrentModelsResult
     from dynident_service.shared.field_by_field import to_view as in_contract
 
@@ -83,7 +83,7 @@ def _without_scale_checks(measurements: Sequence[LoadedRecording]) -> list[Loade
 def _print_current_models(console: Console, models: Sequence[CurrentModel]) -> None:
     from dynident.number_format import format_estimate, format_number, format_percent
     from dynident.presentation.labels import PARAMETER_JUDGEMENTS
-    from dynident_service.cli import terminal
+    from dynident_cli import terminal
 
     rows = [
         [
@@ -145,7 +145,7 @@ def gains(
     """
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import scale_progress
-    from dynident_service.cli import argument_loading, command_output, terminal
+    from dynident_cli import argument_loading, command_output, terminal
     from dynident_service.validations.adapters import build_gain_tables, describe_gains
 
     if weigh_unloaded and not weigh:

@@ -52,8 +52,8 @@ from dynident.presentation.recording_tables import ShownRecording, build_recordi
 from dynident.presentation.validation_and_verdict_tables import VALIDATION_WORDS, build_verdict_tables
 from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
-from dynident_service.cli.argument_loading import LoadedRecording
-from dynident_service.cli.terminal import print_tables
+from dynident_cli.argument_loading import LoadedRecording
+from dynident_cli.terminal import print_tables
 
 if TYPE_CHECKING:
     from dynident.diagnosis import Comparison, Diagnosis, Judgement

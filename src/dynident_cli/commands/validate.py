@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dynident.validation.validation_request import TRIALS, Stated, build_trial
-from dynident_service.cli.input_checks_and_writes import READABLE_FILE
-from dynident_service.cli.request_options import RequestOptions, TypedValues, find_option
-from dynident_service.cli.shared_options import (
+from dynident_cli.input_checks_and_writes import READABLE_FILE
+from dynident_cli.request_options import RequestOptions, TypedValues, find_option
+from dynident_cli.shared_options import (
     ModelArgument,
     OutputOptions,
     Reading,
@@ -73,7 +73,7 @@ def validate(
     --out writes the result as JSON.
     """
     from dynident.errors import DynidentError
-    from dynident_service.cli import argument_loading, command_output, printed_results
+    from dynident_cli import argument_loading, command_output, printed_results
 
     identification = argument_loading.load_model(model)
     options: Any = request_options.build_request(Stated, methods=parse_methods(further.methods or []))
@@ -115,7 +115,7 @@ def load_validation(path: Path) -> ValidationResult:
     from pydantic import ValidationError
 
     from dynident.errors import DynidentError
-    from dynident_service.cli.input_checks_and_writes import read_text
+    from dynident_cli.input_checks_and_writes import read_text
     from dynident_service.validations.wire_types import ValidationResult
 
     try:

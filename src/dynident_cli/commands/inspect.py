@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dynident.text_encoding import encode_text
-from dynident_service.cli.input_checks_and_writes import KNOWN_ROBOT, READABLE_FILE
-from dynident_service.cli.shared_options import Json, Out, Rate, RobotAdditions
+from dynident_cli.input_checks_and_writes import KNOWN_ROBOT, READABLE_FILE
+from dynident_cli.shared_options import Json, Out, Rate, RobotAdditions
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -46,7 +46,7 @@ def inspect(
     --out writes the proposal as JSON, for `dynident identify --metadata`.
     """
     from dynident.identification.column_inference import inspect_file
-    from dynident_service.cli import argument_loading, command_output, input_checks_and_writes, metadata_files
+    from dynident_cli import argument_loading, command_output, input_checks_and_writes, metadata_files
 
     machine = None if robot is None else argument_loading.load_robot_argument(robot, additions)
     inspection = inspect_file(file, machine, rate)
@@ -72,8 +72,8 @@ def _to_document(inspection: Inspection) -> dict[str, Any]:
 def _print_inspection(console: Console, inspection: Inspection) -> None:
     from dynident.errors import word_remedies
     from dynident.presentation.recording_tables import build_guess_table
-    from dynident_service.cli import metadata_files, terminal
-    from dynident_service.cli.request_options import write_option
+    from dynident_cli import metadata_files, terminal
+    from dynident_cli.request_options import write_option
 
     console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows inspected")
     if inspection.proposal is None:

@@ -14,8 +14,8 @@ import typer
 from dynident.errors import Cancelled, DynidentError, word_remedies
 from dynident.optional_dependencies import format_install_hint
 from dynident.version import __version__
-from dynident_service.cli.input_checks_and_writes import check_inputs
-from dynident_service.cli.request_options import spread_options, write_option
+from dynident_cli.input_checks_and_writes import check_inputs
+from dynident_cli.request_options import spread_options, write_option
 
 EXIT_MISUSED = 2
 """Exit code after an error that the user can mend; typer ends with the same one for wrong options."""
@@ -74,7 +74,7 @@ _MODULES = {
     "export": "report",
     "mcp": "serve",
 }
-"""Modules of `dynident_service.cli.commands`, for commands that do not stand in the one with their name."""
+"""Modules of `dynident_cli.commands`, for commands that do not stand in the one with their name."""
 
 
 def _show_version(is_requested: bool) -> None:
@@ -148,7 +148,7 @@ def create_application(typed: str | None = None) -> typer.Typer:
     )
     application.callback()(_root)
     for command_name in command_names:
-        module = import_module(f"dynident_service.cli.commands.{_MODULES.get(command_name, command_name)}")
+        module = import_module(f"dynident_cli.commands.{_MODULES.get(command_name, command_name)}")
         # `spread_options` gives the command the signature that typer reads; `handle_errors`, around it, keeps that.
         application.command()(handle_errors(spread_options(getattr(module, command_name))))
     return application

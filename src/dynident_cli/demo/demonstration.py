@@ -19,10 +19,8 @@ from dynident.presentation.ladder_tables import build_ladder_joint_table, build_
 from dynident.progress import scale_progress
 from dynident.robot import Robot
 from dynident.text_encoding import encode_text
-from dynident_service.cli.input_checks_and_writes import write_atomically
-from dynident_service.cli.terminal import build_table, print_tables, show_progress_bar
-from dynident_service.demo.scenario import Scenario
-from dynident_service.demo.user_steps import (
+from dynident_cli.demo.scenario import Scenario
+from dynident_cli.demo.user_steps import (
     Analysis,
     MeasuredRun,
     analyse_recordings,
@@ -30,6 +28,8 @@ from dynident_service.demo.user_steps import (
     record_runs,
     write_hidden_effect,
 )
+from dynident_cli.input_checks_and_writes import write_atomically
+from dynident_cli.terminal import build_table, print_tables, show_progress_bar
 
 _SHOWN_CANDIDATES = 5
 # A residual below this multiple of the noise floor cannot be told from noise.

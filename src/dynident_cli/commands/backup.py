@@ -39,7 +39,7 @@ def doctor(
     It reads every robot, recording, model and other result as the service does. The service may run at the same time.
     The exit code is 1 if there is a fault that is not repaired.
     """
-    from dynident_service.cli.readability_checks import StoredFilesReader, show_resource
+    from dynident_service.readability_checks import StoredFilesReader, show_resource
     from dynident_service.storage import integrity_check as examination
     from dynident_service.storage.database import migrate
 
@@ -124,7 +124,7 @@ def import_robot(
     data_dir: DataDir = None,
 ) -> None:
     """Read an exported robot with all that belongs to it. Ids stay; existing resources do not change."""
-    from dynident_service.cli.readability_checks import check_stored_resource
+    from dynident_service.readability_checks import check_stored_resource
     from dynident_service.storage.robot_bundle import import_robot as read
 
     with open_storage(data_dir, must_exist=False) as (database, objects, scratch):

@@ -10,9 +10,9 @@ import typer
 
 from dynident.excitation.design_request import DesignRequest
 from dynident.simulation.virtual_robot_request import Simulated
-from dynident_service.cli.input_checks_and_writes import READABLE_FOLDER
-from dynident_service.cli.request_options import RequestOptions, TypedValues
-from dynident_service.cli.shared_options import (
+from dynident_cli.input_checks_and_writes import READABLE_FOLDER
+from dynident_cli.request_options import RequestOptions, TypedValues
+from dynident_cli.shared_options import (
     Effects,
     Json,
     RobotAdditions,
@@ -62,7 +62,7 @@ def simulate(
         resolve_true_effects,
     )
     from dynident.simulation import simulate as simulate_robot
-    from dynident_service.cli import (
+    from dynident_cli import (
         argument_loading,
         command_output,
         csv_and_parquet_output,
@@ -171,8 +171,8 @@ def design(
     The options for columns, units, windows, checks and drive gains apply to the measurements of --earlier.
     """
     from dynident.excitation import design_experiment
-    from dynident_service.cli import argument_loading, command_output, csv_and_parquet_output, terminal
-    from dynident_service.cli.design_and_simulation_files import (
+    from dynident_cli import argument_loading, command_output, csv_and_parquet_output, terminal
+    from dynident_cli.design_and_simulation_files import (
         choose_mesh_folders,
         load_limits,
         load_proposed_design,

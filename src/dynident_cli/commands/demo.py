@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dynident_service.cli.shared_options import Json, Seed
+from dynident_cli.shared_options import Json, Seed
 
 
 def demo(
@@ -25,9 +25,9 @@ def demo(
 
     The exit code is 1 if the effect is not named.
     """
-    from dynident_service.cli import argument_loading, terminal
-    from dynident_service.demo.demonstration import run_demonstration
-    from dynident_service.demo.scenario import Scenario
+    from dynident_cli import argument_loading, terminal
+    from dynident_cli.demo.demonstration import run_demonstration
+    from dynident_cli.demo.scenario import Scenario
 
     scenario = Scenario.draw(argument_loading.load_robot_argument(robot), effect, joint, seed, quick)
     console = terminal.message_console() if as_json else terminal.result_console()

@@ -11,9 +11,9 @@ import typer
 
 from dynident.diagnosis.diagnosis_request import DiagnosisChoices
 from dynident.text_encoding import encode_text
-from dynident_service.cli.input_checks_and_writes import READABLE_FILE
-from dynident_service.cli.request_options import RequestOptions, TypedValues
-from dynident_service.cli.shared_options import Json, Measurements, ModelArgument, OutputOptions, Reading, file_option
+from dynident_cli.input_checks_and_writes import READABLE_FILE
+from dynident_cli.request_options import RequestOptions, TypedValues
+from dynident_cli.shared_options import Json, Measurements, ModelArgument, OutputOptions, Reading, file_option
 
 if TYPE_CHECKING:
     from dynident.diagnosis import Diagnosis
@@ -53,7 +53,7 @@ def series(
     from dynident.diagnosis.monitoring import monitor_days as series_of
     from dynident.progress import scale_progress
     from dynident.reports.figures.changes import draw_parameter_tracks
-    from dynident_service.cli import (
+    from dynident_cli import (
         argument_loading,
         command_output,
         csv_and_parquet_output,
@@ -61,7 +61,7 @@ def series(
         printed_results,
         terminal,
     )
-    from dynident_service.cli.argument_loading import load_continued_days
+    from dynident_cli.argument_loading import load_continued_days
     from dynident_service.diagnoses.adapters import describe_series
 
     identification = argument_loading.load_model(model)
@@ -97,7 +97,7 @@ def changes(
     The motions may differ. --out writes the diagnosis with the changes as JSON.
     """
     from dynident.diagnosis import diagnose
-    from dynident_service.cli import argument_loading, command_output, printed_results
+    from dynident_cli import argument_loading, command_output, printed_results
     from dynident_service.diagnoses.adapters import describe_diagnosis
 
     identification = argument_loading.load_model(model)
@@ -145,7 +145,7 @@ def diagnose(
     Give the measurements that the model was identified from. --out writes the diagnosis as JSON.
     """
     from dynident.diagnosis import examine
-    from dynident_service.cli import argument_loading, command_output, option_parsers, printed_results
+    from dynident_cli import argument_loading, command_output, option_parsers, printed_results
     from dynident_service.diagnoses.adapters import describe_diagnosis
 
     identification = argument_loading.load_model(model)
@@ -184,7 +184,7 @@ def _write_extend_command(
 ) -> str:
     """Write the command that adds the recommended effects, with measurements read as they were here."""
     from dynident.effects.effect_text_format import format_effect
-    from dynident_service.cli.request_options import list_option_words
+    from dynident_cli.request_options import list_option_words
 
     # Effects of some runs alone can only be given by the file of the diagnosis.
     if out is not None or any(choice.runs for choice in recommended):

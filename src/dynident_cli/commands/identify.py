@@ -11,9 +11,9 @@ import typer
 from dynident.identification.identification_choices import EssentialChoices, IdentificationChoices
 from dynident.recordings.recording_metadata import Filters
 from dynident.schema.fields import get_description
-from dynident_service.cli.input_checks_and_writes import READABLE_FILE
-from dynident_service.cli.request_options import RequestOptions, TypedValues
-from dynident_service.cli.shared_options import (
+from dynident_cli.input_checks_and_writes import READABLE_FILE
+from dynident_cli.request_options import RequestOptions, TypedValues
+from dynident_cli.shared_options import (
     Effects,
     Json,
     Measurements,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 def effects(as_json: Json = False) -> None:
     """List the effects that a model can contain."""
     from dynident.effects import CATALOGUE
-    from dynident_service.cli import command_output, terminal
+    from dynident_cli import command_output, terminal
 
     rows = [
         [
@@ -72,7 +72,7 @@ def ladder(
 ) -> None:
     """Show the steps that led to a model, with their errors. The step that predicts held-out data best is marked."""
     from dynident.errors import DynidentError
-    from dynident_service.cli import argument_loading, command_output, printed_results
+    from dynident_cli import argument_loading, command_output, printed_results
     from dynident_service.identifications.ladders import build_steps, compare_ladders
     from dynident_service.identifications.wire_types import Lineage
 
@@ -109,7 +109,7 @@ def essential(
     """
     from dynident.identification import to_bytes
     from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
-    from dynident_service.cli import argument_loading, command_output, printed_results
+    from dynident_cli import argument_loading, command_output, printed_results
     from dynident_service.identifications.adapters import describe_essential
 
     path = essential_parameters(
@@ -131,7 +131,7 @@ def remove(model: ModelArgument, effects: Effects, result: OutputOptions) -> Non
     """
     from dynident.errors import DynidentError
     from dynident.identification import remove as remove_effects
-    from dynident_service.cli import argument_loading, command_output
+    from dynident_cli import argument_loading, command_output
 
     identification = argument_loading.load_model(model)
     removed = argument_loading.parse_unchecked_effects(effects)
@@ -159,7 +159,7 @@ def extend(
     from dynident.errors import DynidentError
     from dynident.identification import extend as extend_model
     from dynident.verdict import verdict
-    from dynident_service.cli import argument_loading, command_output, printed_results
+    from dynident_cli import argument_loading, command_output, printed_results
 
     identification = argument_loading.load_model(model)
     robot = identification.model.robot
@@ -228,7 +228,7 @@ def identify(
     from dynident.identification import to_bytes
     from dynident.recordings import preprocessing_from_request
     from dynident.verdict import verdict
-    from dynident_service.cli import argument_loading, command_output, option_parsers, printed_results
+    from dynident_cli import argument_loading, command_output, option_parsers, printed_results
 
     machine = argument_loading.load_robot_argument(robot, reading)
     chosen_effects = argument_loading.read_effects(further.effects, machine) or DEFAULT_EFFECTS

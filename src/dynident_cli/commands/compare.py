@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident_service.cli.input_checks_and_writes import READABLE_FILE
-from dynident_service.cli.shared_options import Json, ModelArgument, Out, Reading, repeatable_file_option
+from dynident_cli.input_checks_and_writes import READABLE_FILE
+from dynident_cli.shared_options import Json, ModelArgument, Out, Reading, repeatable_file_option
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -40,7 +40,7 @@ def compare(
     from dynident.diagnosis import judge
     from dynident.identification import check_same_recordings
     from dynident.progress import scale_progress
-    from dynident_service.cli import argument_loading, command_output, csv_and_parquet_output, printed_results
+    from dynident_cli import argument_loading, command_output, csv_and_parquet_output, printed_results
     from dynident_service.comparisons.adapters import describe_comparison
 
     identification = argument_loading.load_model(model)

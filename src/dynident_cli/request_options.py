@@ -18,7 +18,7 @@ import typer
 from dynident.errors import DynidentError, Remedy
 from dynident.schema.fields import FieldDescription, get_default, get_description, resolve_hint
 from dynident.schema.registry import Registry
-from dynident_service.cli import option_parsers
+from dynident_cli import option_parsers
 
 T = TypeVar("T")
 _UNUSABLE = "Unusable option"

@@ -30,9 +30,9 @@ from dynident.progress import Progress
 from dynident.robot import Limits, Robot
 from dynident.robot.collision_reader import find_mesh_folders
 from dynident.simulation import ActingEffect, Reference
-from dynident_service.cli.argument_loading import load_diagnosis
-from dynident_service.cli.input_checks_and_writes import check_readable, read_json_object
-from dynident_service.cli.terminal import print_tables
+from dynident_cli.argument_loading import load_diagnosis
+from dynident_cli.input_checks_and_writes import check_readable, read_json_object
+from dynident_cli.terminal import print_tables
 from dynident_service.problems import to_problem_fields
 from dynident_service.robots.wire_types import Limits as WireLimits
 from dynident_service.shared.field_by_field import to_request

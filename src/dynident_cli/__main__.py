@@ -1,4 +1,4 @@
-"""Entry point of the program `dynident`."""
+"""Entry point of the program `dynident`, which is `python -m dynident_cli`, too."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import sys
 
 from dynident.optional_dependencies import format_install_hint
 from dynident.version import __version__
-from dynident_service.environment_secrets import hide_secrets
 
 _YOUNG = 20_000
 """Objects between garbage collections, some megabytes. With Python's 700, collections take 0.2 s while packages are
@@ -22,10 +21,12 @@ def main() -> None:
         print(f"dynident {__version__}")
         return
     if sys.argv[1:2] == ["serve"]:
+        from dynident_service.environment_secrets import hide_secrets
+
         hide_secrets()  # first of all, as it starts the program again
     gc.set_threshold(_YOUNG)
     try:
-        from dynident_service.cli.program_and_exit_codes import create_application
+        from dynident_cli.program_and_exit_codes import create_application
     except ModuleNotFoundError as missing:
         if missing.name not in ("typer", "rich", "click"):
             raise

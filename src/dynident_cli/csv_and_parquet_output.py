@@ -17,7 +17,7 @@ from dynident.excitation.design_files import format_joint_trajectory
 from dynident.recordings.arrow_tables import table_from_arrays, to_csv
 from dynident.recordings.joint_phases import Phase
 from dynident.text_encoding import encode_text, escape_surrogates
-from dynident_service.cli.input_checks_and_writes import write_atomically
+from dynident_cli.input_checks_and_writes import write_atomically
 
 ENDINGS = (".csv", ".parquet")
 TRAJECTORY_ENDINGS = (*ENDINGS, ".yaml")

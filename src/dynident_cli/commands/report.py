@@ -11,8 +11,8 @@ import typer
 from dynident.export.export_request import ENDINGS, FORMATS, ExportChoices
 from dynident.reports.report_request import MEDIA_TYPES, ReportChoices
 from dynident.text_encoding import encode_text
-from dynident_service.cli.request_options import RequestOptions, TypedValues
-from dynident_service.cli.shared_options import (
+from dynident_cli.request_options import RequestOptions, TypedValues
+from dynident_cli.shared_options import (
     Json,
     Measurements,
     ModelArgument,
@@ -53,9 +53,9 @@ def report(
     from dynident.identification import check_same_recordings
     from dynident.progress import scale_progress
     from dynident.reports import html_report, render_pdf
-    from dynident_service.cli import argument_loading, command_output, input_checks_and_writes
-    from dynident_service.cli.command_output import build_reported_runs
-    from dynident_service.cli.commands.validate import load_validation
+    from dynident_cli import argument_loading, command_output, input_checks_and_writes
+    from dynident_cli.command_output import build_reported_runs
+    from dynident_cli.commands.validate import load_validation
     from dynident_service.validations.adapters import build_reported_validation
 
     prints = out.suffix.lower() == ".pdf"
@@ -95,7 +95,7 @@ def export(
     from dynident.errors import DynidentError
     from dynident.export import export_model
     from dynident.verdict import explain_stop
-    from dynident_service.cli import argument_loading, command_output, input_checks_and_writes
+    from dynident_cli import argument_loading, command_output, input_checks_and_writes
 
     format_name = format or ENDINGS.get(out.suffix.lower() if out is not None else "", "")
     if not format_name:

@@ -13,10 +13,10 @@ from dynident.identification import Identification
 from dynident.progress import Progress, scale_progress
 from dynident.recordings.file_names_and_digests import compute_digest
 from dynident.reports import ReportedRecording
-from dynident_service.cli import terminal
-from dynident_service.cli.argument_loading import LoadedRecording
-from dynident_service.cli.input_checks_and_writes import write_atomically
-from dynident_service.cli.shared_options import OutputOptions
+from dynident_cli import terminal
+from dynident_cli.argument_loading import LoadedRecording
+from dynident_cli.input_checks_and_writes import write_atomically
+from dynident_cli.shared_options import OutputOptions
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -90,7 +90,7 @@ def write_extended_model(
 ) -> None:
     """Write a model that was made from another one, and print it with the verdict on it where there is one."""
     from dynident.identification import to_bytes
-    from dynident_service.cli.printed_results import show_identification, show_ladder, show_verdict
+    from dynident_cli.printed_results import show_identification, show_ladder, show_verdict
 
     def describe_model() -> Document:
         from dynident_service.identifications.adapters import describe_identification

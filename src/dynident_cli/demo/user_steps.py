@@ -25,12 +25,12 @@ from dynident.simulation import (
     VirtualRobot,
     build_recording_table,
 )
-from dynident_service.cli.argument_loading import LoadedRecording, extract_recordings, load_recordings
-from dynident_service.cli.command_output import build_reported_runs
-from dynident_service.cli.csv_and_parquet_output import write_table, write_trajectory
-from dynident_service.cli.input_checks_and_writes import write_atomically
-from dynident_service.cli.shared_options import Reading
-from dynident_service.demo.scenario import Scenario
+from dynident_cli.argument_loading import LoadedRecording, extract_recordings, load_recordings
+from dynident_cli.command_output import build_reported_runs
+from dynident_cli.csv_and_parquet_output import write_table, write_trajectory
+from dynident_cli.demo.scenario import Scenario
+from dynident_cli.input_checks_and_writes import write_atomically
+from dynident_cli.shared_options import Reading
 
 
 @dataclass(frozen=True, eq=False)
