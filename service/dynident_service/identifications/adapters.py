@@ -33,7 +33,6 @@ from dynident.recordings import Preprocessing, Recording, preprocessing_from_req
 from dynident.recordings.metadata_revisions import adapt_revision
 from dynident.robot import Robot
 from dynident.verdict import ModelVerdict, Stop
-from dynident_service.identifications import verdict_wire_types as verdict_wire
 from dynident_service.identifications import wire_types as wire
 from dynident_service.identifications.ladders import select_judged, show_fit
 from dynident_service.measurements.adapters import show_revision, to_recording_metadata
@@ -52,26 +51,9 @@ if TYPE_CHECKING:
 def to_choices(
     request: wire.IdentificationRequest, robot: Robot, recordings: Sequence[Recording] = ()
 ) -> IdentificationChoices:
-    """Build the choices of an identification from a body.
+    """Build the choices of an identification from a body; `DynidentError` where they do not fit the robot.
 
-    Parameters
-    ----------
-    request : IdentificationRequest
-        The body.
-    robot : Robot
-        The robot.
-    recordings : sequence of Recording
-        Recordings that the filters are chosen from. Without them, the filters are left to the identification.
-
-    Returns
-    -------
-    IdentificationChoices
-        The choices.
-
-    Raises
-    ------
-    DynidentError
-        Where a choice does not exist, is not available, or does not fit the robot.
+    Filters are chosen from the recordings; without recordings they are left to the identification.
     """
     filters = _choose_preprocessing(request, recordings) if recordings else None
     choices = to_request(request, IdentificationChoices, preprocessing=filters)
@@ -82,22 +64,7 @@ def to_choices(
 def describe_identification(
     identification: Identification, parent_id: str | None, parent: Identification | None = None
 ) -> wire.IdentificationResult:
-    """Build the view of an identified model.
-
-    Parameters
-    ----------
-    identification : Identification
-        The model.
-    parent_id : str, optional
-        Id of the model that it was made from.
-    parent : Identification, optional
-        That model; with it the view has the steps between the two.
-
-    Returns
-    -------
-    IdentificationResult
-        The view.
-    """
+    """Build the view of an identified model; with its parent model it has the steps between the two."""
     return to_view(
         wire.IdentificationResult,
         identification,
@@ -190,26 +157,13 @@ class OpenedMeasurement:
     metadata: MeasurementMetadata
 
 
-def show_verdict(verdict: ModelVerdict, measurements: Sequence[OpenedMeasurement] = ()) -> verdict_wire.VerdictView:
-    """Build the view of a verdict.
-
-    Parameters
-    ----------
-    verdict : ModelVerdict
-        The verdict, which names recordings by name.
-    measurements : sequence of OpenedMeasurement
-        Stored recordings; those among them are named by id in the view.
-
-    Returns
-    -------
-    VerdictView
-        The view.
-    """
+def show_verdict(verdict: ModelVerdict, measurements: Sequence[OpenedMeasurement] = ()) -> wire.VerdictView:
+    """Build the view of a verdict; recordings are named by the ids of the measurements that are given."""
     by_name = {measurement.recording.name: measurement for measurement in measurements}
     stop = None if verdict.stop is None else _show_stop(verdict.stop, by_name.get(verdict.stop.recording or ""))
     common = [
         to_view(
-            verdict_wire.CommonView,
+            wire.CommonView,
             overlap,
             held_out_id=_measurement_id(by_name, overlap.held_out),
             fitted_id=_measurement_id(by_name, overlap.fitted),
@@ -218,19 +172,19 @@ def show_verdict(verdict: ModelVerdict, measurements: Sequence[OpenedMeasurement
         for overlap in verdict.common
     ]
     tables = show_tables(build_verdict_tables(verdict))
-    return to_view(verdict_wire.VerdictView, verdict, stop=stop, common=common, tables=tables)
+    return to_view(wire.VerdictView, verdict, stop=stop, common=common, tables=tables)
 
 
 def _measurement_id(measurements: Mapping[str, OpenedMeasurement], name: str) -> str:
     return measurements[name].id if name in measurements else name
 
 
-def _show_stop(stop: Stop, measurement: OpenedMeasurement | None) -> verdict_wire.StopView:
+def _show_stop(stop: Stop, measurement: OpenedMeasurement | None) -> wire.StopView:
     cure = stop.apply
     if cure is not None and measurement is not None:
         # The cure refers to the recording as it was read. The revision has to change what was stated about the file.
         cure = adapt_revision(cure, to_recording_metadata(measurement.metadata), measurement.recording.joint_names)
-    return verdict_wire.StopView(
+    return wire.StopView(
         cause=stop.cause,
         measurement_id=stop.recording if measurement is None else measurement.id,
         apply=None if cure is None else show_revision(cure),
@@ -243,28 +197,9 @@ _LONGEST = 3000
 
 
 def export_file(model: Identification, format: ExportFormat, nearest: bool, shown: dict[str, object]) -> ExportedFile:
-    """Export a model.
+    """Export a model, or its nearest feasible parameters; the format "json" includes what the service shows of it.
 
-    Parameters
-    ----------
-    model : Identification
-        The model.
-    format : str
-        The format; "json" includes what the service shows of the model.
-    nearest : bool
-        Whether to export the nearest physically feasible parameters where the format needs feasible ones.
-    shown : dict
-        What the service shows of the model.
-
-    Returns
-    -------
-    ExportedFile
-        The file, with notes on what the format cannot hold.
-
-    Raises
-    ------
-    DynidentError
-        Where the format cannot hold the model; its pointer is the query's parameter.
+    Raises `DynidentError`, whose pointer is the query's parameter, where the format cannot hold the model.
     """
     try:
         file = export_model(model, format, nearest=nearest)

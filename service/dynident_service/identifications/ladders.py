@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import zip_longest
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,8 +18,6 @@ from dynident.presentation.ladder_tables import (
     describe_last_step,
 )
 from dynident_service.identifications.wire_types import (
-    ErrorFigures,
-    ErrorsView,
     IdentificationView,
     LadderStep,
     LadderStepDifference,
@@ -27,7 +25,7 @@ from dynident_service.identifications.wire_types import (
     StepSentence,
 )
 from dynident_service.shared.field_by_field import from_wire_choices, show_errors, show_tables, to_view
-from dynident_service.shared.wire_types import EffectChoice
+from dynident_service.shared.wire_types import EffectChoice, ErrorFigures, ErrorsView
 
 T = TypeVar("T", int, float)
 
@@ -76,22 +74,10 @@ def to_step(ladder_step: LadderStep, fit: ErrorsView) -> Step:
 
 
 def add_ladder_tables(lineage: Lineage, joints: Sequence[str], parent_id: str | None = None) -> Lineage:
-    """Return a ladder, and one that it is compared with, with their steps in words and their tables.
+    """Return ladders with their steps in words and their tables, as far as their models are identified.
 
-    Parameters
-    ----------
-    lineage : Lineage
-        The ladders.
-    joints : sequence of str
-        Names of the robot's joints.
-    parent_id : str, optional
-        Id of the model that the last one was made from; an extension by several effects has a step for each. By
-        default the model of the step before.
-
-    Returns
-    -------
-    Lineage
-        The same with words and tables, as far as its models are identified.
+    The last step is described against the model `parent_id`, since an extension by several effects has a step for
+    each; by default against the step before.
     """
     ladders = [
         [(step, to_step(step, step.residual)) for step in items if step.residual is not None]
@@ -163,20 +149,7 @@ def _last_added(view: IdentificationView, effects: list[EffectChoice], below: La
 
 
 def compare_ladders(own: Sequence[LadderStep], other: Sequence[LadderStep], same_data: bool) -> Lineage:
-    """Compare two ladders.
-
-    Parameters
-    ----------
-    own, other : sequence of LadderStep
-        The ladders, their first models first.
-    same_data : bool
-        Whether all their models rest on the same recordings.
-
-    Returns
-    -------
-    Lineage
-        Both ladders, their last common model, and the differences of errors step by step.
-    """
+    """Compare two ladders step by step; `same_data` says whether all their models rest on the same recordings."""
     # Ladders of one robot may begin with the same models: the last pair of equal ids is where they part.
     shared = [a.id for a, b in zip(own, other, strict=False) if a.id == b.id]
     return Lineage(
@@ -189,22 +162,17 @@ def compare_ladders(own: Sequence[LadderStep], other: Sequence[LadderStep], same
 
 
 def _show_difference(number: int, own: LadderStep | None, other: LadderStep | None) -> LadderStepDifference:
-    fit = (own.residual if own else None, other.residual if other else None)
-    held_out = (own.validation if own else None, other.validation if other else None)
-    counts = (own.n_parameters if own else None, other.n_parameters if other else None)
+    differences: dict[str, Any] = {}
+    for kind in ("residual", "validation"):
+        errors = [getattr(step, kind, None) for step in (own, other)]
+        for name, pair in ((kind, errors), (f"{kind}_moving", [_get_moving(shown) for shown in errors])):
+            differences |= {name: _subtract_per_joint(*pair), f"{name}_total": _subtract_totals(*pair)}
     return LadderStepDifference(
         rung=number,
         id=own.id if own else None,
         against_id=other.id if other else None,
-        n_parameters=_subtract(*counts),
-        residual=_subtract_per_joint(*fit),
-        residual_total=_subtract_totals(*fit),
-        validation=_subtract_per_joint(*held_out),
-        validation_total=_subtract_totals(*held_out),
-        residual_moving=_subtract_per_joint(*map(_get_moving, fit)),
-        residual_moving_total=_subtract_totals(*map(_get_moving, fit)),
-        validation_moving=_subtract_per_joint(*map(_get_moving, held_out)),
-        validation_moving_total=_subtract_totals(*map(_get_moving, held_out)),
+        n_parameters=_subtract(own.n_parameters if own else None, other.n_parameters if other else None),
+        **differences,
     )
 
 
@@ -229,22 +197,10 @@ def _subtract(a: T | None, b: T | None) -> T | None:
 def build_steps(
     identification: Identification, name: str, other_ladder: tuple[Identification, str] | None = None
 ) -> list[LadderStep]:
-    """Build the steps of a ladder from a model in a file.
+    """Build the steps of a ladder from a model in a file; the models before it are called name/1, name/2, ….
 
-    Parameters
-    ----------
-    identification : Identification
-        The last model of the ladder.
-    name : str
-        Its name; the models before it are called name/1, name/2, ….
-    other_ladder : tuple of Identification and str, optional
-        Another ladder and its name. Steps at which both have the same model take the other ladder's ids, so that
-        `compare_ladders` sees what they share.
-
-    Returns
-    -------
-    list of LadderStep
-        The steps, the first model first.
+    Steps at which another ladder has the same model take that ladder's ids, so that `compare_ladders` sees what
+    they share.
     """
     models = list(identification.ladder())
     ids = _step_ids(name, len(models))
