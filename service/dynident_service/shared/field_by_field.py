@@ -239,7 +239,7 @@ def to_view(view: type[ViewT], result: object, **more: object) -> ViewT:
         # A default stands for what is missing on the way, where the field may not be null.
         if value is _ABSENT or (value is None and not field.is_required() and not _may_be_null(field)):
             continue
-        if value == "" and isinstance(value, str) and _may_be_null(field):
+        if isinstance(value, str) and not value and _may_be_null(field):
             value = None
         if isinstance(value, Errors) and ErrorsView in _union_members(field.annotation):
             value = show_errors(value, getattr(owner, f"{attribute}_moving", None))
