@@ -221,7 +221,7 @@ def get_lineage(
     and the later ones whose error is larger.
     """
     with hold_import_lock():
-        from dynident_service.identifications.ladders import add_ladder_tables, build_steps_of_views, compare_ladders
+        from dynident_service.identifications.adapters import add_ladder_tables, build_steps_of_views, compare_ladders
 
     own = _load_ladder(services, identification_id)
     joints = [] if own[-1].result is None else own[-1].result.joints
