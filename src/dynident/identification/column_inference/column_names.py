@@ -40,7 +40,7 @@ _WORDS: dict[Signal, frozenset[str]] = {
 }
 _OTHER = _split_words(
     "tcp cartesian cart force fx fy fz quaternion quat digital analog io status mode state_id safety voltage volt "
-    "power payload gripper error err residual bits"
+    "power payload gripper error err residual bits cos sin cosine sine"
 )
 _COMMANDED = _split_words(
     "d cmd command commanded commands target des desired ref reference set setpoint sp soll goal nominal planned "
@@ -81,12 +81,16 @@ _MAKER_WORDS = {
     "current_as_torque": "gravity compensated torque", "actuator_force": "actuator effort",
     "qfrc_bias": "computed torque", "qfrc_passive": "computed torque", "qfrc_constraint": "computed torque",
     "qfrc_inverse": "computed torque", "pos_estimate": "position turns", "vel_estimate": "velocity turns s",
+    "6064h": "actual position", "606Ch": "actual velocity", "6077h": "actual torque permille",
+    "6078h": "actual current permille", "0x6064": "actual position", "0x606C": "actual velocity",
+    "0x6077": "actual torque permille", "0x6078": "actual current permille",
     "qOut_": "commanded position ", "alphaOut_": "commanded velocity ", "tauOut_": "commanded torque ",
 }  # fmt: skip
 """What makers' own words for signals mean: of KUKA's RobotSensorInterface (the axes E1 to E6 are not the robot's), and
 of Universal Robots' RTDE, whose currents as torques are without the load of gravity; of MuJoCo, whose actuators' forces
-are torques where joints turn, and whose other generalised forces are computed; of ODrive, which counts turns; and of
-mc_rtc, whose Out goes to the robot."""
+are torques where joints turn, and whose other generalised forces are computed; of ODrive, which counts turns; of
+mc_rtc, whose Out goes to the robot; and the objects of drives on CANopen and EtherCAT (CiA 402), in 1/1000 of the rated
+torque and current."""
 
 _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
     (

@@ -24,6 +24,7 @@ from dynident.identification.column_inference.column_statistics import (
     Sample,
     correlate_slopes,
     drop_empty_rows,
+    find_clock_columns,
     fill_gaps,
     find_changing_columns,
     mask_outliers,
@@ -129,7 +130,10 @@ class _ColumnInference(WorkingProposal):
         places = [index for index in range(len(self.column_names)) if index != clock.column]
         followers = () if self.robot.linkage is None else self.robot.linkage.passive
         names = [self.robot.tree.joint_names[j] for j in followers]
-        local, rest, following = group_columns(others, self.robot.joint_names, names, self.alive[places])
+        links = [joint.link for joint in self.robot.joints]
+        running = set(find_clock_columns(self.values))
+        clocks = [place for place, index in enumerate(places) if index in running]
+        local, rest, following = group_columns(others, self.robot.joint_names, names, self.alive[places], links, clocks)
         if following:
             unused = ", ".join(others[index].name for index in following)
             self.add_guess("columns", unused, 0.9, "not used: of passive joints, which follow from the driven joints")
@@ -272,6 +276,12 @@ class _ColumnInference(WorkingProposal):
                 f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more} If they "
                 f"are in another file, {TOGETHER}."
             )
+            waves = [name.name for name in self.column_names if {"cos", "sin", "cosine", "sine"} & set(name.words)]
+            if waves:
+                detail += (
+                    f" {', '.join(waves[:4])}, … are sines and cosines: write the angles, "
+                    "numpy.unwrap(numpy.arctan2(sin, cos), axis=0)."
+                )
             if any(group.signal == "dq" for group in groups):
                 detail += " Velocities alone do not suffice: the load of gravity depends on the positions."
             self.add_question("columns/q", detail, self.sample.names)

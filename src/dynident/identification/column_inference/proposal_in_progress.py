@@ -58,7 +58,8 @@ class WorkingProposal:
     @cached_property
     def column_names(self) -> list[ColumnName]:
         """Columns' names, taken apart into signal, joint and unit."""
-        return read_names(self.sample.names, self.sample.units, self.robot.joint_names)
+        links = [joint.link for joint in self.robot.joints if joint.link]
+        return read_names(self.sample.names, self.sample.units, [*self.robot.joint_names, *links])
 
     def add_guess(self, name: str, value: str, confidence: float, reason: str) -> None:
         """Add a guess, its confidence, and its reason.

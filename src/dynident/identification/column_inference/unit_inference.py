@@ -20,6 +20,9 @@ from dynident.robot import Robot
 LEAST_MOTION = np.deg2rad(3.5)
 """rad: in every recording at least one joint moves that far."""
 
+HARDLY_MOVES = np.deg2rad(10.0)
+"""rad: angles said to be degrees that stay within this may be radians."""
+
 MOST_MOTION = 4.0 * np.pi * 1.05
 """rad: no joint moves further; two turns, and a little."""
 
@@ -231,6 +234,15 @@ def guess_position_unit(
     likely = [unit for unit in possible if get_factor("q", "revolute", unit) * reach >= LEAST_MOTION]
     if stated is not None and stated in FACTORS["q", "revolute"]:
         if stated in possible or _is_possible_unit(robot, turning, low, high, stated):
+            if stated == "deg" and "rad" in likely and np.deg2rad(reach) < HARDLY_MOVES:
+                left = _compute_unexplained(robot, q, tau, fits, ("rad", "deg"))
+                if len(left) == 2 and left["deg"] > CLEARLY * left["rad"]:
+                    shares = " and ".join(f"{format_percent(left[unit], decimals=0)} as {unit}" for unit in left)
+                    reason = (
+                        f"its name says deg, but then no joint moves by more than {reach:.2g} deg, and the robot's "
+                        f"dynamics leave {shares} of the torque unexplained"
+                    )
+                    return UnitGuess("rad", 0.5, reason)
             return UnitGuess(stated, 0.99, f"its name says {stated}, and the range of motion fits it")
         beyond = f"its name says {stated}, but that goes beyond the robot's limits"
         if stated == "rev":
