@@ -30,11 +30,11 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
     thin_out,
 )
 from dynident.identification.recording_faults.torque_scale import (
-    KNOWN,
     compute_described_load,
     find_driving_joints,
     find_excess_friction,
     find_heavy_joints,
+    find_joints_with_friction,
     find_joints_of_right_size,
     find_revolute_joints,
     is_nearer_to_masses,
@@ -225,7 +225,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         frictions,
         _find_excess(judge, robot, motion),
         # Work comes back from gravity in motions that do not end where they began: friction, which is fitted, does not.
-        find_driving_joints(motion) | _find_joints_with_friction(frictions),
+        find_driving_joints(motion) | find_joints_with_friction(frictions),
     )
     # A torque that never changes was not recorded, so nobody exchanged it.
     has_torque = np.ptp(motion.tau, axis=0) > 0
@@ -365,13 +365,6 @@ def _find_drives_off(frictions: FloatArray) -> set[tuple[int, ...]]:
     others = [np.delete(size, joint) for joint in range(len(size))]
     usual = [float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0 for sizes in others]
     return {(joint,) for joint in range(len(size)) if size[joint] < _OFF * usual[joint]}
-
-
-def _find_joints_with_friction(frictions: FloatArray) -> BoolArray:
-    """Return the joints (n,) whose torque surely overcomes friction, of frictions (blocks, n)."""
-    # Each is that without a block of time: their scatter is the jackknife's standard error.
-    error = np.sqrt(len(frictions) - 1) * frictions.std(axis=0)
-    return np.asarray((frictions.mean(axis=0) > 0.0) & (frictions.mean(axis=0) >= KNOWN * error))
 
 
 @dataclass(frozen=True, eq=False)

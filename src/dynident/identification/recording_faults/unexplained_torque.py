@@ -21,6 +21,7 @@ from dynident.effects import (
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.tree_fit import (
     BLOCKS,
+    TorqueStep,
     TreeFit,
     TreeSolution,
     find_moving_joints,
@@ -208,6 +209,16 @@ class HeldOutFit:
             fine.mean(axis=1),
             float(fine_inside.mean()),
         )
+
+    def find_torque_steps(self, motion: Motion) -> list[TorqueStep]:
+        """Return the torques that step once, most of what is unexplained of them, as where a sensor is zeroed anew.
+
+        Parameters
+        ----------
+        motion : Motion
+            Filtered rows of the recording.
+        """
+        return [step for tree in self._trees for step in tree.find_torque_steps(motion) if step.is_clear]
 
     def measure_frictions(self, motion: Motion) -> FloatArray:
         """Return the mean friction torque of each joint (blocks, n), from the other blocks; NaN where it stands.
