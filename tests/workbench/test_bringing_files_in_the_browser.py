@@ -57,7 +57,10 @@ def test_what_is_pasted_into_a_gain_and_is_no_row_of_numbers_is_left_to_the_brow
 def test_files_get_their_roles_by_their_names_else_by_their_length(page: Any) -> None:
     def drop(**lines: int) -> list[str]:
         page.locator("#recordings").set_input_files(
-            [{"name": f"{name}.csv", "mimeType": "text/csv", "buffer": b"t,q\n" * count} for name, count in lines.items()]
+            [
+                {"name": f"{name}.csv", "mimeType": "text/csv", "buffer": b"t,q\n" * count}
+                for name, count in lines.items()
+            ]
         )
         roles = page.locator("form.card select[name=role]")
         expect(roles).to_have_count(len(lines))

@@ -324,7 +324,7 @@ def _split_fields(line: str, delimiter: str) -> list[str]:
 
 
 def empty_repeated_names(text: str, dialect: Dialect) -> str:
-    """Return whole lines; those that repeat the names of the columns, as where runs were put end to end, are empty."""
+    """Return whole lines; those that repeat the names of the columns, as where runs are put end to end, are empty."""
     lines = text.splitlines(keepends=True)
     for number, line in enumerate(lines):
         # A row begins with a number mostly: most lines are passed by at their first character.
@@ -336,8 +336,8 @@ def empty_repeated_names(text: str, dialect: Dialect) -> str:
         # Rows below such a line are of other signals than their columns are called.
         if fields != list(dialect.names) and sorted(fields) == sorted(dialect.names):
             raise RecordingError(
-                f"The names of the columns stand again between the rows, in another order ({', '.join(fields[:4])}, …): "
-                "split the file there, and give its parts as two recordings.",
+                f"The names of the columns stand again between the rows, in another order ({', '.join(fields[:4])}, "
+                "…): split the file there, and give its parts as two recordings.",
                 title="Unreadable file",
             )
         # Units stand below the names there, too: such a line has no number either.

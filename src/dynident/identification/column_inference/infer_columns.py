@@ -24,9 +24,9 @@ from dynident.identification.column_inference.column_statistics import (
     Sample,
     correlate_slopes,
     drop_empty_rows,
-    find_clock_columns,
     fill_gaps,
     find_changing_columns,
+    find_clock_columns,
     mask_outliers,
 )
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits, condition_sample
@@ -100,7 +100,8 @@ class _ColumnInference(WorkingProposal):
     def run(self) -> Proposal:
         """Guess time, groups of columns, positions, efforts and units, in this order."""
         times = [index for index, name in enumerate(self.column_names) if name.signal == "t"]
-        self.sample = mask_outliers(drop_empty_rows(self.sample, times), times)
+        whole = drop_empty_rows(self.sample, times)
+        self.sample = mask_outliers(whole, times)
         sample, n = self.sample, self.robot.n
         self.of_poses = are_columns_poses(self)
         self.alive = find_changing_columns(sample.values)
@@ -157,7 +158,9 @@ class _ColumnInference(WorkingProposal):
                 guess_efforts_at_poses(self, self.fits, self.values[:, list(effort.columns)], effort, q, kind)
             )
         if q is not None:
-            rows = replace(self.sample, values=self.sample.values[good])
+            # The steps of an import name outliers themselves: to them masked numbers would be missing.
+            values = np.where(np.isnan(self.sample.values), whole.values, self.sample.values)
+            rows = replace(self.sample, values=values[good])
             q, tau, put_right = condition_sample(self.fits, rows, position, effort, q)
             self.values[:, list(effort.columns)] = tau
             self._guess_rates(groups, position, q)

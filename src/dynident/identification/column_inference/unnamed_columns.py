@@ -149,9 +149,7 @@ def _split_three_blocks(
     return UnnamedColumns(q, dq, tau, "for the joints that move, one block of columns is the derivative of another")
 
 
-def _split_four_blocks(
-    t: FloatArray, part: FloatArray, columns: Sequence[int], n: int
-) -> UnnamedColumns | None:
+def _split_four_blocks(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) -> UnnamedColumns | None:
     """Find positions, velocities, accelerations and torques side by side, by the slopes of the first two."""
     correlation, _ = correlate_slopes(t, part)
     best: tuple[float, list[list[int]]] | None = None

@@ -468,13 +468,6 @@ def find_driving_joints(motion: Motion, *, surely: bool = True) -> BoolArray:
     return np.array(driving)
 
 
-def find_joints_with_friction(frictions: FloatArray) -> BoolArray:
-    """Return the joints (n,) whose torque surely overcomes friction, of frictions (blocks, n)."""
-    # Each is that without a block of time: their scatter is the jackknife's standard error.
-    error = np.sqrt(len(frictions) - 1) * frictions.std(axis=0)
-    return np.asarray((frictions.mean(axis=0) > 0.0) & (frictions.mean(axis=0) >= KNOWN * error))
-
-
 def _is_known(products: FloatArray, squares: FloatArray) -> bool:
     """Tell whether a factor is surely not zero, from its sums in each block of time (blocks,), by the jackknife."""
     others = squares.sum() - squares

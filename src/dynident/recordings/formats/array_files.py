@@ -264,8 +264,8 @@ def _describe_no_arrays(deep: StoredArray | None) -> str:
     if deep is None:
         return "The file contains no arrays of numbers with rows."
     return (
-        f"The array {deep.name} has {len(deep.shape)} axes ({' x '.join(map(str, deep.shape))}): save an array of rows x "
-        "joints for each signal, np.savez('run.npz', t=t, q=q, tau=tau)."
+        f"The array {deep.name} has {len(deep.shape)} axes ({' x '.join(map(str, deep.shape))}): save an array of rows "
+        "x joints for each signal, np.savez('run.npz', t=t, q=q, tau=tau)."
     )
 
 
