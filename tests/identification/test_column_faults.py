@@ -70,6 +70,18 @@ def recorded(fault: ColumnFault | None = None, seed: int = 3) -> Recording:
     return record(ROBOT, replace(motion, q=q), tau)
 
 
+@pytest.mark.parametrize("pair", [(1, 4), (2, 3)])
+def test_two_joints_that_are_turned_are_named_as_two(pair: tuple[int, int]) -> None:
+    motion, tau = measured()
+    turned = np.where(np.isin(np.arange(6), pair), -1.0, 1.0)
+    found, left = find_recording_faults(ROBOT, record(ROBOT, replace(motion, q=motion.q * turned), tau * turned)) or (
+        (),
+        1.0,
+    )
+    assert [(one.fault.kind, one.fault.joints) for one in found] == [("joint turned", pair)]
+    assert left < 0.1
+
+
 def test_a_right_recording_has_no_mistake_in_it_and_it_is_said_how_much_the_robot_leaves() -> None:
     found, left = find_recording_faults(ROBOT, recorded()) or ((), 1.0)
     assert found == ()

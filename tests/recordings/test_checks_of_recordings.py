@@ -254,6 +254,14 @@ def test_saturated_torque_is_named_with_its_first_row(tmp_path, share, status):
         assert abs(check.row - first) < 20
 
 
+@pytest.mark.parametrize("digits", [0.02, 0.005])
+def test_the_rounded_top_of_a_smooth_torque_is_no_saturation(tmp_path, digits):
+    columns = motion()
+    step = digits * np.ptp(columns["tau2"])
+    columns["tau2"] = step * np.rint(columns["tau2"] / step)
+    assert found(tmp_path, columns, "saturation").status == "ok"
+
+
 def test_torque_that_was_not_recorded_is_refused(tmp_path):
     error = refused(tmp_path, changed("tau1", np.zeros_like))
     assert (error.title, error.pointer) == ("Constant torque", "tau1")

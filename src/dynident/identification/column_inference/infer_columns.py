@@ -159,7 +159,10 @@ class _ColumnInference(WorkingProposal):
             )
         if q is not None:
             # The steps of an import name outliers themselves: to them masked numbers would be missing.
-            values = np.where(np.isnan(self.sample.values), whole.values, self.sample.values)
+            values = np.array(self.sample.values)
+            # Columns of zeros for torques that are in none stand behind those of the file.
+            own = values[:, : whole.values.shape[1]]
+            own[:] = np.where(np.isnan(own), whole.values, own)
             rows = replace(self.sample, values=values[good])
             q, tau, put_right = condition_sample(self.fits, rows, position, effort, q)
             self.values[:, list(effort.columns)] = tau

@@ -186,7 +186,10 @@ def _name_apart(files: Sequence[str]) -> list[str]:
     """Return the names of files without their endings; files of one name, encoders/data.log, have their folder's."""
     paths = [PurePosixPath(file) for file in files]
     stems = [path.stem for path in paths]
-    return [path.parent.name if stems.count(path.stem) > 1 and path.parent.name else path.stem for path in paths]
+    return [
+        path.stem if stems.count(path.stem) == 1 or path.parent.name in ("", "..") else path.parent.name
+        for path in paths
+    ]
 
 
 def _name_columns(stem: str, source: FileSource) -> dict[str, str]:
