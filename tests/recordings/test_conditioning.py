@@ -313,7 +313,7 @@ def test_one_kind_of_signal_on_a_slower_bus_is_told_and_interpolated(rate, hold,
     assert f"come only about {rate / hold:.3g} times a second" in checks["held_samples"].detail
     np.testing.assert_array_equal(right[:, other], values[:, other])
     inner = slice(2 * hold, -3 * hold)
-    assert np.abs(right - values)[inner].sum() < 0.6 * np.abs(held - values)[inner].sum()
+    assert np.abs(right - values)[inner].sum() < 0.8 * np.abs(held - values)[inner].sum()
 
 
 def test_coarse_torques_are_not_held():

@@ -67,8 +67,6 @@ _NOT_READ = (
     (b"CDF\x02", "a NetCDF file of version 3: write it anew as NetCDF 4, or as Parquet or CSV."),
     (b"7z\xbc\xaf", "an archive (.7z): unpack it, and give the file in it."),
     (b"\xfd7zXZ", "compressed with xz: unpack it (xz -d), or compress it with gzip or zstd."),
-    (b"BZh", "compressed with bzip2: unpack it (bzip2 -d), or compress it with gzip or zstd."),
-    (b"\x04\x22M\x18", "compressed with lz4: unpack it (lz4 -d), or compress it with gzip or zstd."),
     (b"Rar!", "an archive (.rar): unpack it, and give the file in it."),
     (b"RDX2\n", "data of R: write the table with write.csv(…, row.names = FALSE)."),
     (b"RDX3\n", "data of R: write the table with write.csv(…, row.names = FALSE)."),
