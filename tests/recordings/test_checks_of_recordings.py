@@ -278,7 +278,8 @@ def test_lost_rows_and_a_joint_that_stops_at_once_are_no_jump(tmp_path):
         for name, values in columns.items()
     }
     stopped = columns | {"q2": np.where(np.arange(len(columns["t"])) > 1200, columns["q2"][1200], columns["q2"])}
-    for folder, made in (("lost", lost), ("stopped", stopped)):
+    waited = {name: np.delete(values, slice(700, 720), axis=0) for name, values in columns.items()}
+    for folder, made in (("lost", lost), ("waited", waited), ("stopped", stopped)):
         (tmp_path / folder).mkdir()
         _, checks = given(tmp_path / folder, made)
         assert "position_jump" not in {check.name for check in checks}

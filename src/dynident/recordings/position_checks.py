@@ -109,7 +109,8 @@ def _check_jumps(positions: _MeasuredPositions, layout: Layout) -> list[Check]:
     """Warn of a position that jumps between two rows and stays there, while the other joints go on."""
     steps = np.diff(positions.q, axis=0)
     # Four rows in a row: of what was left out between two of them nothing is known.
-    joined = positions.joined[1:]
+    passed = np.diff(positions.t)
+    joined = positions.joined[1:] & (passed < 1.5 * np.median(passed))
     inner = np.flatnonzero(joined[:-2] & joined[1:-1] & joined[2:]) + 1
     if len(inner) < 2 * AROUND:
         return []

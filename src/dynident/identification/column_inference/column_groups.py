@@ -351,35 +351,6 @@ def find_incomplete_groups(
     ]
 
 
-def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
-    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them.
-
-    Parameters
-    ----------
-    named : sequence of ColumnName
-        What the names of all columns say.
-    n : int
-        Number of the robot's joints.
-
-    Returns
-    -------
-    str
-        A sentence with a space before it; "" where there are none.
-    """
-    counted: dict[tuple[str, ...], list[ColumnName]] = {}
-    for column in named:
-        if len(column.numbers) == 1:
-            counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
-    for members in counted.values():
-        numbers = sorted(column.numbers[0] for column in members)
-        if len(members) > n and numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1):
-            return (
-                f" {members[0].name} … {members[-1].name} are {len(members)} columns, but the robot has {n} joints: "
-                "which columns belong to the joints?"
-            )
-    return ""
-
-
 def infer_by_elimination(
     groups: Sequence[ColumnGroup],
     whole: Sequence[ColumnGroup],

@@ -323,3 +323,54 @@ def _classify_signal(plain: list[str]) -> Signal | None:
     if kind is None and "index" in plain:
         return "other"
     return kind
+
+
+def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
+    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+    n : int
+        Number of the robot's joints.
+
+    Returns
+    -------
+    str
+        A sentence with a space before it; "" where there are none.
+    """
+    counted: dict[tuple[str, ...], list[ColumnName]] = {}
+    for column in named:
+        if len(column.numbers) == 1:
+            counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
+    for members in counted.values():
+        numbers = sorted(column.numbers[0] for column in members)
+        if len(members) > n and numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1):
+            return (
+                f" {members[0].name} … {members[-1].name} are {len(members)} columns, but the robot has {n} joints: "
+                "which columns belong to the joints?"
+            )
+    return ""
+
+
+def describe_waves(named: Sequence[ColumnName]) -> str:
+    """Describe columns that are sines and cosines of angles, as benchmarks of learning have them.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+
+    Returns
+    -------
+    str
+        A sentence with a space before it; "" where there are none.
+    """
+    waves = [name.name for name in named if {"cos", "sin", "cosine", "sine"} & set(name.words)]
+    if not waves:
+        return ""
+    return (
+        f" {', '.join(waves[:4])}, … are sines and cosines: write the angles, "
+        "numpy.unwrap(numpy.arctan2(sin, cos), axis=0)."
+    )

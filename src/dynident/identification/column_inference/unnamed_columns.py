@@ -154,10 +154,10 @@ def _split_four_blocks(t: FloatArray, part: FloatArray, columns: Sequence[int], 
     correlation, _ = correlate_slopes(t, part)
     best: tuple[float, list[list[int]]] | None = None
     for blocks in _list_layouts(n, 4):
-        for q, dq, ddq, tau in permutations(blocks):
-            correlated = float(min(np.median(correlation[q, dq]), np.median(correlation[dq, ddq])))
+        for first, second, third, rest in permutations(blocks):
+            correlated = float(min(np.median(correlation[first, second]), np.median(correlation[second, third])))
             if correlated > SLOPE and (best is None or correlated > best[0]):
-                best = correlated, [q, dq, tau]
+                best = correlated, [first, second, rest]
     if best is None:
         return None
     q, dq, tau = (tuple(columns[index] for index in block) for block in best[1])
