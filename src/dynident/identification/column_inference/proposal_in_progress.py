@@ -46,8 +46,10 @@ class WorkingProposal:
         The guesses so far.
     questions : list of Question
         The questions so far.
+    t : (m,)
+        Times in s, once the clock is known.
     values : (m, columns)
-        Rows that have a time, once that is known.
+        The rows that have a time.
     """
 
     sample: Sample
@@ -57,6 +59,7 @@ class WorkingProposal:
     units: dict[str, str] = field(default_factory=dict)
     guesses: list[Guess] = field(default_factory=list)
     questions: list[Question] = field(default_factory=list)
+    t: FloatArray = field(default_factory=lambda: np.zeros(0))
     values: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @cached_property
