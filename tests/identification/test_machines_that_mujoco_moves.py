@@ -104,7 +104,7 @@ def moved(rubbed: Rubbed, seed: int, peak: Peak | None = None, *, silent: bool =
     data.qpos[tree], data.qvel[tree] = whole[0][0], whole[1][0]
     stiffness, damping = np.array([rubbed.gains[name] for name in robot.joint_names]).T
     seen, torque = np.empty_like(q), np.empty_like(q)
-    # A hundred thousand steps: what is the same in each of them is computed once, and MuJoCo's arrays are looked up once.
+    # A hundred thousand steps: what each of them shares is computed once, and MuJoCo's arrays are looked up once.
     command = stiffness * q + damping * dq
     qpos, qvel, control, loss = data.qpos, data.qvel, data.ctrl, model.dof_frictionloss
     place = model.joint(peak.joint).dofadr[0] if peak is not None else 0
