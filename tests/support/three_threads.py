@@ -43,7 +43,8 @@ def model_a_robot(n_joints: int) -> str:
     links = "".join(
         f'<link name="l{k}"><inertial><origin xyz="0.2 0.1 0"/><mass value="4"/>'
         '<inertia ixx="0.05" ixy="0" ixz="0" iyy="0.06" iyz="0" izz="0.04"/></inertial></link>'
-        f'<joint name="j{k}" type="revolute"><origin xyz="0.3 0 {0.1 * k}"/><parent link="{f"l{k - 1}" if k else "base"}"/>'
+        f'<joint name="j{k}" type="revolute"><origin xyz="0.3 0 {0.1 * k}"/>'
+        f'<parent link="{f"l{k - 1}" if k else "base"}"/>'
         f'<child link="l{k}"/><axis xyz="0 1 0"/><limit lower="-2.5" upper="2.5" velocity="3" effort="120"/></joint>'
         for k in range(n_joints)
     )
