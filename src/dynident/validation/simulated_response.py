@@ -157,18 +157,37 @@ def _simulate_from_many_starts(
     progress: Progress = ignore_progress,
 ) -> Drift | None:
     """Return the drift from starts spread over the motions; None where no motion is long enough."""
+    outcomes = simulate_open_loop(simulator, motions, horizons, progress=progress)
+    if outcomes is None:
+        return None
+    distance, speed, way = (_compute_rms(values) for values in outcomes)
+    return Drift(simulator.robot.dynamics.robot.joint_names, horizons, distance, speed, way, len(outcomes[0]))
+
+
+def simulate_open_loop(
+    simulator: Simulator,
+    motions: Sequence[RecordedMotion],
+    horizons: tuple[float, ...],
+    most: int = _MOST_STARTS,
+    progress: Progress = ignore_progress,
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Simulate from at most `most` states spread over the motions; None where no motion is long enough.
+
+    The arrays (k, h, n) are the differences of the simulated from the recorded positions and velocities, and the ways
+    of the recorded joints, for each start and horizon. A simulation that diverged is infinitely far off; nan marks a
+    horizon that its motion does not reach.
+    """
     starts = [(motion, start) for motion in motions for start in _choose_starts(motion, horizons)]
     if not starts:
         return None
     # Spread over all motions in proportion to their lengths.
-    chosen = np.unique(np.linspace(0, len(starts) - 1, min(len(starts), _MOST_STARTS)).astype(int))
+    chosen = np.unique(np.linspace(0, len(starts) - 1, min(len(starts), most)).astype(int))
     outcomes = []
     for index in chosen:
         progress(len(outcomes) / len(chosen), "simulating without a controller")
         outcomes.append(_simulate_without_control(simulator, *starts[index], horizons))
-    distance, speed, way = (_compute_rms(np.array(values)) for values in zip(*outcomes, strict=True))
-    names = simulator.robot.dynamics.robot.joint_names
-    return Drift(names, horizons, distance, speed, way, len(outcomes))
+    position, velocity, way = (np.array(values) for values in zip(*outcomes, strict=True))
+    return position, velocity, way
 
 
 def _choose_starts(motion: RecordedMotion, horizons: tuple[float, ...]) -> list[int]:
@@ -180,7 +199,8 @@ def _choose_starts(motion: RecordedMotion, horizons: tuple[float, ...]) -> list[
     if last < 0:
         return []
     times = np.linspace(0.0, last, int(last / _APART) + 1) + t[0]
-    return [int(k) for k in np.searchsorted(t, times - 1e-9)]
+    # The sample before, so that the horizon still fits behind it; a sample's time may be off by rounding.
+    return [int(k) for k in np.searchsorted(t, times + 1e-9, side="right") - 1]
 
 
 def _simulate_without_control(
@@ -208,11 +228,9 @@ def _simulate_without_control(
         np.column_stack([np.interp(t[rows], whole.t, column) for column in signal.T]) for signal in (whole.q, whole.dq)
     )
     # A state that is no number has diverged: infinitely far, and not missing.
-    away, faster = (
-        np.nan_to_num(np.abs(difference), nan=np.inf) for difference in (q[rows] - measured, dq[rows] - velocity)
-    )
+    away, faster = (np.nan_to_num(difference, nan=np.inf) for difference in (q[rows] - measured, dq[rows] - velocity))
     missing = np.full((len(horizons) - len(after), whole.q.shape[1]), np.nan)
-    moved = np.abs(measured - whole.q[start])
+    moved = measured - whole.q[start]
     return np.vstack([away, missing]), np.vstack([faster, missing]), np.vstack([moved, missing])
 
 
