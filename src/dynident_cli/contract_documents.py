@@ -188,8 +188,8 @@ def describe_gains(
     robot: Robot, gains: DriveGains, loads: Sequence[tuple[str, PayloadEstimate]]
 ) -> tuple[Document, list[ReportedTable]]:
     """Describe drive gains and the loads that were weighed by them, by name: their document, and their tables."""
-    from dynident_service.validations.adapters import build_gain_tables
-    from dynident_service.validations.adapters import describe_gains as describe
+    from dynident_service.drive_gains.adapters import build_gain_tables
+    from dynident_service.drive_gains.adapters import describe_gains as describe
 
     view = describe(robot, gains, [(name, name, load) for name, load in loads])
     return to_document(view), list(build_gain_tables(view))
