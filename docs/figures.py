@@ -23,9 +23,9 @@ from dynident.reports.figures.diagnosis import draw_candidates, draw_evidence
 from dynident.reports.figures.ladder import draw_models
 from dynident.reports.figures.residuals import draw_residuals
 from dynident.reports.figures.signals_over_time import draw_torque
-from dynident_service.cli import argument_loading
-from dynident_service.cli.design_and_simulation_files import load_proposed_design
-from dynident_service.cli.shared_options import Reading
+from dynident_cli import argument_loading
+from dynident_cli.design_and_simulation_files import load_proposed_design
+from dynident_cli.shared_options import Reading
 
 HERE = Path(__file__).resolve().parent
 FIGURES = HERE / "figures"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "architecture.md"
-PACKAGES = ("src/dynident", "src/dynident_client", "service/dynident_service")
+PACKAGES = ("src/dynident", "src/dynident_cli", "src/dynident_client", "service/dynident_service")
 # One step of the database's history each.
 LEFT_OUT = "migrations"
 # Packages that are generated: the package has a line, its modules have none.

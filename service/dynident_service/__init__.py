@@ -1,1 +1,1 @@
-"""The HTTP service, the command line and the workbench; contains no science."""
+"""The HTTP service and the workbench; contains no science."""

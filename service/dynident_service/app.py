@@ -14,23 +14,33 @@ from starlette.routing import compile_path
 from starlette.types import Scope
 
 from dynident.version import __version__
-from dynident_service import tracing
+from dynident_service import service_routes, tracing
 from dynident_service.api_keys import KeyRing
+from dynident_service.comparisons import routes as comparisons
+from dynident_service.designs import routes as designs
+from dynident_service.diagnoses import routes as diagnoses
 from dynident_service.docs_page import mount_docs_page as mount_documentation
+from dynident_service.drive_gains import routes as drive_gains
 from dynident_service.fair_queue import name_address_party
+from dynident_service.identifications import batch_routes, judgement_routes
+from dynident_service.identifications import routes as identifications
 from dynident_service.jobs.child_pool import ForkServer
+from dynident_service.measurements import import_routes
+from dynident_service.measurements import routes as measurements
 from dynident_service.middleware import AccessControl, AccessLog, AuditLog, RequestTiming
 from dynident_service.problem_responses import REQUEST_ID
 from dynident_service.problem_responses import install_handlers as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
 from dynident_service.prometheus_metrics import Metrics
+from dynident_service.reports import routes as reports
 from dynident_service.request_limits import Admission, BodyLimit, set_threads
-from dynident_service.routes import ROUTERS
+from dynident_service.robots import routes as robots
 from dynident_service.security_headers import SafeHeaders
 from dynident_service.settings import Settings
 from dynident_service.storage_and_engine import Services, open_services
 from dynident_service.tracing import RequestTracing
 from dynident_service.upload_quotas import UploadRoom, get_quota_limits
+from dynident_service.validations import routes as validations
 from dynident_service.workbench import mount_workbench as mount_workbench
 
 DESCRIPTION = """Identification of the dynamic parameters of robots: from a robot and its recordings the service
@@ -42,6 +52,33 @@ PROBLEM = {
     "content": {MEDIA_TYPE: {"schema": {"$ref": f"#/components/schemas/{Problem.__name__}"}}},
 }
 log = logging.getLogger("dynident.service")
+
+# A path is held against one after the other: first those that are asked for most. Batches stand before identifications,
+# one of which `batch` would be taken for.
+ROUTERS = (
+    service_routes.router,
+    batch_routes.router,
+    identifications.router,
+    service_routes.jobs_router,
+    robots.router,
+    robots.known_router,
+    robots.meshes_router,
+    service_routes.effects_router,
+    designs.router,
+    designs.simulations_router,
+    import_routes.router,
+    measurements.router,
+    measurements.revisions_router,
+    judgement_routes.router,
+    comparisons.router,
+    diagnoses.router,
+    diagnoses.series_router,
+    validations.router,
+    drive_gains.router,
+    drive_gains.currents_router,
+    reports.router,
+    service_routes.usage_router,
+)
 
 
 def create_app(settings: Settings | None = None, fork_server: ForkServer | None = None) -> FastAPI:

@@ -12,12 +12,17 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-PIECES = (
-    "dynident_service.adapters.robots",
-    "dynident_service.adapters.identifications",
-    "dynident_service.adapters.measurements",
-    "dynident_service.adapters.designs",
-    "dynident_service.job_functions",
+PIECES = tuple(
+    f"dynident_service.{resource}.adapters"
+    for resource in (
+        "robots",
+        "identifications",
+        "measurements",
+        "designs",
+        "comparisons",
+        "diagnoses",
+        "validations",
+    )
 )
 """Modules that requests will need, in the order in which a page needs them; requests may import between two of them."""
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 
 from fastapi import Depends, Request
 
@@ -27,7 +27,6 @@ from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.resource_repository import Resources
 from dynident_service.upload_quotas import get_quota_limits
-from dynident_service.wire_types.verdicts import VerdictView
 
 MOST_VERDICTS = 500
 """Cached verdicts, of some 2 kB each."""
@@ -47,7 +46,7 @@ class Services:
     interactive: InteractiveCompute
     following: JobEventNotifier
     readiness: Readiness
-    verdicts: LruCache[VerdictView] = field(default_factory=lambda: LruCache(MOST_VERDICTS))
+    verdicts: LruCache[dict[str, Any]] = field(default_factory=lambda: LruCache(MOST_VERDICTS))
 
     @contextmanager
     def create_scratch_folder(self) -> Iterator[Path]:

@@ -72,7 +72,7 @@ class Agent:
 
 
 def command(folder: Path) -> list[str]:
-    return [sys.executable, "-m", "dynident_service.command_line", "mcp", "--folder", str(folder)]
+    return [sys.executable, "-m", "dynident_cli", "mcp", "--folder", str(folder)]
 
 
 @pytest.fixture(scope="module")

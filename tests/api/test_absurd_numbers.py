@@ -31,7 +31,7 @@ from dynident.recordings.recording_metadata import Filters
 from dynident.robot import robot_from_urdf
 from dynident.simulation import ActingEffect, Simulated, Warming, build_simulation_request, simulate
 from dynident.validation.validation_request import TRIALS, ValidationData, build_trial
-from dynident_service.adapters.designs import design_to_reference
+from dynident_service.designs.adapters import design_to_reference
 
 NAME = "pendulum"
 SECONDS = 20

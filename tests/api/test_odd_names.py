@@ -27,10 +27,10 @@ from dynident.export.export_request import LOAD_FORMATS
 from dynident.recordings import Recording
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.text_encoding import escape_surrogates
-from dynident_service.adapters.designs import trajectory_as_csv, write_trajectory
-from dynident_service.adapters.identifications import build_file_response
-from dynident_service.cli.csv_and_parquet_output import build_comparison_table, build_courses_table, write_table
-from dynident_service.cli.csv_and_parquet_output import write_trajectory as write_trajectory_of_command
+from dynident_cli.csv_and_parquet_output import build_comparison_table, build_courses_table, write_table
+from dynident_cli.csv_and_parquet_output import write_trajectory as write_trajectory_of_command
+from dynident_service.designs.adapters import trajectory_as_csv, write_trajectory
+from dynident_service.identifications.adapters import build_file_response
 
 NAMES = st.text(st.characters(exclude_categories=()), min_size=1, max_size=12).filter(str.strip)
 ODD = ('a,b;"c"\tb', "line\nbreak\ré\u2028ß", "\ud800", "'=1+1", "0\x1f")

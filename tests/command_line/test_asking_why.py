@@ -6,7 +6,7 @@ import pytest
 
 from dynident.effects import UnknownEffectError
 from dynident.errors import DynidentError
-from dynident_service.cli.option_parsers import parse_effect_place
+from dynident_cli.option_parsers import parse_effect_place
 
 JOINTS = ("shoulder", "elbow")
 

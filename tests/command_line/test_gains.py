@@ -13,7 +13,7 @@ import pytest
 from support.oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
 from support.running_commands import dynident
 
-from dynident_service.wire_types.drive_gains import DriveGainsResult
+from dynident_service.drive_gains.wire_types import DriveGainsResult
 
 ARM = arm("ur10")
 GAINS = np.array([14.0, 12.5, 11.0, 10.5, 9.5, 11.5])

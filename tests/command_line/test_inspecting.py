@@ -11,7 +11,7 @@ from support.running_commands import dynident, write_run
 
 from dynident.identification.column_inference import Question
 from dynident.recordings import RecordingMetadata
-from dynident_service.cli.metadata_files import StatedAnswers
+from dynident_cli.metadata_files import StatedAnswers
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from dynident.version import __version__
-from dynident_service.cli.program_and_exit_codes import create_application
+from dynident_cli.program_and_exit_codes import create_application
 from dynident_service.settings import Settings
 
 VERBS = (
@@ -24,7 +24,7 @@ VERBS = (
 
 def test_the_version_is_told_without_loading_the_science() -> None:
     program = (
-        "import sys; from dynident_service.cli.program_and_exit_codes import app; code = 0\n"
+        "import sys; from dynident_cli.program_and_exit_codes import app; code = 0\n"
         "try:\n    app(['--version'], prog_name='dynident')\nexcept SystemExit as end:\n    code = end.code or 0\n"
         "heavy = {'numpy', 'scipy', 'casadi', 'pinocchio', 'pyarrow', 'matplotlib', 'fastapi', 'pydantic'}\n"
         "print(sorted(heavy & set(sys.modules)), code)\n"
@@ -46,7 +46,7 @@ def test_the_version_is_told_without_loading_the_science() -> None:
 )
 def test_a_file_that_is_not_there_is_told_without_loading_the_science(arguments: list[str], told: str) -> None:
     program = (
-        "import sys; from dynident_service.cli.program_and_exit_codes import app\n"
+        "import sys; from dynident_cli.program_and_exit_codes import app\n"
         f"try:\n    app({arguments!r}, prog_name='dynident')\nexcept SystemExit as end:\n    code = end.code or 0\n"
         "heavy = {'numpy', 'scipy', 'casadi', 'pinocchio', 'pyarrow', 'matplotlib', 'fastapi'}\n"
         "print(sorted(heavy & set(sys.modules)), code)\n"
@@ -63,8 +63,8 @@ def test_identifying_and_diagnosing_load_no_package_that_they_do_not_need() -> N
         "from dynident.identification import identify\n"
         "from dynident.verdict import verdict\n"
         "from dynident.diagnosis import diagnose\n"
-        "from dynident_service.cli import printed_results\n"
-        "from dynident_service.adapters.diagnoses import describe_diagnosis\n"
+        "from dynident_cli import printed_results\n"
+        "from dynident_service.diagnoses.adapters import describe_diagnosis\n"
         "heavy = ('scipy.signal', 'scipy.stats', 'matplotlib', 'fastapi', 'dynident.excitation.experiment_design')\n"
         "print([name for name in heavy if name in sys.modules])\n"
     )
@@ -102,20 +102,17 @@ def test_a_setting_that_cannot_be_is_named(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_light_installation_tells_its_version_and_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    import dynident_service.cli
-    from dynident_service import command_line
+    from dynident_cli.__main__ import main
 
-    # The package keeps what is imported meanwhile as its attribute, unless that is put back, too.
-    monkeypatch.setattr(dynident_service, "cli", dynident_service.cli)
-    for name in [name for name in sys.modules if name.startswith("dynident_service.cli")]:
+    for name in [name for name in sys.modules if name.startswith("dynident_cli")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "typer", None)
     monkeypatch.setattr(sys, "argv", ["dynident", "--version"])
-    command_line.main()
+    main()
     assert capsys.readouterr().out == f"dynident {__version__}\n"
     monkeypatch.setattr(sys, "argv", ["dynident", "demo"])
     with pytest.raises(SystemExit) as end:
-        command_line.main()
+        main()
     assert "pip install" in str(end.value)
     assert "dynident[science]" in str(end.value)
 
@@ -144,7 +141,7 @@ def test_a_command_that_there_is_not_is_told_beside_those_there_are() -> None:
 def test_one_identifies_without_loading_what_takes_longer_to_load_than_that(tmp_path: Path) -> None:
     run = write_run(tmp_path / "run.csv", 1)
     script = (
-        "import sys; from dynident_service.cli.program_and_exit_codes import app; code = 0\n"
+        "import sys; from dynident_cli.program_and_exit_codes import app; code = 0\n"
         f"try:\n    app(['identify', 'scara', {str(run)!r}, '--json'], prog_name='dynident')\n"
         "except SystemExit as end:\n    code = end.code or 0\n"
         "heavy = {'matplotlib', 'fastapi', 'ruckig'}\n"

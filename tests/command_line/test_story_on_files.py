@@ -20,8 +20,8 @@ from dynident.excitation import DesignRequest
 from dynident.identification import from_bytes
 from dynident.number_format import format_number
 from dynident.robot import urdf_from_robot
-from dynident_service.cli.argument_loading import load_robot_argument
-from dynident_service.cli.option_parsers import parse_windows
+from dynident_cli.argument_loading import load_robot_argument
+from dynident_cli.option_parsers import parse_windows
 
 ERRORS = {"rms", "relative", "relative_total"}
 

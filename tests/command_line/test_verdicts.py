@@ -13,7 +13,7 @@ from support.running_commands import ROBOT, dynident, write_run
 
 from dynident.robot import urdf_from_robot
 from dynident.verdict import Action
-from dynident_service.cli.printed_results import COMMANDS_OF_NEXT_STEPS
+from dynident_cli.printed_results import COMMANDS_OF_NEXT_STEPS
 
 
 @pytest.fixture(scope="module")

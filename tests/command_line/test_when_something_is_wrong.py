@@ -15,7 +15,7 @@ import pyarrow.csv as pacsv
 import pytest
 from support.running_commands import ROBOT, dynident
 
-from dynident_service.cli import terminal
+from dynident_cli import terminal
 
 JOINTS = ROBOT.joint_names
 
@@ -254,7 +254,7 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing(desk: Path, monkeypatc
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
 def test_a_running_optimisation_is_interrupted_at_once(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "dynident_service.command_line", "design", "ur10", "--time-budget", "120",
+    command = [sys.executable, "-m", "dynident_cli", "design", "ur10", "--time-budget", "120",
                "--out", str(tmp_path / "t.csv")]  # fmt: skip
     # As from a terminal: whoever started the tests in the background has the signal ignored, which children inherit.
     heeding = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)

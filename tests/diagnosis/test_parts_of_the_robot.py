@@ -117,8 +117,8 @@ def test_a_robot_file_states_its_parts_and_arguments_replace_them(tmp_path):
 
 
 def test_the_command_line_states_parts():
-    from dynident_service.cli.argument_loading import load_robot_argument
-    from dynident_service.cli.shared_options import RobotAdditions
+    from dynident_cli.argument_loading import load_robot_argument
+    from dynident_cli.shared_options import RobotAdditions
 
     robot = load_robot_argument("ur10", RobotAdditions(has="cable", has_not="spring, gravity_compensator"))
     assert robot.hardware == {"cable": True, "spring": False, "gravity_compensator": False}

@@ -21,7 +21,7 @@ from dynident.robot import robot_from_library
 from dynident.simulation import VirtualRobot, build_typical_effect
 from dynident.testing import check_effect
 from dynident_service.app import create_app
-from dynident_service.command_line import main
+from dynident_cli.__main__ import main
 from dynident_service.settings import Settings
 
 robot = robot_from_library("ur10")

@@ -110,7 +110,7 @@ def test_the_documented_commands_run_with_it(documented: Path) -> None:
         program, *arguments = shlex.split(line)
         assert program == "dynident"
         code = f"import os, sys; os.chdir({str(documented)!r}); sys.argv[1:] = {arguments!r}\n"
-        ended = run(documented, code + "from dynident_service.command_line import main; main()")
+        ended = run(documented, code + "from dynident_cli.__main__ import main; main()")
         assert ended.returncode == 0, f"{line}\n{ended.stderr}"
         assert "hose_friction" in ended.stdout or arguments[0] != "effects"
 

@@ -49,8 +49,9 @@ def loaded_command(folder: Path) -> Iterator[Path]:
 
 def serve(listening: socket.socket) -> None:
     """Do what is asked, one after the other or at the same time."""
-    importlib.import_module("dynident_service.cli.program_and_exit_codes").create_application()
-    importlib.import_module("dynident_service.job_functions")
+    importlib.import_module("dynident_cli.program_and_exit_codes").create_application()
+    for module in importlib.import_module("dynident_service.jobs.fork_server_main").PRELOADED:
+        importlib.import_module(module)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     while True:
         line, _ = listening.accept()
@@ -71,7 +72,7 @@ def _become(line: socket.socket) -> None:
     os.environ.clear()
     os.environ.update(environment)
     sys.argv = ["dynident", *arguments]
-    from dynident_service.command_line import main
+    from dynident_cli.__main__ import main
 
     code: object = 1
     try:

@@ -32,7 +32,7 @@ def test_every_file_that_the_architecture_names_is_there() -> None:
     named = set(re.findall(r"`([\w/]+/[\w/]*(?:\.\w+)?)`", page)) | set(re.findall(r"`(\w+\.py)`", page))
     assert len(named) > 100
     service = ROOT / "service/dynident_service"
-    homes = (ROOT, ROOT / "src/dynident", service, service / "workbench/static/js")
+    homes = (ROOT, ROOT / "src/dynident", ROOT / "src/dynident_cli", service, service / "workbench/static/js")
     assert {name for name in named if not any((home / name).exists() for home in homes)} == set()
 
 

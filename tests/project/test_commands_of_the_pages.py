@@ -15,7 +15,7 @@ import pytest
 import typer
 from support.sources import tree_of
 
-from dynident_service.cli.program_and_exit_codes import app
+from dynident_cli.program_and_exit_codes import app
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", ROOT / "benchmarks" / "README.md"]

@@ -26,15 +26,15 @@ OTHER_MEANINGS = {"payload"}
 # The contract (api.md) fixes the four usual effects as the defaults of a request, and the demonstration's default is in
 # its help; who says "the links" there says it in the contract's words.
 CONTRACT = {
-    "service/dynident_service/wire_types/identifications.py": {choice.effect for choice in DEFAULT_EFFECTS},
-    "service/dynident_service/wire_types/designs.py": {choice.effect for choice in DEFAULT_EFFECTS},
-    "service/dynident_service/adapters/robots.py": {"rigid_body"},
-    "service/dynident_service/cli/commands/demo.py": {"stribeck"},
+    "service/dynident_service/identifications/wire_types.py": {choice.effect for choice in DEFAULT_EFFECTS},
+    "service/dynident_service/designs/wire_types.py": {choice.effect for choice in DEFAULT_EFFECTS},
+    "service/dynident_service/robots/adapters.py": {"rigid_body"},
+    "src/dynident_cli/commands/demo.py": {"stribeck"},
     # A check of recordings has the name of what it looks for; a URDF's mimic joint has an offset.
     "src/dynident/recordings/recording_metadata.py": {"torque_delay"},
     # What is said of a recording has a field of that name.
     "src/dynident/reports/sections/provenance.py": {"torque_delay"},
-    "service/dynident_service/cli/metadata_files.py": {"torque_delay"},
+    "src/dynident_cli/metadata_files.py": {"torque_delay"},
     "src/dynident/robot/urdf_writer.py": {"offset"},
     # A part of a robot has the name of the effect that it has.
     "src/dynident/robot/limits_and_drives.py": {"gravity_compensator"},

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from dynident.optional_dependencies import EXTRA_OF_PACKAGE, SCIENCE_PACKAGES, format_install_hint
 from dynident.version import __version__
-from dynident_service.cli.program_and_exit_codes import app
+from dynident_cli.program_and_exit_codes import app
 
 ROOT = Path(__file__).resolve().parents[2]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
@@ -48,7 +48,7 @@ def test_a_name_of_the_library_says_so_too() -> None:
 
 
 def test_the_command_line_asks_for_the_extra_that_brings_it() -> None:
-    ended = without_packages("from dynident_service.command_line import main; main()")
+    ended = without_packages("from dynident_cli.__main__ import main; main()")
     assert ended.returncode == 1
     assert ended.stderr.strip().endswith("pip install 'dynident[science]'")
 
@@ -70,7 +70,7 @@ for one in {left_out!r}:
 from pathlib import Path
 from typer.testing import CliRunner
 from dynident.robot import robot_from_library, urdf_from_robot
-from dynident_service.cli.program_and_exit_codes import app
+from dynident_cli.program_and_exit_codes import app
 Path("arm.urdf").write_text(urdf_from_robot(robot_from_library("scara")))
 for line in {commands!r}:
     ended = CliRunner().invoke(app, line.split(), prog_name="dynident")

@@ -18,7 +18,7 @@ from dynident.robot.robot_model import Description
 from dynident.schema.fields import FieldDescription, FieldOptions
 
 SOURCES = Path(__file__).resolve().parents[2]
-PACKAGES = ("src/dynident", "src/dynident_client", "service/dynident_service")
+PACKAGES = ("src/dynident", "src/dynident_cli", "src/dynident_client", "service/dynident_service")
 
 
 def test_no_public_function_takes_or_gives_any() -> None:

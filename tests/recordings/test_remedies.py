@@ -9,7 +9,7 @@ import pytest
 from dynident.api.recording_files import _write_argument
 from dynident.errors import Remedy, word_remedies
 from dynident.recordings import RecordingError
-from dynident_service.cli.request_options import write_option
+from dynident_cli.request_options import write_option
 
 WRITTEN = [
     (

@@ -15,8 +15,9 @@ from dynident.estimation import Errors
 from dynident.schema.fields import resolve_hint
 from dynident.validation.direct_and_cross_validation import TorqueValidation
 from dynident.validation.validation_outcome import ValidationOutcome
-from dynident_service.adapters.field_by_field import from_view, to_view
-from dynident_service.wire_types import diagnoses, validations
+from dynident_service.diagnoses import wire_types as diagnoses
+from dynident_service.shared.field_by_field import from_view, to_view
+from dynident_service.validations import wire_types as validations
 
 CHOICE = EffectChoice("stribeck", ("a",), (("vs", 0.1),), ("run 1",))
 

@@ -19,8 +19,9 @@ from typer.testing import CliRunner
 
 from dynident.errors import DynidentError
 from dynident.robot import library_table
-from dynident_service.cli.program_and_exit_codes import app
-from dynident_service.routes import identifications, measurements
+from dynident_cli.program_and_exit_codes import app
+from dynident_service.identifications import routes as identifications
+from dynident_service.measurements import routes as measurements
 from dynident_service.storage.backup_and_restore import back_up, list_tables, restore
 from dynident_service.storage.database import migrate
 from dynident_service.storage.integrity_check import check_storage

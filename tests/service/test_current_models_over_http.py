@@ -15,7 +15,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque
 from dynident.progress import ignore_progress
 from dynident.robot import urdf_from_robot
 from dynident_client import Client, Computed, ProblemError, Record
-from dynident_service.job_functions.current_models import find_currents
+from dynident_service.drive_gains.jobs import find_currents
 from dynident_service.jobs.task_input_output import ObjectCache, Task
 from dynident_service.storage_and_engine import Services
 

@@ -15,8 +15,8 @@ from fastapi.testclient import TestClient
 from service_helpers import app_of, wait_for
 from typer.testing import CliRunner
 
+from dynident_cli.program_and_exit_codes import app
 from dynident_service import new_key
-from dynident_service.cli.program_and_exit_codes import app
 from dynident_service.settings import Settings
 from dynident_service.storage.data_directory import mark_in_use, prepare_data_directory, restrict_file_permissions
 

@@ -19,9 +19,9 @@ from typer.testing import CliRunner
 from dynident.errors import DynidentError
 from dynident.progress import ignore_progress
 from dynident.robot import robot_from_urdf
+from dynident_cli.program_and_exit_codes import app
 from dynident_client import Client, Computed, JobFailed, ProblemError, Record
-from dynident_service.cli.program_and_exit_codes import app
-from dynident_service.job_functions.drive_gains import find_gains
+from dynident_service.drive_gains.jobs import find_gains
 from dynident_service.jobs.task_input_output import ObjectCache, Task
 from dynident_service.storage_and_engine import Services
 

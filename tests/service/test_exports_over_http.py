@@ -16,7 +16,7 @@ from dynident.export import ExportedFile, model_from_json
 from dynident.robot import library_table, robot_from_urdf
 from dynident_client import Client, ProblemError
 from dynident_client.resource_objects import Record
-from dynident_service.adapters.identifications import build_file_response
+from dynident_service.identifications.adapters import build_file_response
 
 DRIVES = [{"effect": name} for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous")]
 

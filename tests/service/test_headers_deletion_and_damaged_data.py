@@ -21,8 +21,8 @@ from sqlalchemy import update
 from sqlalchemy.exc import OperationalError
 from support.measurement_uploads import as_csv, files_in, sound, upload
 
-from dynident_service.routes.upload_forms import _SentFile
 from dynident_service.settings import Settings
+from dynident_service.shared.upload_forms import _SentFile
 from dynident_service.storage.database_tables import JobRow, RetryRow
 from dynident_service.storage.deletion_and_expiry import delete_expired
 from dynident_service.storage.object_store import ObjectStore

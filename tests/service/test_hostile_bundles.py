@@ -18,7 +18,7 @@ from sqlalchemy import func, select
 from support.measurement_uploads import as_csv, sound, upload
 
 from dynident.errors import DynidentError
-from dynident_service.cli.readability_checks import check_stored_resource
+from dynident_service.readability_checks import check_stored_resource
 from dynident_service.storage import robot_bundle as bundle_module
 from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.database_tables import ResourceRow

@@ -14,8 +14,8 @@ from fork_servers import WithoutScience
 from support.stores import CONTENT, Store, open_store
 from typer.testing import CliRunner
 
-from dynident_service.cli import readability_checks
-from dynident_service.cli.program_and_exit_codes import app
+from dynident_cli.program_and_exit_codes import app
+from dynident_service import readability_checks
 from dynident_service.jobs.child_pool import ForkServer
 from dynident_service.storage.database import migrate
 from dynident_service.storage.deletion_and_expiry import sweep_objects

@@ -3,6 +3,7 @@ from __future__ import annotations
 import threading
 import time
 from datetime import timedelta
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,29 @@ def test_jobs_that_others_hold_take_no_slots_of_ours(ledger: JobQueue) -> None:
     assert ledger.claim(2, own=[claim.job_id for claim in ours]) == []
     ledger.record_success(ours[0], lambda session: None)
     assert len(ledger.claim(2, own=[claim.job_id for claim in ours])) == 1  # its process may not have told yet
+
+
+@pytest.mark.parametrize("folder", ["work", "job_functions"])
+def test_jobs_that_an_earlier_version_queued_name_functions_that_are_there(ledger: JobQueue, folder: str) -> None:
+    former = (
+        "comparisons:compare_model",
+        "current_models:find_currents",
+        "designs:design",
+        "diagnoses:diagnose_model",
+        "drive_gains:find_gains",
+        "identifications:identify_model",
+        "identifications:extend_model",
+        "identifications:remove_from_model",
+        "reports:write_report",
+        "series:follow_robot",
+        "simulations:measure_virtual_robot",
+        "validations:validate_model",
+    )
+    for function in former:
+        ledger.enqueue(NewJob("report", f"dynident_service.{folder}.{function}", {}))
+    for claim in ledger.claim(len(former)):
+        module, _, name = claim.function.partition(":")
+        assert callable(getattr(import_module(module), name))
 
 
 def test_only_as_many_jobs_are_taken_as_there_are_slots_oldest_first(ledger: JobQueue) -> None:

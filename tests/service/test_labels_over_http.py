@@ -113,8 +113,8 @@ def test_parts_of_a_robot_are_stated_with_it_and_later(client: TestClient, robot
 
 
 def test_a_recommended_effect_is_posted_with_its_question(client: TestClient) -> None:
-    from dynident_service.wire_types.diagnoses import RecommendedEffect
-    from dynident_service.wire_types.shared_types import EffectChoice
+    from dynident_service.diagnoses.wire_types import RecommendedEffect
+    from dynident_service.shared.wire_types import EffectChoice
 
     recommended = RecommendedEffect(effect="joint_spring", joints=["elbow"], question="Does the robot have one?")
     posted = EffectChoice.model_validate(recommended.model_dump())

@@ -11,7 +11,7 @@ from fastapi.testclient import TestClient
 from service_helpers import app_of, wait_for
 from typer.testing import CliRunner
 
-from dynident_service.cli.program_and_exit_codes import app
+from dynident_cli.program_and_exit_codes import app
 from dynident_service.settings import Settings
 
 KEPT = Path(__file__).parent.parent / "older_versions" / "data_directory_of_format_1.tar.xz"

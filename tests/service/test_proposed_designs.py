@@ -12,12 +12,12 @@ from dynident.advice.discriminating_experiments import EXPERIMENTS, Question
 from dynident.effects import EffectChoice
 from dynident.motion.limits.bounds import build_bounds
 from dynident.robot import library_table
-from dynident_service.adapters.designs import to_checked_request, to_design_request
-from dynident_service.adapters.diagnoses import restore_next_experiment, show_next_experiment
-from dynident_service.adapters.robots import restore_robot
-from dynident_service.wire_types.designs import DesignRequest
-from dynident_service.wire_types.diagnoses import NextExperiment as Shown
-from dynident_service.wire_types.robots import RobotRequest
+from dynident_service.designs.adapters import to_checked_request, to_design_request
+from dynident_service.designs.wire_types import DesignRequest
+from dynident_service.diagnoses.adapters import restore_next_experiment, show_next_experiment
+from dynident_service.diagnoses.wire_types import NextExperiment as Shown
+from dynident_service.robots.adapters import restore_robot
+from dynident_service.robots.wire_types import RobotRequest
 
 PLAIN = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous"))
 PAIRS = {

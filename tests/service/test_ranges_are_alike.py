@@ -17,11 +17,11 @@ from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
 from dynident.identification import IdentificationChoices
 from dynident.schema.fields import get_description
-from dynident_service.cli.program_and_exit_codes import app
-from dynident_service.cli.request_options import RequestOptions, TypedValues
+from dynident_cli.program_and_exit_codes import app
+from dynident_cli.request_options import RequestOptions, TypedValues
+from dynident_service.measurements.wire_types import MeasurementMetadata
 from dynident_service.problems import to_problem_fields
-from dynident_service.wire_types.measurements import MeasurementMetadata
-from dynident_service.wire_types.request_bodies import REQUESTS
+from dynident_service.shared.request_bodies import REQUESTS
 
 RANGE = "it must be "
 REQUESTS_BY_SCHEMA = {model.__name__: science for model, science in REQUESTS.items()}

@@ -9,7 +9,7 @@ import pytest
 from fastapi.testclient import TestClient
 from support.measurement_uploads import as_csv, sound, upload
 
-from dynident_service.routes import measurements
+from dynident_service.measurements import routes as measurements
 from dynident_service.storage_and_engine import Services
 
 

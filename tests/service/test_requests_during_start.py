@@ -57,7 +57,7 @@ def test_collections_of_garbage_leave_what_is_loaded_alone() -> None:
 
 def _imports_of_requests() -> Iterator[tuple[str, bool]]:
     """What is imported while a request is answered, and whether nobody else imports meanwhile."""
-    for path in sorted((PACKAGE / "routes").rglob("*.py")):
+    for path in sorted({*PACKAGE.rglob("*routes.py"), *(PACKAGE / "shared").glob("*.py")}):
         for function in ast.walk(ast.parse(path.read_text())):
             if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
                 alone = {

@@ -32,11 +32,12 @@ from dynident.schema.registry import kind_to_document
 from dynident.simulation import ActingEffect, Simulated, Warming, list_drive_effects, resolve_true_effects
 from dynident.simulation.virtual_robot_request import list_usual_effects
 from dynident.validation.validation_request import TRIALS, build_trial
-from dynident_service.adapters.field_by_field import to_body, to_body_value, to_request
-from dynident_service.adapters.measurements import show_revision, to_recording_metadata, to_revision
-from dynident_service.cli.program_and_exit_codes import app
-from dynident_service.wire_types import designs, identifications
-from dynident_service.wire_types.measurements import MeasurementMetadata
+from dynident_cli.program_and_exit_codes import app
+from dynident_service.designs import wire_types as designs
+from dynident_service.identifications import wire_types as identifications
+from dynident_service.measurements.adapters import show_revision, to_recording_metadata, to_revision
+from dynident_service.measurements.wire_types import MeasurementMetadata
+from dynident_service.shared.field_by_field import to_body, to_body_value, to_request
 
 PAGE = (Path(__file__).parents[2] / "docs" / "own-methods.md").read_text(encoding="utf-8")
 NEW = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0]
@@ -46,9 +47,9 @@ PROGRAM = """
 import json, sys
 import dynident.identification.methods.estimator_options as home
 home.__path__.append({folder!r})
-from dynident_service.adapters.field_by_field import to_request
+from dynident_service.shared.field_by_field import to_request
 from dynident_service.openapi import build_request_types
-from dynident_service.wire_types.identifications import IdentificationRequest
+from dynident_service.identifications.wire_types import IdentificationRequest
 from dynident.identification import IdentificationChoices
 from dynident_service.openapi import render_contract
 
@@ -62,7 +63,7 @@ print(json.dumps({{
     "client": build_request_types(document),
     "taken": [choices.solver.name, choices.solver.power],
 }}))
-from dynident_service.cli.program_and_exit_codes import app
+from dynident_cli.program_and_exit_codes import app
 app(["identify", "--help"], prog_name="dynident")
 """
 

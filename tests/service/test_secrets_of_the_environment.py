@@ -30,7 +30,7 @@ SECRETS = {
 }
 STARTS = [
     ["-m", "dynident_service"],
-    pytest.param(["-m", "dynident_service.command_line", "serve"], marks=pytest.mark.slow),
+    pytest.param(["-m", "dynident_cli", "serve"], marks=pytest.mark.slow),
 ]
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "memfd_create"), reason="only Linux shows environments")

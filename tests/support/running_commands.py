@@ -13,7 +13,7 @@ import pyarrow.csv as pacsv
 from support.oracles import arm, fourier_motion, pinocchio_torque
 from typer.testing import CliRunner
 
-from dynident_service.cli.program_and_exit_codes import app
+from dynident_cli.program_and_exit_codes import app
 
 ROBOT = arm("scara")
 

@@ -21,12 +21,12 @@ from dynident.progress import Progress, scale_progress
 from dynident.recordings import Filters, RecordingMetadata
 from dynident.recordings.file_names_and_digests import JOINT, split_path
 from dynident.validation import LARGEST_ERROR
-from dynident_service.adapters.field_by_field import from_wire_choice, to_request
-from dynident_service.wire_types.designs import Criterion, Trajectory
-from dynident_service.wire_types.identifications import Preprocessing
-from dynident_service.wire_types.request_bodies import derive_body
-from dynident_service.wire_types.robots import Limits
-from dynident_service.wire_types.shared_types import MOST_EFFECTS, EffectChoice, RequestModel
+from dynident_service.designs.wire_types import Criterion, Trajectory
+from dynident_service.identifications.wire_types import Preprocessing
+from dynident_service.robots.wire_types import Limits
+from dynident_service.shared.field_by_field import from_wire_choice, to_request
+from dynident_service.shared.request_bodies import derive_body
+from dynident_service.shared.wire_types import MOST_EFFECTS, EffectChoice, RequestModel
 
 if TYPE_CHECKING:
     from dynident.robot import Robot

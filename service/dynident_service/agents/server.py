@@ -22,11 +22,11 @@ from dynident.optional_dependencies import format_install_hint
 from dynident.recordings import RecordingError
 from dynident.reports.pdf_report import render_drawing
 from dynident.version import __version__
-from dynident_service.adapters.measurements import describe_file_problem
 from dynident_service.agents.arguments import Folder
 from dynident_service.agents.tools import TOOLS, Answer, Tool
+from dynident_service.measurements.adapters import describe_file_problem
 from dynident_service.problems import Problem, make_problem, make_validation_problem, to_problem, to_problem_fields
-from dynident_service.wire_types.shared_types import to_plain_json
+from dynident_service.shared.wire_types import to_plain_json
 
 _PERIOD = 0.25
 """Seconds between reports of progress."""

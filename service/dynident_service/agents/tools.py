@@ -20,20 +20,20 @@ from dynident.identification.identification_choices import IdentificationChoices
 from dynident.progress import Progress, scale_progress
 from dynident.robot.json_fields import parse_json
 from dynident.text_encoding import encode_text
-from dynident_service.adapters.designs import describe_design
-from dynident_service.adapters.diagnoses import describe_diagnosis, restore_diagnosis
-from dynident_service.adapters.field_by_field import to_request, to_view
-from dynident_service.adapters.identifications import describe_identification, show_verdict
-from dynident_service.adapters.measurements import describe_inspection
 from dynident_service.agents import arguments
 from dynident_service.agents.arguments import Folder
-from dynident_service.wire_types.designs import DesignResult
-from dynident_service.wire_types.diagnoses import DiagnosisResult, Reason
-from dynident_service.wire_types.identifications import IdentificationResult
-from dynident_service.wire_types.measurements import InspectionView
-from dynident_service.wire_types.shared_types import ViewModel
-from dynident_service.wire_types.validations import VerdictWord
-from dynident_service.wire_types.verdicts import VerdictView
+from dynident_service.designs.adapters import describe_design
+from dynident_service.designs.wire_types import DesignResult
+from dynident_service.diagnoses.adapters import describe_diagnosis, restore_diagnosis
+from dynident_service.diagnoses.wire_types import DiagnosisResult, Reason
+from dynident_service.identifications.adapters import describe_identification, show_verdict
+from dynident_service.identifications.verdict_wire_types import VerdictView
+from dynident_service.identifications.wire_types import IdentificationResult
+from dynident_service.measurements.adapters import describe_inspection
+from dynident_service.measurements.wire_types import InspectionView
+from dynident_service.shared.field_by_field import to_request, to_view
+from dynident_service.shared.wire_types import ViewModel
+from dynident_service.validations.wire_types import VerdictWord
 
 if TYPE_CHECKING:
     from dynident.api.figure import Figure

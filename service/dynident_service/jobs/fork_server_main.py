@@ -21,8 +21,21 @@ from dynident_service.jobs.child_pool import FORK, MESSAGE, REAP, RUNNING, Proce
 from dynident_service.log_lines import configure_logging
 from dynident_service.settings import LogSettings
 
-PRELOADED = ("dynident_service.job_functions", "dynident_service.job_functions.interactive")
-"""Modules that are imported before the first fork."""
+PRELOADED = tuple(
+    f"dynident_service.{resource}.jobs"
+    for resource in (
+        "comparisons",
+        "designs",
+        "diagnoses",
+        "drive_gains",
+        "identifications",
+        "measurements",
+        "reports",
+        "robots",
+        "validations",
+    )
+)
+"""Modules that are imported before the first fork: what child processes compute."""
 
 
 def main() -> None:

@@ -5,6 +5,7 @@ The statements use SQLAlchemy's Core and are compiled once: SQLite has a single 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -20,6 +21,11 @@ from dynident_service.problems import Problem, make_problem
 from dynident_service.storage.database import get_database_time
 from dynident_service.storage.database_tables import CHECKPOINTS, EVENTS, JOBS
 from dynident_service.storage.repository_values import Job, NewJob, State, create_identifier
+
+# Jobs that an earlier version queued name their functions by modules of former folders; some of these modules are
+# parts of others now.
+_FORMER_FUNCTION = re.compile(r"^dynident_service\.(?:work|job_functions)\.(\w+):")
+_FORMER_MODULES = {"current_models": "drive_gains", "series": "diagnoses", "simulations": "designs"}
 
 REQUEST = "dynident.request"
 """Key in the stored arguments of a job for the id of the request that submitted it; its function does not get it."""
@@ -294,6 +300,7 @@ def _to_claim(row: Row[Any]) -> Claim:
     arguments = dict(row.arguments)
     # The function of the job does not take these two.
     request_id, trace = arguments.pop(REQUEST, None), arguments.pop(TRACE, None)
-    # Jobs that an earlier version queued name the functions by their former package.
-    function = row.function.replace("dynident_service.work.", "dynident_service.job_functions.")
+    function = _FORMER_FUNCTION.sub(
+        lambda former: f"dynident_service.{_FORMER_MODULES.get(former[1], former[1])}.jobs:", row.function
+    )
     return Claim(row.id, row.attempt, function, arguments, row.resource_id, request_id, trace)

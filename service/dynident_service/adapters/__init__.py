@@ -1,1 +1,0 @@
-"""Conversion between HTTP bodies and the library's requests, and between results and views."""

@@ -1,0 +1,1 @@
+"""Comparisons of a model's torque with a measured one."""

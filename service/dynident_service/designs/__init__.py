@@ -1,0 +1,1 @@
+"""Designed experiments, and simulated measurements of a virtual robot."""

@@ -1,0 +1,1 @@
+"""Diagnoses of models, and series of one robot over many days."""

@@ -1,0 +1,1 @@
+"""Identification of drive gains, and of models in units of the motor current."""

@@ -1,0 +1,1 @@
+"""Identified models: their ladder of effects, verdict and exports; batches of identifications."""

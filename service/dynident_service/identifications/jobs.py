@@ -1,0 +1,200 @@
+"""What child processes compute of models: jobs that identify, extend, remove effects; verdict, correlation, exports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypedDict
+
+from dynident.export import ExportedFile, ExportFormat
+from dynident.identification import Identification, extend, from_bytes, identify, remove, to_bytes
+from dynident.identification.identified_models.correlated_and_essential_parameters import (
+    essential_parameters,
+    parameter_dependence,
+)
+from dynident.recordings import Check, open_recording
+from dynident.recordings.recording_metadata import Status
+from dynident.validation import ValidationOutcome, Verdict
+from dynident.verdict import Outcome as EndedValidation
+from dynident.verdict import verdict
+from dynident_service.identifications.adapters import (
+    OpenedMeasurement,
+    describe_essential,
+    describe_identification,
+    export_file,
+    show_verdict,
+    to_choices,
+)
+from dynident_service.identifications.wire_types import CorrelationView, StoredIdentification
+from dynident_service.jobs.task_input_output import Outcome, Task
+from dynident_service.measurements.wire_types import MeasurementMetadata, SeenMeasurement
+from dynident_service.shared.field_by_field import from_wire_choices, to_view
+from dynident_service.shared.stored_inputs import load_stored_model, load_stored_robot, open_stored_recordings
+from dynident_service.shared.wire_types import to_plain_json
+
+
+def identify_model(task: Task) -> Outcome:
+    """Identify the base parameters of a robot from measurements."""
+    subject = task.subject
+    request = StoredIdentification.model_validate(subject.request)
+    robot = load_stored_robot(task, request.robot_id)
+    training = open_stored_recordings(task, request.measurement_ids)
+    validation = open_stored_recordings(task, request.validation_ids)
+    # Filters that the user left open are chosen from these recordings.
+    choices = to_choices(request, robot, training)
+    return _build_outcome(task, identify(robot, training, validation, choices, task.progress))
+
+
+def extend_model(task: Task) -> Outcome:
+    """Add effects to an identified model."""
+    subject = task.subject
+    parent_id = subject.get_dependency("parent")
+    request = StoredIdentification.model_validate(subject.request)
+    parent = load_stored_model(task, parent_id)
+    extended = extend(
+        parent,
+        from_wire_choices(request.added),
+        open_stored_recordings(task, request.measurement_ids),
+        open_stored_recordings(task, request.validation_ids),
+        task.progress,
+    )
+    return _build_outcome(task, extended, parent_id, parent)
+
+
+def remove_from_model(task: Task) -> Outcome:
+    """Remove effects from an identified model."""
+    parent_id = task.subject.get_dependency("parent")
+    request = StoredIdentification.model_validate(task.subject.request)
+    parent = load_stored_model(task, parent_id)
+    return _build_outcome(task, remove(parent, from_wire_choices(request.removed)), parent_id, parent)
+
+
+def _build_outcome(
+    task: Task, model: Identification, parent_id: str | None = None, parent: Identification | None = None
+) -> Outcome:
+    # The next job of this process, a diagnosis or a report, most probably needs the same model.
+    task.memory.put(Identification, task.subject.id, model)
+    model_file = task.store_file("model", to_bytes(model), "application/vnd.dynident.model+npz")
+    described = describe_identification(model, parent_id, parent)
+    return Outcome(
+        to_plain_json(described.model_copy(update={"measurements": describe_measurements(task)})), (model_file,)
+    )
+
+
+def describe_measurements(task: Task) -> list[SeenMeasurement]:
+    """Return the measurements of the identification that a job computes, each with its hash and revision."""
+    request = StoredIdentification.model_validate(task.subject.request)
+    pairs = [("identification", identifier) for identifier in request.measurement_ids]
+    return [
+        _describe_measurement(task, role, identifier)
+        for role, identifier in [*pairs, *(("validation", identifier) for identifier in request.validation_ids)]
+    ]
+
+
+def _describe_measurement(task: Task, role: str, identifier: str) -> SeenMeasurement:
+    measurement = task.resources.get("measurement", identifier)
+    result = measurement.result or {}
+    edits = result.get("edits", [])
+    return SeenMeasurement.model_validate(
+        {
+            "id": measurement.id,
+            "name": measurement.name,
+            "role": role,
+            "sha256": result.get("sha256", ""),
+            "revision": len(edits),
+            "parent_id": next(iter(measurement.get_dependencies("parent")), None),
+            "edits": edits,
+        }
+    )
+
+
+class SentCheck(TypedDict):
+    """Check of a recording, as sent to the child process."""
+
+    name: str
+    status: Status
+    detail: str
+
+
+class SentMeasurement(TypedDict):
+    """Measurement as sent to the child process; `recording` is a path."""
+
+    id: str
+    recording: str
+    request: Mapping[str, object]
+    checks: Sequence[SentCheck]
+
+
+class SentOutcome(TypedDict):
+    """Finished validation, as sent to the child process."""
+
+    kind: str
+    verdict: Verdict
+    reason: str
+
+
+def judge_model(
+    model: str,
+    fitted: Sequence[SentMeasurement],
+    held_out: Sequence[SentMeasurement],
+    outcomes: Sequence[SentOutcome] = (),
+) -> dict[str, object]:
+    """Return what the model in a file is fit for.
+
+    Parameters
+    ----------
+    model : str
+        Path of the model.
+    fitted, held_out : sequence of SentMeasurement
+        Measurements that the model was fitted to, and others.
+    outcomes : sequence of SentOutcome
+        Finished validations of the model.
+    """
+    names: set[str] = set()
+    opened = (
+        [_open_measurement(measurement, names) for measurement in fitted],
+        [_open_measurement(measurement, names) for measurement in held_out],
+    )
+    pairs = zip([*opened[0], *opened[1]], [*fitted, *held_out], strict=True)
+    checks = {measurement.recording.name: _build_checks(sent) for measurement, sent in pairs}
+    recordings, validation = ([measurement.recording for measurement in group] for group in opened)
+    ended = [
+        EndedValidation(outcome["kind"], ValidationOutcome(outcome["verdict"], outcome["reason"]))
+        for outcome in outcomes
+    ]
+    result = verdict(from_bytes(Path(model).read_bytes()), recordings, validation, checks, ended)
+    return to_plain_json(show_verdict(result, [*opened[0], *opened[1]]))
+
+
+def _build_checks(measurement: SentMeasurement) -> list[Check]:
+    return [Check(check["name"], check["status"], check["detail"]) for check in measurement["checks"]]
+
+
+def _open_measurement(measurement: SentMeasurement, names: set[str]) -> OpenedMeasurement:
+    recording = open_recording(Path(measurement["recording"]))
+    # The verdict refers to recordings by name, and two measurements may have the same one.
+    name = recording.name if recording.name not in names else f"{recording.name} ({measurement['id']})"
+    names.add(name)
+    return OpenedMeasurement(
+        measurement["id"], replace(recording, name=name), MeasurementMetadata.model_validate(measurement["request"])
+    )
+
+
+def essential(model: str, ratio: float) -> dict[str, object]:
+    """Return the essential parameters of the model in a file."""
+    return to_plain_json(describe_essential(essential_parameters(_read_model(model), ratio)))
+
+
+def correlation(model: str) -> dict[str, object]:
+    """Return how the estimates of the model in a file depend on one another."""
+    return to_plain_json(to_view(CorrelationView, parameter_dependence(_read_model(model))))
+
+
+def export(model: str, format: ExportFormat, nearest: bool, shown: Mapping[str, object]) -> ExportedFile:
+    """Write the model in a file in another format."""
+    return export_file(_read_model(model), format, nearest, dict(shown))
+
+
+def _read_model(model: str) -> Identification:
+    return from_bytes(Path(model).read_bytes())

@@ -1,0 +1,1 @@
+"""Measurements, their revisions, and imports that propose what the columns are."""

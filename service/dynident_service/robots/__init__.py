@@ -1,0 +1,1 @@
+"""Robots, known arms and collision meshes."""

@@ -1,0 +1,167 @@
+"""Check the resources that a request names: they exist, have succeeded, fit each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Protocol
+
+from dynident_service.problems import make_not_found, make_unusable
+from dynident_service.robots.wire_types import JointView, RobotResult
+from dynident_service.storage.repository_values import Dependency, Kind, Resource
+from dynident_service.storage.resource_repository import Resources
+
+
+class ResourceReader(Protocol):
+    """Reads resources by their ids."""
+
+    def find(self, identifier: str) -> Resource | None:
+        """Read a resource of whatever kind."""
+
+    def get(self, kind: Kind, identifier: str) -> Resource:
+        """Read one resource; a problem 404 if there is none."""
+
+
+class HasResources(Protocol):
+    """The part of the services that a check of a request needs: its resources."""
+
+    @property
+    def resources(self) -> ResourceReader:
+        """The resources."""
+
+
+class PrefetchedResources:
+    """Resources that are read with one query, before a batch asks for them one by one."""
+
+    def __init__(self, resources: Resources, identifiers: Iterable[str]) -> None:
+        self._resources = resources
+        self._found: dict[str, Resource | None] = dict(resources.find_all(identifiers))
+
+    @property
+    def resources(self) -> ResourceReader:
+        """Itself, so that it can stand in for the services."""
+        return self
+
+    def find(self, identifier: str) -> Resource | None:
+        """Give a resource, read now if it was not before."""
+        if identifier not in self._found:
+            self._found[identifier] = self._resources.find(identifier)
+        return self._found[identifier]
+
+    def get(self, kind: Kind, identifier: str) -> Resource:
+        """Give a resource of a kind; a problem 404 if there is none."""
+        resource = self.find(identifier)
+        if resource is None or resource.kind != kind:
+            raise make_not_found(kind, identifier)
+        return resource
+
+
+def require_resource(services: HasResources, kind: Kind, identifier: str, pointer: str) -> Resource:
+    """Find a resource that the request names."""
+    resource = services.resources.find(identifier)
+    if resource is None or resource.kind != kind:
+        raise make_unusable(f"there is no {kind} {identifier!r}", pointer, title="Unknown resource")
+    return resource
+
+
+def require_robot(services: HasResources, identifier: str) -> Resource:
+    """Find the robot that the request names."""
+    return require_resource(services, "robot", identifier, "/robot_id")
+
+
+def require_result(
+    services: HasResources, kind: Kind, identifier: str, pointer: str, title: str = "Unusable input"
+) -> Resource:
+    """Find a resource that the request names, and whose job must have succeeded."""
+    resource = require_resource(services, kind, identifier, pointer)
+    state = resource.job.state if resource.job is not None else "failed"
+    if state != "succeeded":
+        detail = f"the {kind} {identifier!r} is {state}; it must have succeeded"
+        raise make_unusable(detail, pointer, title=title)
+    return resource
+
+
+def require_model(services: HasResources, identifier: str) -> Resource:
+    """Find the identification that the request names; it must have succeeded."""
+    return require_result(services, "identification", identifier, "/identification_id", "Not identified")
+
+
+def require_model_of(services: HasResources, robot: Resource, identifier: str) -> Resource:
+    """Find a model that the request names; it must be of a robot with the same joints."""
+    model = require_model(services, identifier)
+    other = services.resources.get("robot", model.get_dependency("robot"))
+    own, others = ([joint.name for joint in RobotResult.model_validate(item.result).joints] for item in (robot, other))
+    if own != others:
+        detail = (
+            f"the identification {identifier!r} is of a robot with the joints {', '.join(others)}; this robot has "
+            f"{', '.join(own)}"
+        )
+        raise make_unusable(detail, "/identification_id", title="Model of another robot")
+    return model
+
+
+def require_design(services: HasResources, identifier: str, robot: Resource) -> Dependency:
+    """Return the dependency on a design; it must be computed, and for this robot."""
+    design = require_result(services, "design", identifier, "/design_id")
+    if design.get_dependency("robot") != robot.id:
+        detail = f"the design {identifier!r} is for another robot, {design.get_dependency('robot')}"
+        raise make_unusable(detail, "/design_id")
+    return Dependency(identifier, "design", "design", "/design_id")
+
+
+def depend_on(resource: Resource) -> Dependency:
+    """Return the dependency on a robot or a model that the request names by the id of its kind."""
+    return Dependency(resource.id, resource.kind, resource.kind, f"/{resource.kind}_id")
+
+
+def require_measurements(
+    services: HasResources, robot: Resource, identifiers: Sequence[str], role: str, pointer: str
+) -> tuple[Dependency, ...]:
+    """Find the measurements that the request names; they must be of this robot, or of one with the same drives."""
+    needs = []
+    for index, identifier in enumerate(identifiers):
+        item_pointer = f"{pointer}/{index}"
+        measurement = require_resource(services, "measurement", identifier, item_pointer)
+        if identifier in identifiers[:index]:
+            raise make_unusable(f"the measurement {identifier!r} is given twice", item_pointer)
+        require_same_drives(services, robot, measurement, item_pointer)
+        needs.append(Dependency(identifier, "measurement", role, item_pointer))
+    return tuple(needs)
+
+
+def require_same_drives(services: HasResources, robot: Resource, measurement: Resource, pointer: str) -> None:
+    """Refuse a measurement whose torques were computed with other drive gains, or of other joints."""
+    own = measurement.get_dependency("robot")
+    if own == robot.id:
+        return
+    other = services.resources.get("robot", own)
+    # Measurements are stored as torques: they rest on the gains of the robot that they were uploaded for.
+    if _list_drives(robot) != _list_drives(other):
+        detail = (
+            f"the measurement {measurement.id!r} is of the robot {other.name!r} ({own}), which has other joints or "
+            f"drive gains; upload its file for the robot {robot.id}"
+        )
+        raise make_unusable(detail, pointer, title="Another robot's measurement")
+
+
+def refuse_coupled(robot: Resource, reason: str) -> None:
+    """Refuse a robot of which a motor acts on several joints."""
+    coupled = [joint.name for joint in RobotResult.model_validate(robot.result).joints if joint.coupling]
+    if coupled:
+        raise make_unusable(
+            f"the motors of {', '.join(coupled)} of this robot act on several joints; {reason} motors that act on "
+            "one joint each",
+            "/robot_id",
+            title="Coupled drives",
+        )
+
+
+def _list_drives(robot: Resource) -> list[tuple[str, str, float | None, dict[str, float]]]:
+    joints: list[JointView] = RobotResult.model_validate(robot.result).joints
+    return [(joint.name, joint.type, joint.drive_gain, joint.coupling) for joint in joints]
+
+
+def get_model_joints(services: HasResources, resource: Resource) -> list[str]:
+    """Return the names of the joints of the model that a resource is about."""
+    model = services.resources.get("identification", resource.get_dependency("identification"))
+    joints: list[str] = [] if model.result is None else model.result["joints"]
+    return joints

@@ -1,0 +1,457 @@
+"""Validations from bodies, their views and tables; views and tables of drive gains and of weighed loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+from dynident.schema.registry import kind_to_document
+from dynident.validation import (
+    BootstrapValidation,
+    FiltersBySimulation,
+    FilterTrial,
+    InertiaMatrixValidation,
+    MethodResult,
+    MethodsValidation,
+    PayloadValidation,
+    SimulationValidation,
+    TorqueValidation,
+    combine_verdicts,
+)
+from dynident.validation.validation_request import Payload, Stated, Trial, build_trial
+from dynident_service.drive_gains import wire_types as gains_wire
+from dynident_service.shared.field_by_field import show_errors, to_request, to_view
+from dynident_service.validations import wire_types as wire
+
+if TYPE_CHECKING:
+    from dynident.validation.validation_request import TrialResult
+from collections.abc import Iterator
+
+from dynident.identification import DriveGains, PayloadEstimate
+from dynident.number_format import format_estimate, format_number, format_percent
+from dynident.presentation.tables import (
+    Cell,
+    ReportedTable,
+    make_interval_cell,
+    make_number_cell,
+    make_percent_cell,
+    make_percent_cells,
+    make_text_cells,
+)
+from dynident.presentation.validation_and_verdict_tables import build_validation_table
+from dynident.reports.reported_data import ReportedValidation
+from dynident.robot import Robot
+from dynident.validation import ValidationOutcome
+from dynident_service.identifications.wire_types import ErrorsView
+from dynident_service.validations.wire_types import (
+    BootstrapView,
+    FiltersView,
+    MethodView,
+    PayloadView,
+    SimulationOnMeasurement,
+    ValidationResult,
+)
+
+TITLES = {
+    "direct": "Direct validation: the identification's own data",
+    "cross": "Cross validation: held-out data",
+    "inertia_matrix": "Inertia matrix over the whole joint range",
+    "payload": "A known load",
+    "methods": "Different methods on the same data",
+    "simulation": "A simulator with the identified parameters",
+    "filters": "Filters, by simulating the identification",
+    "bootstrap": "Standard deviations, from resampled blocks of time",
+}
+
+
+def build_reported_validation(result: ValidationResult, joints: Sequence[str]) -> ReportedValidation:
+    """Build the part of a report on a validation: title, verdict and tables."""
+    verdict = ValidationOutcome(result.verdict, result.reason)
+    return ReportedValidation(TITLES[result.kind], verdict, tuple(build_validation_tables(result, joints)), result.kind)
+
+
+def list_stored_tables(result: ValidationResult, joints: Sequence[str]) -> list[ReportedTable]:
+    """Return the verdict of a stored validation and its reason as a table, then the figures behind it."""
+    verdict = build_validation_table([(TITLES[result.kind], ValidationOutcome(result.verdict, result.reason))])
+    return [verdict, *build_validation_tables(result, joints)]
+
+
+def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> Iterator[ReportedTable]:
+    """Yield the tables of a validation.
+
+    Parameters
+    ----------
+    result : ValidationResult
+        The result; a kind of validation fills only some of its fields.
+    joints : sequence of str
+        Names of the robot's joints.
+
+    Yields
+    ------
+    ReportedTable
+        One table for each kind of figures that the result has.
+    """
+    joint_columns = (*joints, "all joints")
+    if result.measurements and result.total is not None:
+        rows = [(measurement.name, measurement.errors) for measurement in result.measurements]
+        rows += [("all", result.total)] if len(rows) > 1 else []
+        cells = tuple((Cell(name), *_relative_error_cells(errors, len(joints))) for name, errors in rows)
+        yield ReportedTable("Relative torque error", ("measurement", *joint_columns), cells)
+    if result.worst_posture is not None:
+        # The posture is told so that the user can try it.
+        posture = tuple((Cell(joint), make_number_cell(value)) for joint, value in result.worst_posture.items())
+        yield ReportedTable(f"Worst of {result.postures_tried} postures", ("joint", "rad or m"), posture)
+    yield from _build_method_tables(result.methods, joint_columns)
+    if any(simulation.torque is not None for simulation in result.simulations):
+        torque_rows = tuple(
+            (
+                Cell(simulation.name),
+                make_number_cell(simulation.duration, unit="s"),
+                *_relative_error_cells(simulation.torque, len(joints)),
+            )
+            for simulation in result.simulations
+        )
+        yield ReportedTable(
+            "Simulated against measured torque", ("measurement", "simulated", *joint_columns), torque_rows
+        )
+        position_rows = tuple(
+            (Cell(simulation.name), *make_percent_cells(simulation.position_share))
+            for simulation in result.simulations
+            if simulation.position_share is not None
+        )
+        if position_rows:
+            title = "Distance of the simulated from the measured positions, relative to each joint's range"
+            yield ReportedTable(title, ("measurement", *joints), position_rows)
+        drift_rows = [row for simulation in result.simulations for row in _build_drift_rows(simulation)]
+        if drift_rows:
+            title = "Drift without a controller under the measured torque, rad or m, and relative to the travel"
+            yield ReportedTable(title, ("measurement", "after", *joints), tuple(drift_rows))
+    if result.filters is not None:
+        yield _build_filter_table(result.filters)
+    if result.bootstrap is not None and result.bootstrap.parameters:
+        yield _build_bootstrap_table(result.bootstrap)
+    if result.payloads:
+        yield _build_payload_table(result.payloads)
+        yield from (_build_gain_table(payload) for payload in result.payloads if payload.gains)
+
+
+def _build_drift_rows(simulation: SimulationOnMeasurement) -> Iterator[tuple[Cell, ...]]:
+    drift = simulation.drift
+    if drift is None:
+        return
+    for after, distances, shares in zip(drift.after, drift.distance, drift.share, strict=True):
+        # Where no segment is that long there is no row; a diverged simulation has one.
+        if any(distance is not None for distance in distances) or after == drift.after[0]:
+            pairs = zip(distances, shares, strict=True)
+            cells = [_make_drift_cell(distance, share) for distance, share in pairs]
+            yield (Cell(simulation.name), make_number_cell(after, unit="s"), *cells)
+
+
+def _make_drift_cell(distance: float | None, share: float | None) -> Cell:
+    if distance is None or share is None:
+        return Cell("diverged", mark="warning")
+    return Cell(f"{format_number(distance, 2)} ({format_percent(share, decimals=0)})", distance)
+
+
+def _build_method_tables(methods: Sequence[MethodView], joint_columns: Sequence[str]) -> Iterator[ReportedTable]:
+    solved_methods = [(method, method.held_out) for method in methods if method.held_out is not None]
+    if solved_methods:
+        # The best method is marked by its own error, and not by its place in the list.
+        best = min(errors.relative_total or 0.0 for _, errors in solved_methods)
+        columns = ("method", *joint_columns, "σ apart", "farthest", "torque", "own ±", "time")
+        rows = tuple(_build_method_row(method, errors, best) for method, errors in solved_methods)
+        title = "Relative held-out error by method; distance of parameters and torque from the first method"
+        yield ReportedTable(title, columns, rows)
+    failed_rows = tuple((Cell(method.method), Cell(method.problem)) for method in methods if method.problem)
+    if failed_rows:
+        title = f"Methods that cannot use these data: {len(failed_rows)}"
+        yield ReportedTable(title, ("method", "why"), failed_rows, numbers_from=2)
+
+
+def _build_method_row(method: MethodView, errors: ErrorsView, best: float) -> tuple[Cell, ...]:
+    *joints, total = _relative_error_cells(errors, 0)
+    return (
+        Cell(method.method),
+        *joints,
+        Cell(total.text, total.value, "ok" if total.value == best else None),
+        make_number_cell(method.distance_rms, 2),
+        Cell(method.farthest or ""),
+        make_percent_cell(method.torque_distance),
+        make_percent_cell(method.torque_deviation),
+        make_number_cell(method.seconds, 2, "s"),
+    )
+
+
+def _build_filter_table(filters: FiltersView) -> ReportedTable:
+    rows = []
+    for trial in filters.trials:
+        preprocessing = trial.preprocessing
+        cutoffs = (
+            "none" if value is None else f"{format_number(value)} Hz"
+            for value in (preprocessing.position_cutoff, preprocessing.torque_cutoff)
+        )
+        notes = [note for note, other in (("used", filters.used), ("smallest error", filters.chosen)) if trial == other]
+        cells = make_text_cells(*cutoffs, str(preprocessing.decimation))
+        rows.append(
+            (*cells, *make_percent_cells([trial.error, trial.bias]), Cell(", ".join(notes) or trial.problem or ""))
+        )
+    columns = ("position cut-off", "torque cut-off", "decimation", "parameter error", "bias", "which")
+    title = "Parameter error that each choice of filters causes, as a share of the torque"
+    return ReportedTable(title, columns, tuple(rows), numbers_from=2)
+
+
+def _build_bootstrap_table(bootstrap: BootstrapView) -> ReportedTable:
+    rows = tuple(
+        (
+            *make_text_cells(parameter.name, parameter.unit),
+            make_number_cell(parameter.told, 2),
+            make_number_cell(parameter.drawn, 2),
+            make_number_cell(parameter.ratio),
+            make_interval_cell(parameter.expected),
+            Cell("! outside", mark="warning") if parameter.outside else Cell("✓", mark="ok"),
+        )
+        for parameter in bootstrap.parameters
+    )
+    columns = ("parameter", "unit", "reported", "drawn", "ratio", "expected", "as expected")
+    return ReportedTable("Standard deviations: reported, and over draws", columns, rows, numbers_from=2)
+
+
+def _build_payload_table(payloads: Sequence[PayloadView]) -> ReportedTable:
+    rows = tuple(
+        (
+            Cell(payload.name),
+            make_number_cell(payload.stated_mass),
+            make_number_cell(payload.mass),
+            make_interval_cell(payload.interval, "not identifiable"),
+            make_number_cell(payload.friction_shared),
+            make_number_cell(payload.friction_apart),
+        )
+        for payload in payloads
+    )
+    columns = ("measurement", "stated", "weighed", "95 % interval", "with common friction", "with friction of each run")
+    return ReportedTable("Mass of the load, kg", columns, rows)
+
+
+def _build_gain_table(payload: PayloadView) -> ReportedTable:
+    rows = tuple(
+        (
+            Cell(gain.joint),
+            make_number_cell(gain.drive_gain),
+            make_interval_cell(gain.interval),
+            make_number_cell(gain.factor),
+            Cell("✓" if gain.identifiable else "no"),
+        )
+        for gain in payload.gains
+    )
+    columns = ("joint", "drive gain", "95 % interval", "factor on the stated", "identifiable")
+    return ReportedTable(f"Drive gains, if the load in {payload.name} has the stated mass", columns, rows)
+
+
+def _relative_error_cells(errors: ErrorsView | None, n: int) -> list[Cell]:
+    return make_percent_cells([None] * (n + 1) if errors is None else [*errors.relative, errors.relative_total])
+
+
+def trial_from_request(wire_request: wire.ValidationRequest) -> Trial:
+    """Build the validation that a body asks for; `DynidentError` for options that its kind does not take."""
+    options: Any = to_request(wire_request, Stated)
+    return build_trial(
+        wire_request.kind, {option_field.name: getattr(options, option_field.name) for option_field in fields(options)}
+    )
+
+
+def describe_validation(trial: Trial, outcome: TrialResult, measurement_ids: Sequence[str]) -> wire.ValidationResult:
+    """Build the view of a validation's result.
+
+    Parameters
+    ----------
+    trial : Trial
+        The kind of validation and its options.
+    outcome : TrialResult
+        What it gave.
+    measurement_ids : sequence of str
+        Ids of the recordings that it used, in their order.
+
+    Returns
+    -------
+    ValidationResult
+        The view.
+    """
+    match outcome:
+        case TorqueValidation():
+            errors_by_id = zip(measurement_ids, outcome.recordings, strict=True)
+            measurements = [
+                wire.MeasurementErrors(
+                    measurement_id=measurement_id,
+                    name=recording_errors.name,
+                    errors=show_errors(recording_errors.errors, recording_errors.moving),
+                )
+                for measurement_id, recording_errors in errors_by_id
+            ]
+            return _build_result(trial, outcome, measurements=measurements)
+        case InertiaMatrixValidation():
+            return _describe_inertia_matrix(trial, outcome)
+        case BootstrapValidation():
+            drawn_parameters = [
+                to_view(wire.DrawnParameterView, parameter, expected=(parameter.low, parameter.high))
+                for parameter in outcome.parameters
+            ]
+            return _build_result(
+                trial,
+                outcome,
+                parameters=[],
+                bootstrap=to_view(wire.BootstrapView, outcome, parameters=drawn_parameters),
+            )
+        case MethodsValidation():
+            return _build_result(
+                trial, outcome, methods=[_show_method(method, outcome.parameters) for method in outcome.results]
+            )
+        case FiltersBySimulation():
+            return _build_result(trial, outcome, filters=_show_filters(outcome))
+    # The remaining kinds give one outcome a recording.
+    outcomes_by_id = zip(measurement_ids, outcome, strict=True)
+    if isinstance(trial, Payload):
+        weighed = [
+            _show_payload(payload, identifier)
+            for identifier, payload in outcomes_by_id
+            if isinstance(payload, PayloadValidation)
+        ]
+        return _combine_results(trial, outcome, payloads=weighed)
+    simulated = [
+        to_view(wire.SimulationOnMeasurement, simulation, measurement_id=identifier)
+        for identifier, simulation in outcomes_by_id
+    ]
+    limits = [simulation.limit for simulation in outcome if isinstance(simulation, SimulationValidation)]
+    return _combine_results(trial, outcome, simulations=simulated, limit=limits[0] if limits else None)
+
+
+def _build_result(trial: Trial, outcome: object, **more: object) -> wire.ValidationResult:
+    return to_view(wire.ValidationResult, outcome, kind=trial.name, **more)
+
+
+def _combine_results(
+    trial: Trial, outcomes: Sequence[PayloadValidation | SimulationValidation], **more: object
+) -> wire.ValidationResult:
+    verdict = combine_verdicts([(outcome.name, outcome.judged) for outcome in outcomes])
+    return _build_result(trial, None, verdict=verdict.verdict, reason=verdict.reason, **more)
+
+
+def _describe_inertia_matrix(trial: Trial, outcome: InertiaMatrixValidation) -> wire.ValidationResult:
+    value, posture = outcome.smallest_eigenvalue, outcome.posture
+    return _build_result(
+        trial,
+        outcome,
+        inertia_matrix_positive_definite=None if value is None else value > 0,
+        eigenvalue_standard_deviation=outcome.standard_deviation,
+        worst_posture=None if posture is None else dict(zip(outcome.joint_names, posture.tolist(), strict=True)),
+        postures_tried=outcome.evaluations,
+    )
+
+
+def _show_method(method: MethodResult, names: Sequence[str]) -> wire.MethodView:
+    return to_view(
+        wire.MethodView,
+        method,
+        estimator=kind_to_document(method.method.estimator),
+        problem=method.problem or None,
+        farthest=None if method.farthest is None else names[method.farthest],
+    )
+
+
+def _show_filters(outcome: FiltersBySimulation) -> wire.FiltersView:
+    return to_view(
+        wire.FiltersView,
+        outcome,
+        used=_show_trial(outcome.used),
+        chosen=_show_trial(outcome.chosen),
+        trials=[_show_trial(trial) for trial in outcome.trials],
+    )
+
+
+def _show_trial(trial: FilterTrial) -> wire.FilterTrialView:
+    return to_view(wire.FilterTrialView, trial, worst=trial.worst or None, problem=trial.problem or None)
+
+
+def _show_payload(payload: PayloadValidation, measurement_id: str) -> wire.PayloadView:
+    gains = [] if payload.gains is None else [to_view(wire.DriveGainView, gain) for gain in payload.gains.each]
+    return to_view(wire.PayloadView, payload, measurement_id=measurement_id, gains=gains)
+
+
+def describe_gains(
+    robot: Robot,
+    drive_gains: DriveGains,
+    loads: Sequence[tuple[str, str, PayloadEstimate]] = (),
+    warnings: Sequence[str] = (),
+) -> gains_wire.DriveGainsResult:
+    """Build the view of drive gains.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, for the units.
+    drive_gains : DriveGains
+        The identified gains.
+    loads : sequence of tuple
+        Id and name of a measurement, and the load that was weighed in it with these gains.
+    warnings : sequence of str
+        Warnings beyond those of the gains.
+
+    Returns
+    -------
+    DriveGainsResult
+        The view.
+    """
+    gains = [
+        to_view(gains_wire.IdentifiedGain, gain, unit=_gain_unit(robot, index))
+        for index, gain in enumerate(drive_gains.each)
+    ]
+    weighed = [
+        to_view(gains_wire.WeighedLoad, load, measurement_id=measurement_id, name=name)
+        for measurement_id, name, load in loads
+    ]
+    return gains_wire.DriveGainsResult(gains=gains, loads=weighed, warnings=[*drive_gains.warnings, *warnings])
+
+
+def build_gain_tables(result: gains_wire.DriveGainsResult) -> Iterator[ReportedTable]:
+    """Yield the table of gains and the table of weighed loads."""
+    gains = tuple(
+        (
+            Cell(gain.joint),
+            make_number_cell(gain.stated, 4),
+            *_value_cells(gain.drive_gain, gain.interval),
+            Cell("factor" if gain.unit == "-" else gain.unit),
+            Cell("✓ yes", mark="ok") if gain.identifiable else Cell("✕ no", mark="error"),
+        )
+        for gain in result.gains
+    )
+    yield ReportedTable("Drive gains", ("joint", "stated", "identified", "± 95 %", "unit", "identifiable"), gains)
+    if result.loads:
+        loads = tuple(
+            (
+                Cell(load.name),
+                *_value_cells(load.mass, load.interval),
+                make_interval_cell(load.interval),
+                make_number_cell(load.from_gains, 2),
+                *make_text_cells("yes" if load.identifiable else "no"),
+            )
+            for load in result.loads
+        )
+        columns = ("measurement", "mass", "± 95 %", "95 % interval", "σ from the gains", "not zero")
+        yield ReportedTable("Loads weighed with these gains, kg", columns, loads)
+
+
+def _value_cells(value: float, ends: tuple[float | None, float | None]) -> tuple[Cell, Cell]:
+    """Return the cells of a value and of half its interval; the interval decides the digits."""
+    low, high = ends
+    # An end that is null is infinite: then there is no half to show.
+    half = None if low is None or high is None else (high - low) / 2.0
+    texts = format_estimate(value, inf if half is None else half)
+    return Cell(texts[0], value), Cell(texts[1], half)
+
+
+def _gain_unit(robot: Robot, index: int) -> str:
+    # Without a stated gain the recorded torque is multiplied by a factor, which has no unit.
+    if robot.drives[index].gain is None:
+        return "-"
+    return "N m/A" if robot.joints[index].kind == "revolute" else "N/A"

@@ -1,1 +1,0 @@
-"""Types of HTTP bodies and answers: the contract."""

@@ -1,0 +1,206 @@
+"""`dynident design` and `dynident simulate`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dynident.excitation.design_request import DesignRequest
+from dynident.simulation.virtual_robot_request import Simulated
+from dynident_cli.input_checks_and_writes import READABLE_FOLDER
+from dynident_cli.request_options import RequestOptions, TypedValues
+from dynident_cli.shared_options import (
+    Effects,
+    Json,
+    RobotAdditions,
+    RobotArgument,
+    RobotTimedReading,
+    SomeFile,
+    SomeFiles,
+    file_option,
+    repeatable_option,
+)
+
+
+def simulate(
+    robot: RobotArgument,
+    additions: RobotAdditions,
+    effects: Annotated[
+        list[str],
+        repeatable_option(
+            "--effects",
+            metavar="EFFECT,…",
+            help="Effects besides rotor inertia, Coulomb and viscous friction: stribeck@joint2, or with values "
+            "stribeck@joint2:Fst=3,vs=0.05. Without values, they have typical sizes. payload:run=2 acts in "
+            "run 2 only.",
+        ),
+    ],
+    request_options: Annotated[TypedValues, RequestOptions(Simulated, but=("effects", "sampling_rate"))],
+    rate: Annotated[float, typer.Option("--rate", help="Sampling rate of the sensors in Hz.")] = 500.0,
+    trajectory: Annotated[
+        SomeFile,
+        file_option(
+            "--trajectory",
+            help="Trajectory that `dynident design` wrote: t, q_<joint>… and optionally dq_… and ddq_…, which "
+            "otherwise follow from q. By default, a random motion.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="The measurement to write, .csv or .parquet.")
+    ] = Path("measurement.csv"),
+    as_json: Json = False,
+) -> None:
+    """Simulate recordings of a virtual robot on a trajectory."""
+    from dynident.progress import scale_progress
+    from dynident.simulation import (
+        build_recording_table,
+        build_simulation_request,
+        replace_usual_effects,
+        resolve_true_effects,
+    )
+    from dynident.simulation import simulate as simulate_robot
+    from dynident_cli import (
+        argument_loading,
+        command_output,
+        csv_and_parquet_output,
+        design_and_simulation_files,
+        terminal,
+    )
+    from dynident_service.designs.adapters import describe_simulation
+
+    csv_and_parquet_output.check_ending(out)
+    machine = argument_loading.load_robot_argument(robot, additions)
+    request = request_options.build_request(Simulated)
+    hidden = resolve_true_effects(design_and_simulation_files.parse_acting_effects(effects), machine)
+    with terminal.show_progress_bar("simulate") as progress:
+        reference = design_and_simulation_files.load_reference(
+            trajectory, machine, request.seed, scale_progress(progress, 0.0, 0.2)
+        )
+        simulation = build_simulation_request(request, machine, reference, rate)
+        measurement = simulate_robot(
+            machine,
+            replace(simulation, effects=replace_usual_effects(simulation.effects, hidden)),
+            scale_progress(progress, 0.2, 1.0),
+        )
+    csv_and_parquet_output.write_table(build_recording_table(measurement), out)
+    rows = [
+        [joint.name, f"{measurement.noise[j]:.3g} {joint.effort_unit}", f"{measurement.tracking_error[j]:.2g}"]
+        for j, joint in enumerate(machine.joints)
+    ]
+    columns = ("joint", "torque noise, standard deviation", "largest distance from the trajectory (rad or m)")
+    command_output.print_result(
+        as_json,
+        lambda: describe_simulation(measurement, rate),
+        lambda console: console.print(terminal.build_table("", columns, rows)),
+        f"{measurement.n_samples} samples at {rate:g} Hz written to {out}",
+    )
+
+
+@dataclass(frozen=True)
+class DesignFiles:
+    """Files that a design reads."""
+
+    limits: Annotated[
+        SomeFile,
+        file_option(
+            "--limits",
+            help='Tighter limits for this experiment, JSON: {"joint": {"position": [lo, hi], "velocity": …}}.',
+        ),
+    ] = None
+    surroundings: Annotated[
+        SomeFile,
+        file_option(
+            "--surroundings",
+            help='Obstacles and bounds that the robot must not touch, JSON: {"floor": z, "boxes": […], "walls": '
+            '[…], "tool_range": {…}, …}.',
+        ),
+    ] = None
+    meshes: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--meshes",
+            metavar="FOLDER",
+            help="Folder with the URDF's collision meshes; may be repeated. By default, the folders above the URDF "
+            "and those of ROS_PACKAGE_PATH.",
+        ),
+        READABLE_FOLDER,
+    ] = None
+    floor: Annotated[
+        bool,
+        typer.Option(
+            "--floor/--no-floor",
+            help="If no surroundings are stated, assume a floor through the base of an upright arm.",
+        ),
+    ] = True
+    diagnosis: Annotated[
+        SomeFile,
+        file_option(
+            "--diagnosis",
+            help="Design the next experiment of a diagnosis (`dynident diagnose --next-experiment --out`).",
+        ),
+    ] = None
+    earlier: Annotated[
+        SomeFiles, file_option("--earlier", help="Measurement that the experiment complements; may be repeated.")
+    ] = None
+    identified: Annotated[
+        SomeFile,
+        file_option(
+            "--identified",
+            help="Identified model of the robot (`dynident identify --out`), by which torque is predicted for its "
+            "limits: friction and rotors count, and a margin for what is uncertain.",
+        ),
+    ] = None
+
+
+def design(
+    robot: RobotArgument,
+    effects: Effects,
+    request_options: Annotated[TypedValues, RequestOptions(DesignRequest)],
+    files: DesignFiles,
+    reading: RobotTimedReading,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2).")
+    ] = Path("trajectory.csv"),
+    as_json: Json = False,
+) -> None:
+    """Design an exciting trajectory within the robot's limits.
+
+    The options for columns, units, windows, checks and drive gains apply to the measurements of --earlier.
+    """
+    from dynident.excitation import design_experiment
+    from dynident_cli import argument_loading, command_output, csv_and_parquet_output, terminal
+    from dynident_cli.design_and_simulation_files import (
+        choose_mesh_folders,
+        load_limits,
+        load_proposed_design,
+        load_surroundings,
+        print_warnings,
+        show_design,
+    )
+    from dynident_service.designs.adapters import describe_design
+
+    # Before the design, which takes minutes.
+    csv_and_parquet_output.check_ending(out, csv_and_parquet_output.TRAJECTORY_ENDINGS)
+    machine = argument_loading.load_robot_argument(robot, reading)
+    typed_request = request_options.build_request(
+        DesignRequest, effects=argument_loading.read_effects(effects, machine) or None
+    )
+    request = replace(
+        typed_request if files.diagnosis is None else load_proposed_design(files.diagnosis),
+        limits=load_limits(files.limits),
+        torque_margin=typed_request.torque_margin,
+        surroundings=load_surroundings(
+            files.surroundings, choose_mesh_folders(machine, robot, files.meshes), floor=files.floor
+        ),
+    )
+    identified = None if files.identified is None else argument_loading.load_model(files.identified).estimate
+    with argument_loading.read_recordings("design", files.earlier or [], machine, reading, share=0.1) as data:
+        experiment = design_experiment(machine, request, data.progress, data.recordings, identified=identified)
+    csv_and_parquet_output.write_trajectory(experiment, out)
+    described, message = lambda: describe_design(experiment), f"trajectory written to {out}"
+    command_output.print_result(as_json, described, lambda console: show_design(console, experiment, machine), message)
+    # On stderr, so that they are seen where the result goes into a file or as JSON to a script.
+    print_warnings(terminal.message_console(), experiment)

@@ -1,0 +1,206 @@
+"""`dynident validate`: run validations of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dynident.validation.validation_request import TRIALS, Stated, build_trial
+from dynident_cli.input_checks_and_writes import READABLE_FILE
+from dynident_cli.request_options import RequestOptions, TypedValues, find_option
+from dynident_cli.shared_options import (
+    ModelArgument,
+    OutputOptions,
+    Reading,
+    SomeFiles,
+    Validation,
+    file_option,
+)
+
+if TYPE_CHECKING:
+    from dynident.identification import Identification
+    from dynident.progress import Progress
+    from dynident.recordings import Recording
+    from dynident.schema.fields import NamedValues
+    from dynident.validation import Method
+    from dynident.validation.validation_request import Trial
+    from dynident_service.validations.wire_types import ValidationResult
+
+
+@dataclass(frozen=True)
+class FurtherInputs:
+    """Further input files besides the measurements."""
+
+    validation: Validation
+    methods: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--methods",
+            metavar="MODEL/STRATEGY/ESTIMATOR,…",
+            help="For methods: the methods to compare; filtered or sequential/ols is enough. All available ones by "
+            "default.",
+            show_default=False,
+        ),
+    ] = None
+    unloaded: Annotated[SomeFiles, file_option("--unloaded", help="For payload: runs without the load.")] = None
+
+
+def validate(
+    model: ModelArgument,
+    kind: Annotated[str, typer.Argument(metavar="KIND", help=f"One of: {TRIALS.format_help()}.", show_default=False)],
+    request_options: Annotated[TypedValues, RequestOptions(Stated)],
+    further: FurtherInputs,
+    reading: Reading,
+    result: OutputOptions,
+    measurements: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[MEASUREMENT]…",
+            help="direct, methods, filters: what the model was identified from; cross: what it has not seen; "
+            "simulation: the motion; payload: runs with the load.",
+            show_default=False,
+        ),
+        READABLE_FILE,
+    ] = None,
+) -> None:
+    """Test whether an identified model can be trusted.
+
+    The result is pass, fail or not evaluated, with the reason; the exit code is 1 after fail.
+    --out writes the result as JSON.
+    """
+    from dynident.errors import DynidentError
+    from dynident_cli import argument_loading, command_output, printed_results
+
+    identification = argument_loading.load_model(model)
+    options: Any = request_options.build_request(Stated, methods=parse_methods(further.methods or []))
+    try:
+        trial = build_trial(
+            kind, {option_field.name: getattr(options, option_field.name) for option_field in fields(options)}
+        )
+    except DynidentError as error:
+        # The kind is an argument; all else are options.
+        place = "KIND" if error.pointer == "/kind" else find_option(Stated, error.pointer)
+        raise DynidentError(error.detail, pointer=place, title="Unusable option") from error
+    paths = measurements or []
+    others = [*further.validation, *(further.unloaded or [])]
+    check_recording_counts(trial, len(paths), len(others))
+    robot = identification.model.robot
+    with argument_loading.read_recordings("validate", paths, robot, reading, others, share=0.3) as data:
+        outcome = run_validation(identification, trial, data.recordings, data.other_recordings, data.progress)
+    command_output.write_result(
+        result,
+        "result",
+        lambda: outcome,
+        lambda console: printed_results.show_validation(console, outcome, robot),
+    )
+    if outcome.verdict == "fail":
+        raise typer.Exit(1)
+
+
+_TITLE = "Unusable option"
+
+
+def load_validation(path: Path) -> ValidationResult:
+    """Read what `dynident validate --out` wrote.
+
+    Raises
+    ------
+    DynidentError
+        Where the file is not there or holds no validation.
+    """
+    from pydantic import ValidationError
+
+    from dynident.errors import DynidentError
+    from dynident_cli.input_checks_and_writes import read_text
+    from dynident_service.validations.wire_types import ValidationResult
+
+    try:
+        return ValidationResult.model_validate_json(read_text(path))
+    except ValidationError as error:
+        detail = f"{path.name} does not contain a validation; give a file that `dynident validate --out` wrote"
+        raise DynidentError(detail, pointer="--validated", title="Unusable file") from error
+
+
+def check_recording_counts(trial: Trial, n_measurements: int, n_held_out: int) -> None:
+    """Raise `DynidentError` where measurements are missing, or stand there that the kind does not take."""
+    from dynident.errors import DynidentError
+
+    kind = trial.name
+    if trial.of_model_alone and n_measurements:
+        raise DynidentError(f"{kind} takes no measurement", pointer="MEASUREMENT", title=_TITLE)
+    if not trial.of_model_alone and not n_measurements:
+        raise DynidentError(f"{kind} needs a measurement", pointer="MEASUREMENT", title=_TITLE)
+    if kind == "filters" and n_measurements > 1:
+        raise DynidentError("filters needs exactly one measurement", pointer="MEASUREMENT", title=_TITLE)
+    if kind == "payload" and not n_held_out:
+        raise DynidentError(
+            "payload also needs the runs without the load: --unloaded", pointer="--unloaded", title=_TITLE
+        )
+    if n_held_out and kind not in ("methods", "payload"):
+        raise DynidentError(f"{kind} takes no --validation", pointer="--validation", title=_TITLE)
+
+
+def run_validation(
+    identification: Identification,
+    trial: Trial,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording],
+    progress: Progress,
+) -> ValidationResult:
+    """Make a validation."""
+    from dynident.validation.validation_request import Methods, ValidationData
+    from dynident_service.validations.adapters import describe_validation
+
+    # Methods are tried on what was held out; what is given first is what they learn from.
+    tested, others = (held_out, recordings) if isinstance(trial, Methods) else (recordings, held_out)
+    outcome = trial.judge(ValidationData(identification, tested, others, progress))
+    return describe_validation(trial, outcome, [recording.name for recording in tested])
+
+
+def parse_methods(arguments: list[str]) -> tuple[Method, ...] | None:
+    """Parse methods as `model/strategy/estimator`.
+
+    Each of the three may be left out: `filtered`, `sequential/ols`.
+
+    Raises
+    ------
+    DynidentError
+        With the word that is none of these.
+    """
+    texts = [item.strip() for text in arguments for item in text.split(",") if item.strip()]
+    return tuple(_parse_method(text) for text in texts) or None
+
+
+def _parse_method(text: str) -> Method:
+    from dynident.errors import DynidentError
+    from dynident.identification.identification_choices import STEPS
+    from dynident.identification.methods.base_classes import ESTIMATORS, MODELS, PRIORS, STRATEGIES
+    from dynident.validation import Method
+
+    kinds: dict[str, NamedValues] = {
+        "model": MODELS,
+        "strategy": STRATEGIES,
+        "steps": STEPS,
+        "estimator": ESTIMATORS,
+        "prior": PRIORS,
+    }
+    words_by_kind: dict[str, Any] = {}
+    for word in text.split("/"):
+        kind = next((name for name, words in kinds.items() if word in words.names), None)
+        if kind is None or kind in words_by_kind:
+            choices = "; ".join(f"{name}: {', '.join(words.names)}" for name, words in kinds.items())
+            raise DynidentError(
+                f"cannot read {word!r} in {text!r}; write words of these kinds, separated by /, at most one of "
+                f"each ({choices})",
+                pointer="--methods",
+                title=_TITLE,
+            )
+        words_by_kind[kind] = word
+    # Steps have a meaning in the sequential strategy alone.
+    if "steps" in words_by_kind:
+        words_by_kind.setdefault("strategy", "sequential")
+    return Method(**words_by_kind)

@@ -1,0 +1,304 @@
+"""`dynident demo` from beginning to end, with the texts and tables that it prints."""
+
+from __future__ import annotations
+
+import shlex
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.console import Console
+
+from dynident.effects import get_effect
+from dynident.errors import DynidentError
+from dynident.identification import to_bytes
+from dynident.number_format import format_number, format_percent
+from dynident.presentation.diagnosis_tables import EVIDENCE, build_candidate_table, describe_rivals
+from dynident.presentation.ladder_tables import build_ladder_joint_table, build_ladder_table, list_steps
+from dynident.progress import scale_progress
+from dynident.robot import Robot
+from dynident.text_encoding import encode_text
+from dynident_cli.demo.scenario import Scenario
+from dynident_cli.demo.user_steps import (
+    Analysis,
+    MeasuredRun,
+    analyse_recordings,
+    design_runs,
+    record_runs,
+    write_hidden_effect,
+)
+from dynident_cli.input_checks_and_writes import write_atomically
+from dynident_cli.terminal import build_table, print_tables, show_progress_bar
+
+_SHOWN_CANDIDATES = 5
+# A residual below this multiple of the noise floor cannot be told from noise.
+_VISIBLE_RATIO = 1.15
+
+
+def print_introduction(console: Console, scenario: Scenario) -> None:
+    """Print what will happen."""
+    robot = scenario.robot
+    _print_heading(console, "The robot")
+    console.print(
+        f"A virtual {robot.name} with {robot.n} joints. Its links are up to 10 % lighter or heavier than its "
+        "description says, its friction and rotor inertias are random"
+        + (", and one more effect is hidden in it." if scenario.hidden is not None else "."),
+    )
+    console.print(
+        "The hidden effect is written to hidden.json and is not read again before the end: identification and "
+        "diagnosis use only the description and the recorded files.",
+    )
+
+
+def print_experiment(console: Console, runs: Sequence[MeasuredRun], seconds: float) -> None:
+    """Print trajectories and recordings."""
+    _print_heading(console, "Design and measurement")
+    rows = []
+    for run in runs:
+        values, baseline = run.design.criterion_values, run.design.baseline
+        best = format_number(baseline.best.condition_number) if baseline is not None else "–"
+        kind = "optimised" if run.design.request.kind == "optimized" else "from point to point"
+        rows.append([run.path.name, kind, f"{run.design.duration:.0f} s", str(run.n_samples),
+                     format_number(values.condition_number), best])  # fmt: skip
+    columns = ("recording", "trajectory", "length", "samples", "condition number", "best random motion")
+    console.print(build_table("", columns, rows, right_from=2))
+    console.print(
+        f"Encoders of 2^19 counts, torque noise of 0.5 % of each joint's limit; {seconds:.1f} s to design and "
+        "measure. run2.csv is slow. validation.csv, which no fit uses, moves from point to point and stops at "
+        "each. The whole of every recording is used, including standstill.",
+    )
+
+
+def print_findings(console: Console, robot: Robot, analysis: Analysis) -> None:
+    """Print the results of identification, comparison and diagnosis."""
+    first = analysis.first
+    _print_heading(console, "Identify")
+    held_out = first.held_out_judged
+    assert held_out is not None
+    console.print(
+        f"{first.model.n_parameters} base parameters: links, rotor inertia, Coulomb and viscous friction. Error where "
+        f"joints move: {format_percent(first.fit_judged.relative_total)} in the fit, "
+        f"{format_percent(held_out.relative_total)} held out.",
+    )
+    _print_heading(console, "Compare")
+    over = analysis.compute_floor_ratio(first)
+    worst = int(over.argmax())
+    console.print(
+        f"On held-out data {robot.joint_names[worst]} is worst: its residual is {over[worst]:.1f} times the noise "
+        "of the torque sensor.",
+    )
+    spot = next(
+        (failure for failure in analysis.diagnosis.failure_map if failure.joint == robot.joint_names[worst]), None
+    )
+    if spot is not None:
+        console.print(
+            f"The residual is largest over {spot.variable}, between {format_number(spot.low)} and "
+            f"{format_number(spot.high)} {spot.unit}: {spot.ratio:.1f} times the joint's rms.",
+        )
+    _print_heading(console, "Diagnose")
+    _print_candidates(console, robot, analysis)
+    _print_heading(console, "Add the effects; the error falls")
+    _print_ladder(console, robot, analysis)
+
+
+def print_hidden_effect(
+    console: Console, scenario: Scenario, analysis: Analysis, named_right: bool, joints: Sequence[int]
+) -> None:
+    """Print what was hidden beside what was named."""
+    _print_heading(console, "What was hidden")
+    hidden = scenario.hidden
+    if hidden is None:
+        answer = "and nothing was found" if named_right else "but something was found: a false alarm"
+        console.print(f"Nothing was hidden, {answer}.", style="bold")
+        return
+    where = f" on {hidden.joint}" if hidden.joint else ""
+    console.print(f"Hidden: {get_effect(hidden.effect).title}{where}.", style="bold")
+    console.print(
+        "It was named." if named_right else "It was not named.",
+        style="bold green" if named_right else "bold red",
+    )
+    truth = dict(hidden.values)
+    rows = [
+        [
+            column.name,
+            column.unit,
+            format_number(truth[column.parameter], 4),
+            format_number(value, 4),
+            format_number(deviation, 2),
+        ]
+        for column, value, deviation in zip(
+            analysis.last.model.kept, analysis.last.values, analysis.last.statistics.standard_deviations, strict=True
+        )
+        if column.effect == hidden.effect and column.link in (hidden.joint, "") and column.parameter in truth
+    ]
+    for choice in analysis.diagnosis.recommended:
+        if choice.effect == hidden.effect and (not hidden.joint or hidden.joint in choice.joints):
+            true_shape = get_effect(hidden.effect).shape_with_defaults(dict(hidden.shape))
+            specs = {spec.name: spec for spec in get_effect(choice.effect).shapes}
+            rows += [
+                [
+                    name,
+                    specs[name].unit,
+                    *(
+                        specs[name].get_word(constant) or format_number(constant, 4)
+                        for constant in (true_shape[name], value)
+                    ),
+                    "",
+                ]
+                for name, value in choice.shape
+            ]
+    if named_right and rows:
+        columns = ("parameter", "unit", "true", "identified", "standard deviation")
+        console.print(build_table("", columns, rows, right_from=2))
+    # Where the first model already reaches the noise, nothing was visible: that is no failure of the diagnosis.
+    before = max(float(analysis.compute_floor_ratio(analysis.first)[j]) for j in joints)
+    if not named_right and before < _VISIBLE_RATIO:
+        console.print("On these motions its torque is below the sensors' noise, so no diagnosis could find it.")
+    after = max(float(analysis.compute_floor_ratio(analysis.last)[j]) for j in joints)
+    console.print(f"Held-out residual there: {before:.2f} times the noise floor before, {after:.2f} times after.")
+
+
+def print_files(console: Console, robot: Robot, runs: Sequence[MeasuredRun], folder: Path, seconds: float) -> None:
+    """Print where the files are, and how to repeat the analysis by hand."""
+    _print_heading(console, "Files")
+    console.print(f"{folder}/report.html shows all of this with figures; model.npz is the last model.")
+    training = [str(run.path) for run in runs[:-1]]
+    console.print("The same by hand, from the files only:")
+    for words in (
+        ["identify", robot.name, *training, "-v", str(runs[-1].path), "-o", "my_model.npz"],
+        ["diagnose", "my_model.npz", *training, "-o", "my_diagnosis.json"],
+    ):
+        console.print(f"  {shlex.join(['dynident', *words])}", soft_wrap=True, style="cyan", markup=False)
+    console.print(f"Everything took {seconds:.1f} s.")
+
+
+def _print_candidates(console: Console, robot: Robot, analysis: Analysis) -> None:
+    candidates = build_candidate_table(analysis.diagnosis.candidates[:_SHOWN_CANDIDATES], robot.joint_names)
+    print_tables(console, [candidates.drop_columns(*EVIDENCE)])
+    console.print(analysis.diagnosis.summary, style="bold")
+    for item in analysis.diagnosis.candidates:
+        if item.significant and item.equivalent:
+            console.print(f"{item.title}:{describe_rivals(item.equivalent)}")
+
+
+def _print_ladder(console: Console, robot: Robot, analysis: Analysis) -> None:
+    steps = list_steps(analysis.last)
+    print_tables(
+        console, [build_ladder_table(steps, robot.joint_names), build_ladder_joint_table(steps, robot.joint_names)]
+    )
+
+
+def _print_heading(console: Console, text: str) -> None:
+    console.print()
+    console.print(text, style="bold underline")
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """The scenario, the results of the analysis, and the time that it all took (s)."""
+
+    scenario: Scenario
+    analysis: Analysis
+    folder: Path
+    seconds: float
+
+    @property
+    def is_named_correctly(self) -> bool:
+        """True where the diagnosis recommends the hidden effect on its joint, or nothing where nothing was hidden."""
+        hidden = self.scenario.hidden
+        recommended = self.analysis.diagnosis.recommended
+        if hidden is None:
+            return not recommended
+        # Some effects are the same function under two names. No data can tell these apart.
+        names = {hidden.effect, *get_effect(hidden.effect).same_function}
+        return any(
+            choice.effect in names and (not hidden.joint or hidden.joint in choice.joints) for choice in recommended
+        )
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Indices of the joints that the hidden effect acts on; all joints where it belongs to the robot."""
+        names = self.scenario.robot.joint_names
+        hidden = self.scenario.hidden
+        return (names.index(hidden.joint),) if hidden is not None and hidden.joint else tuple(range(len(names)))
+
+    def to_document(self) -> dict[str, object]:
+        """Return the outcome as a JSON document."""
+        analysis, hidden = self.analysis, self.scenario.hidden
+        return {
+            "robot": self.scenario.robot.name,
+            "joints": list(self.scenario.robot.joint_names),
+            "seed": self.scenario.seed,
+            "hidden": None
+            if hidden is None
+            else {**asdict(hidden), "values": dict(hidden.values), "shape": dict(hidden.shape)},
+            "verdict": analysis.diagnosis.verdict,
+            "named": [
+                {"effect": choice.effect, "joints": list(choice.joints)} for choice in analysis.diagnosis.recommended
+            ],
+            "named_right": self.is_named_correctly,
+            "noise_floor": analysis.diagnosis.noise_floor.tolist(),
+            "ladder": [
+                {
+                    "added": [{"effect": choice.effect, "joints": list(choice.joints)} for choice in model.step.added],
+                    "fit": model.fit.relative_total,
+                    "held_out": model.held_out.relative_total if model.held_out is not None else None,
+                    "held_out_over_noise_floor": analysis.compute_floor_ratio(model).tolist(),
+                }
+                for model in analysis.ladder
+            ],
+            "hidden_joints": list(self.joints),
+            "folder": str(self.folder),
+            "seconds": self.seconds,
+        }
+
+
+def run_demonstration(scenario: Scenario, folder: Path, console: Console) -> Outcome:
+    """Run the demonstration, report on it as it goes, and write its files.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    folder : Path
+        For the files; it is made where it does not exist.
+    console : Console
+        For the text.
+
+    Returns
+    -------
+    Outcome
+    """
+    _make_folder(folder)
+    begun = time.monotonic()
+    print_introduction(console, scenario)
+    with show_progress_bar("design and measure") as progress:
+        designs = design_runs(scenario, scale_progress(progress, 0.0, 0.5))
+        # Written before anything is analysed: nobody can say later that it was made to fit.
+        write_hidden_effect(scenario, folder / "hidden.json")
+        runs = record_runs(scenario, designs, folder, scale_progress(progress, 0.5, 1.0))
+    print_experiment(console, runs, time.monotonic() - begun)
+    analysis = _analyse_files(scenario, runs)
+    write_atomically(folder / "first_model.npz", to_bytes(analysis.first))
+    write_atomically(folder / "model.npz", to_bytes(analysis.last))
+    write_atomically(folder / "report.html", encode_text(analysis.report))
+    outcome = Outcome(scenario, analysis, folder, time.monotonic() - begun)
+    print_findings(console, scenario.robot, analysis)
+    print_hidden_effect(console, scenario, analysis, outcome.is_named_correctly, outcome.joints)
+    print_files(console, scenario.robot, runs, folder, outcome.seconds)
+    return outcome
+
+
+def _analyse_files(scenario: Scenario, runs: list[MeasuredRun]) -> Analysis:
+    """Analyse the files with nothing but the robot's description: what is hidden is not passed on."""
+    # The last run is the validation: no parameter sees it.
+    training, held_out = [run.path for run in runs[:-1]], [runs[-1].path]
+    with show_progress_bar("identify and diagnose") as progress:
+        return analyse_recordings(scenario.robot, training, held_out, runs[0].design, progress)
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DynidentError(f"cannot make the folder {folder}: {error.strerror}", pointer="--out") from error

@@ -1,0 +1,252 @@
+"""Read `--metadata` files, and write what `dynident inspect --out` proposes, with answers to its questions.
+
+Holds which questions `--cure` leaves open: gravity and joint zeros.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, get_args
+
+from dynident.errors import DynidentError, word_remedies
+from dynident.identification.column_inference import EffortKind, Inspection, Question
+from dynident.recordings import RecordingMetadata
+from dynident_cli.input_checks_and_writes import read_json_object
+from dynident_cli.request_options import write_option
+
+NEEDED_FOR_GAINS = "drives"
+"""The question that asks for drive gains, which belong to the robot and not to the file."""
+_IGNORED_KEYS = ("questions", "name", "format")
+"""Keys of such a file that are no metadata."""
+_CORRECTIONS = ("permutation", "signs", "scale", "zeros", "torque_delay")
+"""Metadata by which a file states what a check of the dynamics proposes."""
+_NOT_CURED = ("gravity", "zeros")
+"""Questions about the robot as much as about the file: `--cure` leaves them open."""
+_OTHER_SOURCES = ("name", "format", "role", "accept")
+"""Metadata that the file itself tells, or that have options or commands of their own."""
+
+
+def proposal_document(inspection: Inspection, rate: float | None = None) -> dict[str, object]:
+    """Return the proposed metadata as a JSON object, with the open questions."""
+    assert inspection.proposal is not None
+    return {
+        "format": inspection.format,
+        "columns": dict(inspection.proposal.columns),
+        "units": dict(inspection.proposal.units),
+        "windows": [],
+        **({} if rate is None else {"rate": rate}),
+        "effort_kind": inspection.proposal.effort_kind,
+        "questions": [
+            {"field": question.field, "detail": question.detail} for question in inspection.proposal.questions
+        ],
+    }
+
+
+@dataclass(frozen=True)
+class StatedAnswers:
+    """Answers to questions of a proposal: columns, units, checks to accept, whether to cure, and a metadata file."""
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    accept: Sequence[str] = ()
+    cure: bool = False
+    metadata: RecordingMetadata = field(default_factory=RecordingMetadata)
+
+    def is_answered(self, question: Question) -> bool:
+        """Tell whether these options answer a question."""
+        if question.field in ("effort_kind", "units/tau") and any(
+            _signal_kind(signal) == "current" for signal in self.columns
+        ):
+            # Drive gains turn currents into torques; whether their size is plausible is checked when they are read.
+            return True
+        if question.check:
+            # A file that cannot be cured is refused when it is read, with the same sentence.
+            is_corrected = any(getattr(self.metadata, name) for name in _CORRECTIONS)
+            return (
+                (self.cure and question.field not in _NOT_CURED)
+                or is_corrected
+                or question.check in self.accept
+                or (question.field in ("units/tau",) and bool(self.units))
+            )
+        about, _, key = question.field.partition("/")
+        if about == "effort_kind" and self.metadata.effort_kind is not None:
+            return True
+        if about == "effort_kind":
+            # Without choices no unit makes the columns a torque, so only other columns are an answer.
+            answered_signals = (*self.columns, *self.units) if question.choices else tuple(self.columns)
+            return any(_signal_kind(signal) in ("tau", "current") for signal in answered_signals)
+        answered = {"columns": self.columns, "units": self.units}.get(about, {})
+        if question.field == "columns/tau" and any(_signal_kind(signal) == "current" for signal in answered):
+            return True
+        return any(not key or _signal_kind(signal) == _signal_kind(key) for signal in answered)
+
+
+def describe_answer(question: Question) -> str:
+    """Return the options that answer a question, as they are typed; "" where no option does.
+
+    Parameters
+    ----------
+    question : Question
+        Open question of a proposal.
+    """
+    about, _, key = question.field.partition("/")
+    if question.check:
+        return f"--accept {question.check} if the recording is right as it is"
+    if about == "units" and key and question.choices:
+        options = [f"--units {key}={choice!r}" if " " in choice else f"--units {key}={choice}"
+                   for choice in question.choices[:3]]  # fmt: skip
+        return " or ".join([*options, "--rate HZ"] if key == "t" else options)
+    if question.field == "columns/t" and question.choices:
+        return "--columns t=COLUMN, or --rate HZ"
+    if about == "effort_kind" and question.choices:
+        return f"--metadata FILE with effort_kind: {' or '.join(question.choices)}"
+    if about == "columns" and key and question.choices:
+        if " … " in question.choices[0]:
+            # The choices are whole sets of columns, from the first joint's to the last one's.
+            return f"--columns {key}1={question.choices[0].partition(' … ')[0]},{key}2=…"
+        return f"--columns {key}1=COLUMN,{key}2=COLUMN,…"
+    return ""
+
+
+def _signal_kind(key: str) -> str:
+    """Return the kind of signal that a key names: "tau" for tau2 and for tau_elbow."""
+    return key.partition("_")[0].rstrip("0123456789")
+
+
+def accept_proposal(
+    path: Path, inspection: Inspection, *, has_gains: bool, answers: StatedAnswers | None = None
+) -> RecordingMetadata:
+    """Accept proposed metadata as they are.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the message.
+    inspection : Inspection
+        What was found in it.
+    has_gains : bool
+        Whether the robot states drive gains.
+    answers : StatedAnswers, optional
+        Options that answer questions.
+
+    Returns
+    -------
+    RecordingMetadata
+        The proposed columns, units and kind of effort.
+
+    Raises
+    ------
+    DynidentError
+        Where a question is open: to accept the proposal would be a guess.
+    """
+    assert inspection.proposal is not None
+    stated_answers = answers or StatedAnswers()
+    open_questions = [
+        question
+        for question in inspection.proposal.questions
+        if not (has_gains and question.field == NEEDED_FOR_GAINS) and not stated_answers.is_answered(question)
+    ]
+    # To go on would be a guess, of which the user would not learn.
+    if open_questions:
+        question_list = "".join(
+            f"\n  {question.field}: {word_remedies(question.detail, question.remedies, write_option)}"
+            + (f" → {answer}" if (answer := describe_answer(question)) else "")
+            for question in open_questions
+        )
+        raise DynidentError(
+            f"{path.name} cannot be used as proposed; these questions are open:{question_list}\nAnswer them with "
+            "--columns, --units or --gravity, with --accept CHECK if the recording is right as it is, with --cure, "
+            "or with --metadata FILE, a JSON object of effort_kind, signs, scale, zeros, permutation or torque_delay. "
+            f"Or write the proposal with `dynident inspect {path} --robot ROBOT --out {path.stem}.json`, "
+            "answer there (and empty its questions), and give it as --metadata.",
+            pointer=str(path),
+            title="Open questions",
+        )
+    proposal = inspection.proposal
+    columns = dict(proposal.columns)
+    # The user says that the effort columns are currents: the proposed torque columns would contradict that.
+    if any(_signal_kind(signal) == "current" for signal in stated_answers.columns):
+        columns = {ours: theirs for ours, theirs in columns.items() if _signal_kind(ours) != "tau"}
+    # What the metadata file says goes before what is proposed.
+    return replace(
+        stated_answers.metadata,
+        columns=columns,
+        units={**proposal.units, **stated_answers.metadata.units},
+        effort_kind=stated_answers.metadata.effort_kind or proposal.effort_kind,
+    )
+
+
+def read_metadata(texts: Sequence[str], names: Sequence[str]) -> dict[str, RecordingMetadata]:
+    """Read metadata files.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        FILE for all recordings, or NAME=FILE for one.
+    names : sequence of str
+        Names of the recordings.
+
+    Returns
+    -------
+    dict
+        Metadata by the name of the recording.
+
+    Raises
+    ------
+    DynidentError
+        Where a file is no metadata, or holds open questions.
+    """
+    metadata_by_name: dict[str, RecordingMetadata] = {}
+    for text in texts:
+        name, sign, path = text.partition("=")
+        # A path may hold "=" itself: only the name of a recording before it makes it NAME=FILE.
+        if sign and name in names:
+            metadata_by_name[name] = _read_metadata_file(Path(path))
+        else:
+            metadata_by_name |= dict.fromkeys(names, _read_metadata_file(Path(text)))
+    return metadata_by_name
+
+
+def _read_metadata_file(path: Path) -> RecordingMetadata:
+    # Imported here: most calls have no metadata file and need not wait for the models of the contract.
+    from pydantic import ValidationError
+
+    from dynident_service.measurements.adapters import to_recording_metadata
+    from dynident_service.measurements.wire_types import MeasurementMetadata
+
+    document = read_json_object(path)
+    field_names = [
+        metadata_field.name for metadata_field in fields(RecordingMetadata) if metadata_field.name not in _OTHER_SOURCES
+    ]
+    if not set(document) <= {*field_names, *_IGNORED_KEYS}:
+        allowed = ", ".join((*field_names, *_IGNORED_KEYS))
+        raise DynidentError(
+            f"{path.name} does not contain metadata; it needs an object of {allowed}", pointer=str(path)
+        )
+    questions: Any = document.get("questions") or ()
+    # Drive gains belong to the robot: whether they are missing is found when the currents are read.
+    open_questions = [question for question in questions if question.get("field") != NEEDED_FOR_GAINS]
+    if open_questions:
+        raise DynidentError(
+            f"{path.name} has an open question: {open_questions[0].get('detail', '')} Answer it and empty its "
+            "questions.",
+            pointer=str(path),
+            title="Open questions",
+        )
+    effort_kind = document.get("effort_kind")
+    if effort_kind is not None and effort_kind not in get_args(EffortKind):
+        raise DynidentError(
+            f"{path.name}: effort_kind is {effort_kind!r}; allowed are {', '.join(get_args(EffortKind))}",
+            pointer=str(path),
+        )
+    try:
+        # Null means that the field is not stated.
+        values = {name: document[name] for name in field_names if document.get(name) is not None}
+        # The model of the contract checks types and ranges; a robot and a name are mandatory there, but unused here.
+        return to_recording_metadata(MeasurementMetadata.model_validate({"robot_id": "-", "name": "-", **values}))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = "/".join(map(str, first["loc"]))
+        raise DynidentError(f"{path.name}: {place}: {first['msg']}", pointer=str(path)) from error

@@ -1,0 +1,295 @@
+"""Print results: which tables, columns and sentences; the exit code of a stopped model (3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from dynident.diagnosis.diagnosis_summary import group_patterns
+from dynident.identification import Identification
+from dynident.identification.identified_models.correlated_and_essential_parameters import (
+    EssentialPath,
+    parameter_dependence,
+)
+from dynident.number_format import format_percent
+from dynident.presentation.diagnosis_tables import (
+    EVIDENCE,
+    build_candidate_table,
+    build_diagnosis_tables,
+    build_limit_table,
+    build_series_tables,
+    describe_rivals,
+)
+from dynident.presentation.labels import (
+    describe_condition_number,
+    format_choice,
+    format_hidden_effects,
+    format_joints,
+    get_effect_title,
+)
+from dynident.presentation.ladder_tables import (
+    build_ladder_table,
+    build_two_ladders_table,
+    describe_last_step,
+    list_steps,
+)
+from dynident.presentation.model_tables import (
+    GROUPING,
+    RATIO,
+    TIMES_SMALLEST,
+    build_error_table,
+    build_essential_tables,
+    build_parameter_table,
+    build_shape_table,
+    build_worst_table,
+    compare_by_joint,
+    list_error_kinds,
+)
+from dynident.presentation.recording_tables import ShownRecording, build_recording_table, describe_findings
+from dynident.presentation.validation_and_verdict_tables import VALIDATION_WORDS, build_verdict_tables
+from dynident.recordings.joint_phases import Phase
+from dynident.robot import Robot
+from dynident_cli.argument_loading import LoadedRecording
+from dynident_cli.terminal import print_tables
+
+if TYPE_CHECKING:
+    from dynident.diagnosis import Comparison, Diagnosis, Judgement
+    from dynident.diagnosis.diagnosis_result import Change
+    from dynident.diagnosis.monitoring import Series
+    from dynident.presentation.tables import ReportedTable
+    from dynident.verdict import Action, ModelVerdict, State
+    from dynident_service.validations.wire_types import ValidationResult
+
+_TOO_WIDE = (GROUPING, TIMES_SMALLEST)
+"""Columns of parameter tables that do not fit a terminal; files and reports have them."""
+
+EXIT_STOPPED = 3
+"""The exit code of a model that is not to be used."""
+
+_STYLES: Mapping[State, str] = {"yes": "green", "limited": "yellow", "no": "red", "not_judged": "yellow"}
+
+
+def show_measurements(
+    console: Console, measurements: Sequence[LoadedRecording], held_out: Sequence[LoadedRecording]
+) -> None:
+    """Print the recordings and all checks that are not ok."""
+    uses = ((measurements, "identification"), (held_out, "held out"))
+    shown = [ShownRecording(item.recording, item.checks, use) for group, use in uses for item in group]
+    print_tables(console, [build_recording_table(shown).drop_columns("duration", "windows used", "payload")])
+    for line in describe_findings(shown):
+        console.print(f"  {line}")
+
+
+def show_identification(console: Console, identification: Identification, *, parameters: bool = True) -> None:
+    """Print the errors per joint, the parameters, the shape constants, and the warnings of a model."""
+    for reason in identification.preprocessing.reasons:
+        console.print(f"  {reason}", style="dim")
+    joints = identification.model.robot.joints
+    names = [joint.name for joint in joints]
+    errors = build_error_table(list_error_kinds(identification), names, [joint.effort_unit for joint in joints])
+    print_tables(console, [errors.drop_columns(RATIO)])
+    # After an extension most parameters are those of the model before, and are not printed again.
+    if parameters:
+        base_table = build_parameter_table("Base parameters", identification.parameters)
+        print_tables(console, [base_table.drop_columns(*_TOO_WIDE)])
+        for sentence in parameter_dependence(identification).sentences:
+            console.print(f"  {sentence}")
+        console.print(
+            f"Condition number of W: {describe_condition_number(identification)}; "
+            f"{identification.equations_per_parameter:.0f} equations per parameter"
+        )
+    if identification.shape_constants:
+        print_tables(console, [build_shape_table(identification.shape_constants, names)])
+        for constant in identification.shape_constants:
+            # The note of a choice among kinds explains nothing that is odd.
+            if constant.note and constant.judgement != "chosen":
+                place = format_joints(constant.joints, names)
+                console.print(f"  {constant.name} of {constant.effect} on {place}: {constant.note}.")
+    for warning in identification.warnings:
+        console.print(f"! {warning}", style="yellow")
+
+
+def show_essential(console: Console, path: EssentialPath) -> None:
+    """Print the steps of the backward elimination and the essential parameters."""
+    print_tables(console, (reported_table.drop_columns(*_TOO_WIDE) for reported_table in build_essential_tables(path)))
+    console.print(path.reason)
+
+
+def show_comparison(console: Console, name: str, comparison: Comparison, judgement: Judgement) -> None:
+    """Print the errors per joint, their ratio to the noise floor, and the intervals with the largest residuals."""
+    print_tables(console, [compare_by_joint(name, comparison, judgement)])
+    if (comparison.phase == Phase.STANDING).any():
+        console.print(
+            "  While a joint stands still, static friction may balance the torque. Compared with the predicted torque "
+            f"itself, the error on all rows is {format_percent(comparison.raw_errors.relative_total)}."
+        )
+    print_tables(console, [build_worst_table(comparison, 5)])
+    for note in judgement.notes:
+        console.print(f"  {note}")
+
+
+def show_diagnosis(
+    console: Console,
+    diagnosis: Diagnosis,
+    robot: Robot,
+    extend_command: str,
+    questions: Sequence[tuple[str, str]] = (),
+    n_open: int = 0,
+) -> None:
+    """Print a diagnosis.
+
+    Parameters
+    ----------
+    console : Console
+        Where to print.
+    diagnosis : Diagnosis
+        Summary, ranked candidates, recommendation, what the data cannot show, and the next experiment if it has one.
+    robot : Robot
+        Its robot.
+    extend_command : str
+        Command that adds the recommended effects.
+    questions : sequence of (str, str)
+        Effects and joints for which the reason is printed; an empty joint stands for the best place.
+    n_open : int
+        Number of open questions for which no experiment was looked for.
+    """
+    from dynident.advice import AdvisedDiagnosis
+
+    console.print(diagnosis.summary, style="bold")
+    candidates = build_candidate_table(diagnosis.candidates, robot.joint_names)
+    print_tables(console, [candidates.drop_columns(*EVIDENCE)])
+    for item in diagnosis.candidates:
+        if item.significant:
+            console.print(f"  {item.rank}. {item.evidence}")
+    for effect, joint in questions:
+        place = f" on {joint}" if joint else ""
+        console.print(f"  {get_effect_title(effect)}{place}: {diagnosis.why_not(effect, joint)}")
+    if diagnosis.detection_limits:
+        print_tables(console, [build_limit_table(diagnosis.detection_limits, robot.joint_names)])
+    elif diagnosis.not_visible:
+        console.print(f"  These data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
+    if diagnosis.recommended:
+        console.print(f"To add what is missing: {extend_command}", soft_wrap=True, markup=False, highlight=False)
+    for variable, joints, shares in group_patterns(diagnosis.unknown, robot.joint_names):
+        console.print(f"  The residual still depends on the {variable}: {joints} ({shares})")
+    if diagnosis.conclusion is not None:
+        console.print(f"  {diagnosis.conclusion.headline} {diagnosis.conclusion.next_step}")
+    if n_open:
+        are_open = "1 question is open" if n_open == 1 else f"{n_open} questions are open"
+        console.print(f"  {are_open}: --next-experiment looks for a motion that decides.")
+    if isinstance(diagnosis, AdvisedDiagnosis) and diagnosis.next_experiment is not None:
+        console.print(f"  Next experiment: {diagnosis.next_experiment.reason}")
+        for step in diagnosis.next_experiment.instructions:
+            console.print(f"    - {step}")
+
+
+def show_changes(console: Console, diagnosis: Diagnosis, robot: Robot) -> None:
+    """Print what differs from the baseline, and what the model lacks before and after."""
+    console.print(diagnosis.summary, style="bold")
+    tables = {table.name: table for table in build_diagnosis_tables(diagnosis, robot.joint_names)}
+    if "changes" in tables:
+        print_tables(console, [tables["changes"].drop_columns(EVIDENCE[-1])])
+    _show_evidence(console, diagnosis.changes or ())
+    if "friction" in tables:
+        print_tables(console, [tables["friction"]])
+    if diagnosis.recommended:
+        both = "; ".join(format_choice(choice, robot.joint_names) for choice in diagnosis.recommended)
+        console.print(f"  Missing in the model before and after: {both}")
+    if diagnosis.not_visible:
+        console.print(f"  These motions could not show: {format_hidden_effects(diagnosis, robot)}")
+
+
+def _show_evidence(console: Console, changes: Sequence[Change]) -> None:
+    for change in changes:
+        console.print(f"  {change.evidence}{describe_rivals(change.equivalent)}")
+
+
+COMMANDS_OF_NEXT_STEPS: Mapping[Action | None, str] = {
+    "diagnose": "dynident diagnose MODEL RUN",
+    "design": "dynident design ROBOT",
+    "identify_feasible": "dynident identify … --estimator feasible",
+    "check_gains": "dynident validate MODEL payload LOADED --unloaded RUN --mass KG",
+    "identify_gains": "dynident gains",
+    "export_for_simulation": "dynident export MODEL -f urdf, or -f mjcf",
+    "export_for_feed_forward": "dynident export MODEL -f c, or -f casadi",
+    "weigh_load": "dynident validate MODEL payload LOADED --unloaded RUN",
+}
+"""The command of each next step of a verdict; for the observer of contacts there is none."""
+
+
+def show_verdict(console: Console, verdict: ModelVerdict) -> None:
+    """Print for which uses a model is fit, why or why not, and what to do next."""
+    # After a gross fault the uses mean nothing.
+    if verdict.stop is not None:
+        console.print(f"✕ {verdict.summary}", style="bold red")
+    else:
+        for use in verdict.uses:
+            console.print(f"{use.mark} {use.words}: {use.reason}", style=_STYLES[use.state])
+            command = COMMANDS_OF_NEXT_STEPS.get(use.next_action, "")
+            step = f"{use.next_step.removesuffix('.')}: {command}" if command else use.next_step
+            console.print(f"    → {step}", soft_wrap=True)
+        print_tables(console, (table for table in build_verdict_tables(verdict) if table.name == "drift"))
+    for step in verdict.next_steps:
+        console.print(f"→ {step}")
+
+
+def show_ladder(console: Console, identification: Identification, parent: Identification | None = None) -> None:
+    """Print the models that led to one, mark the best one, and say what was done since its parent."""
+    steps, joints = list_steps(identification), identification.model.robot.joint_names
+    table = build_ladder_table(steps, joints)
+    print_tables(console, [table])
+    for sentence in table.notes:
+        console.print(f"  {sentence}")
+    if len(steps) > 1:
+        first = next((k for k, model in enumerate(identification.ladder()) if model is parent), None)
+        console.print(f"  {describe_last_step(steps, joints, first).text}")
+
+
+def show_ladders(console: Console, first: tuple[str, Identification], second: tuple[str, Identification]) -> None:
+    """Print two ladders side by side, each given by its name and its last model."""
+    joints = first[1].model.robot.joint_names
+    names = (first[0], second[0])
+    table = build_two_ladders_table(names, (list_steps(first[1]), list_steps(second[1])), joints)
+    print_tables(console, [table.drop_columns(*joints)])
+
+
+def show_series(console: Console, series: Series, robot: Robot) -> None:
+    """Print what changed and when, and the values of changed parameters day by day; the file has all of them."""
+    console.print(series.summary, style="bold")
+    tables = build_series_tables(series, robot.joint_names)
+    print_tables(console, (table.drop_columns(EVIDENCE[-1]) for table in tables))
+    _show_evidence(console, [series_change.change for series_change in series.changes])
+    if series.missing:
+        both = "; ".join(format_choice(choice, robot.joint_names) for choice in series.missing)
+        console.print(f"  Missing in the model on all days: {both}")
+
+
+_VERDICT_STYLES = {"pass": "bold green", "fail": "bold red", "not_evaluated": "bold"}
+
+
+def show_validation(console: Console, result: ValidationResult, robot: Robot) -> None:
+    """Print the tables of a validation, its verdict, and the reason."""
+    names = robot.joint_names
+    by_number = {name: str(number) for number, name in enumerate(names, start=1)}
+    # Loaded here: it needs what describes answers, which most commands do without.
+    from dynident_service.validations.adapters import build_validation_tables
+
+    for reported_table in build_validation_tables(result, names):
+        # Where the terminal is too narrow for the joints' names as columns, their numbers stand there.
+        short = by_number if _table_width(reported_table) > console.width else {}
+        # Only names of joints are shortened; other heads stay as they are.
+        columns = tuple(short.get(column, column) for column in reported_table.columns)
+        print_tables(console, [replace(reported_table, columns=columns)])
+        if columns != reported_table.columns:
+            console.print(f"  Joints: {', '.join(f'{by_number[name]} {name}' for name in names)}.")
+    console.print(VALIDATION_WORDS[result.verdict].words, style=_VERDICT_STYLES[result.verdict])
+    console.print(result.reason)
+
+
+def _table_width(reported_table: ReportedTable) -> int:
+    """Return the width of a table in characters, with nothing wrapped."""
+    lines = [reported_table.columns, *reported_table.texts]
+    return sum(max(len(line[k]) for line in lines) + 2 for k in range(len(reported_table.columns)))
