@@ -9,18 +9,17 @@ one run of a design by the condition number, and random motions, each of as many
 
 from __future__ import annotations
 
-import common  # noqa: F401  (pins the threads of linear algebra before numpy is imported)
-
 import argparse
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import common  # noqa: F401  (pins the threads of linear algebra before numpy is imported)
 import numpy as np
 
 import dynident as dy
-from dynident.advice.campaign import CampaignRequest, add_run, plan_run, start_campaign
-from dynident.advice.prediction_error import compute_region_rows
+from dynident.advice.campaign import add_run, plan_run, start_campaign
+from dynident.advice.campaign_request import CampaignRequest
 from dynident.effects import LINKS, ReferenceParameters, Signals, build_columns
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import identify
@@ -135,7 +134,7 @@ def main() -> None:
             state, history = run_campaign(arm, CampaignRequest(error=asked.goal, minutes=asked.minutes, design=design))
             for _, run, _ in history:
                 if run.promised is not None and not run.added:
-                    ratios.append(float(run.parameters.max() / run.promised.max()))
+                    ratios.append(float(run.errors.max() / run.promised.max()))
             minutes, run, true = history[-1]
             if state.decision.code == "reached":
                 honest.append(bool(true.max() <= asked.goal))

@@ -59,7 +59,19 @@ def _problem_document(error: DynidentError) -> dict[str, object]:
 
 
 _COMMANDS = (
-    *("demo", "design", "simulate", "inspect", "identify", "compare", "diagnose", "changes", "validate", "essential"),
+    *(
+        "demo",
+        "campaign",
+        "design",
+        "simulate",
+        "inspect",
+        "identify",
+        "compare",
+        "diagnose",
+        "changes",
+        "validate",
+        "essential",
+    ),
     *("gains", "currents", "extend", "remove", "ladder", "report", "series", "export", "effects", "doctor"),
     *("backup", "restore", "export_robot", "import_robot", "serve", "mcp"),
 )

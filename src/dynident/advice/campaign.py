@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from dynident.advice.campaign_request import CampaignRequest
 from dynident.advice.prediction_error import (
     RegionRows,
     compare_with_run,
@@ -24,64 +25,21 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.excitation import CriterionChoice, Design, DesignRequest, design_experiment
-from dynident.excitation.criteria.prediction_region import DEFAULT_SPEED, Region, draw_region
-from dynident.identification import Identification, IdentificationChoices, extend, identify
+from dynident.excitation import CriterionChoice, Design, design_experiment
+from dynident.excitation.criteria.prediction_region import Region, draw_region
+from dynident.identification import Identification, extend, identify
 from dynident.motion.limits.bounds import build_bounds
 from dynident.number_format import format_count, format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.robot import Limits, Robot
-from dynident.schema.fields import Request, declare_field
 
 DecisionCode = Literal["next_run", "reached", "not_reachable", "out_of_time"]
 FEWEST_RUNS = 2
 """Runs before a goal counts as reached: the model has to have predicted a run that it was not fitted to."""
-_DESIGN_SECONDS = 8.0
 # A run that leaves more than this multiple of the promised error is said to have brought less.
 _BROKEN_PROMISE = 1.3
 _MINUTE = 60.0
-
-
-@dataclass(frozen=True)
-class CampaignRequest(Request):
-    """What a campaign is to reach, and what it may cost.
-
-    Parameters
-    ----------
-    error : float
-        Largest relative error of the predicted torque of any joint, with 95 % probability.
-    speed : float
-        Share of the velocity and acceleration limits up to which the torque is to be predicted.
-    minutes : float
-        Robot time of all runs together, min.
-    first_speed : float
-        Share of the velocity limits that the first run keeps to.
-    choices : IdentificationChoices
-        How the model is identified.
-    design : DesignRequest
-        What every motion must keep to: duration, rate, limits, surroundings, home.
-    """
-
-    error: float = declare_field(
-        "Largest relative error of the predicted torque of any joint",
-        default=0.05,
-        option="--error",
-        above=0,
-        at_most=1,
-    )
-    speed: float = declare_field(
-        "Share of the velocity and acceleration limits up to which the torque is to be predicted",
-        default=DEFAULT_SPEED,
-        above=0,
-        at_most=1,
-    )
-    minutes: float = declare_field("Robot time of all runs together", default=10.0, unit="min", above=0, at_most=10_000)
-    first_speed: float = declare_field(
-        "Share of the velocity limits that the first run keeps to", default=0.3, above=0, at_most=1
-    )
-    choices: IdentificationChoices = declare_field(made_by=IdentificationChoices)
-    design: DesignRequest = declare_field(made_by=lambda: DesignRequest(time_budget=_DESIGN_SECONDS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +108,7 @@ class PlannedRun:
     design : Design
         The motion.
     promised : (n,) or None
-        Relative errors over the region that uncertain parameters will still cause; None before the first run.
+        Relative errors over the region once it is made, with what the model lacks; None before the first run.
     """
 
     design: Design
@@ -215,10 +173,12 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
     DynidentError
         For a design of another kind than motions of all joints, or limits that are not known.
     """
-    if request.design.kind != "optimized":
+    design = request.design
+    if design.kind != "optimized" or design.model != "dynamic" or design.trajectory.joints:
         raise DynidentError(
-            f'a campaign plans motions of the kind "optimized"; the design asks for "{request.design.kind}"',
-            pointer="/design/kind",
+            'a campaign plans motions of all joints, of the kind "optimized" for the dynamic model, since runs of '
+            "other kinds do not add up; leave kind, model and joints out of the design",
+            pointer="/design",
         )
     return CampaignState(robot, request, region or draw_region(robot, request.speed))
 
@@ -271,7 +231,8 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
         region=state.region,
     )
     rows = compute_region_rows(identification, state.region)
-    return PlannedRun(design, predict_errors(identification, rows, design, state.seconds))
+    uncertain = predict_errors(identification, rows, design, state.seconds)
+    return PlannedRun(design, np.hypot(uncertain, state.runs[-1].lacking))
 
 
 def _slow_down(robot: Robot, limits: Mapping[str, Limits], share: float) -> dict[str, Limits]:
@@ -416,12 +377,11 @@ def _predict_end(state: CampaignState, rows: RegionRows, planned: PlannedRun) ->
 
 
 def _describe_promise(run: CampaignRun, names: tuple[str, ...]) -> str:
-    """Return a sentence where a run left the worst joint less certain than promised."""
-    if run.promised is None or run.added or run.parameters.max() <= _BROKEN_PROMISE * run.promised.max():
+    """Return a sentence where a run left the worst joint with a larger error than promised."""
+    if run.promised is None or run.added or run.errors.max() <= _BROKEN_PROMISE * run.promised.max():
         return ""
-    worst = int(np.argmax(run.parameters))
+    worst = int(np.argmax(run.errors))
     return (
-        f" The run brought less than promised: {names[worst]} is uncertain by "
-        f"{format_percent(float(run.parameters[worst]))}, the promise was {format_percent(float(run.promised.max()))} "
-        "or less."
+        f" The run brought less than promised: {format_percent(float(run.errors[worst]))} on {names[worst]}, where "
+        f"{format_percent(float(run.promised.max()))} or less was promised."
     )

@@ -7,15 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.advice.campaign import (
-    CampaignRequest,
-    CampaignState,
-    Decision,
-    PlannedRun,
-    add_run,
-    plan_run,
-    start_campaign,
-)
+from dynident.advice.campaign import CampaignState, Decision, PlannedRun, add_run, plan_run, start_campaign
+from dynident.advice.campaign_request import CampaignRequest
 from dynident.api.argument_checks import check_arguments, require
 from dynident.api.effect_arguments import check_effects, resolve_effects
 from dynident.api.figure import Figure, join_figures

@@ -207,9 +207,9 @@ def build_campaign_table(state: CampaignState) -> ReportedTable:
         "lacking in the model", "error", "worst joint", "effects added",
     )  # fmt: skip
     note = (
-        "Errors of the predicted torque, over its rms, of the worst joint. Promised and from uncertainty: over the "
-        "region of the goal, with 95 % probability. Lacking: what the residual of the last run has above noise and "
-        "uncertainty. Error: both together."
+        "Errors of the predicted torque, over its rms, of the worst joint over the region of the goal. From "
+        "uncertainty: with 95 % probability. Lacking: what the residual of the last run has above noise and "
+        "uncertainty. Error: both together, which the motion promised before it was made."
     )
     return ReportedTable("Runs of the campaign", columns, tuple(rows), notes=(note,), name="campaign")
 

@@ -20,8 +20,7 @@ from dynident.robot.robot_model import Robot
 
 N_STATES = 400
 """States that stand for a region; the mean of rows over twice as many differs by a few per cent."""
-DEFAULT_SPEED = 0.5
-"""Share of the limits of velocity and acceleration that the states reach."""
+_SPEED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +41,7 @@ class Region:
         return f"Region({len(self.q)} states)"
 
 
-def draw_region(robot: Robot, speed: float = DEFAULT_SPEED, seed: int = 0) -> Region:
+def draw_region(robot: Robot, speed: float = _SPEED, seed: int = 0) -> Region:
     """Draw states within the limits of a robot, evenly.
 
     Parameters
@@ -115,9 +114,9 @@ def compute_moments(model: DesignModel, region: Region) -> FloatArray:
         standard deviation of its predicted torque.
     """
     rows = model.observe(region.q, region.dq, region.ddq).reshape(len(region.q), model.robot.n, -1)
-    moments = np.einsum("mja,mjb->jab", rows, rows) / len(region.q)
+    moments: FloatArray = np.einsum("mja,mjb->jab", rows, rows) / len(region.q)
     if model.expected is None and model.robot.inertias is None:
         return moments
     torque = model.torque(region.q, region.dq, region.ddq)
     squares = np.maximum((torque**2).mean(axis=0), np.finfo(float).tiny)
-    return np.asarray(moments / squares[:, None, None])
+    return moments / squares[:, None, None]
