@@ -133,7 +133,7 @@ def main() -> None:
             arm = VirtualArm(name, seed, hidden)
             state, history = run_campaign(arm, CampaignRequest(error=asked.goal, minutes=asked.minutes, design=design))
             for _, run, _ in history:
-                if run.promised is not None and not run.added:
+                if run.promised is not None and not run.is_changed:
                     ratios.append(float(run.errors.max() / run.promised.max()))
             minutes, run, true = history[-1]
             if state.decision.code == "reached":
@@ -143,7 +143,7 @@ def main() -> None:
                 named.append(any(not c.joints or set(arm.hidden.choice.joints) & set(c.joints) for c in found))
             rivals = [format_percent(float(run_rival(arm, state, kind).max())) for kind in ("optimized", "random")] if (
                 asked.rivals) else []  # fmt: skip
-            added = "; ".join(f"{c.effect}@{'+'.join(c.joints)}" for _, r, _ in history for c in r.added)
+            added = "; ".join(f"{c.effect}@{'+'.join(c.joints)}" for c in run.added)
             rows.append([
                 name, str(seed), hidden or "–", state.decision.code, str(len(history)), f"{minutes:.2f}",
                 format_percent(float(run.errors.max())), format_percent(float(true.max())), *rivals, added or "–",

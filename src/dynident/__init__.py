@@ -27,7 +27,7 @@ from dynident.optional_dependencies import MissingPackageFinder, find_missing_pa
 from dynident.version import __version__
 
 if TYPE_CHECKING:
-    from dynident.advice.campaign_request import CampaignRequest
+    from dynident.advice import CampaignRequest
     from dynident.api.campaigns import Campaign, run_campaign
     from dynident.api.changes_over_time import Changes, FollowedRobot, changes, series
     from dynident.api.effect_arguments import register

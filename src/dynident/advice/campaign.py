@@ -7,7 +7,7 @@ and the fewest runs.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -37,7 +37,8 @@ from dynident.robot import Limits, Robot
 DecisionCode = Literal["next_run", "reached", "not_reachable", "out_of_time"]
 FEWEST_RUNS = 2
 """Runs before a goal counts as reached: the model has to have predicted a run that it was not fitted to."""
-# A run that leaves more than this multiple of the promised error is said to have brought less.
+# A run that leaves more than this multiple of the promised error is said to have brought less; and a goal is out of
+# reach only where repetitions of the last motion leave more than this multiple of it, since new motions bring more.
 _BROKEN_PROMISE = 1.3
 _MINUTE = 60.0
 
@@ -61,7 +62,9 @@ class CampaignRun:
     lacking : (n,)
         Relative errors over the region from what the model lacks.
     added : tuple of EffectChoice
-        Effects that the diagnosis added after this run.
+        Effects that the diagnosis of all runs so far added to those asked for.
+    is_changed : bool
+        Whether these are others than after the run before.
     """
 
     name: str
@@ -71,6 +74,7 @@ class CampaignRun:
     parameters: FloatArray
     lacking: FloatArray
     added: tuple[EffectChoice, ...] = ()
+    is_changed: bool = False
 
     @property
     def errors(self) -> FloatArray:
@@ -286,10 +290,8 @@ def add_run(
     # Before anything is fitted to it, the run tests the model: a prediction that nothing was chosen on.
     predicted = None if before is None else compare_with_run(before, recording).predicted
     recordings = (*state.recordings, recording)
-    choices = state.request.choices
-    if before is not None:
-        choices = replace(choices, effects=before.model.effects)
-    identification = identify(state.robot, recordings, (), choices, scale_progress(progress, 0.0, 0.3))
+    # From the effects asked for each time: what one run alone suggested has to show in all of them.
+    identification = identify(state.robot, recordings, (), state.request.choices, scale_progress(progress, 0.0, 0.3))
     diagnosis = diagnose(identification, recordings, progress=scale_progress(progress, 0.3, 0.9))
     added = diagnosis.recommended
     if added:
@@ -303,9 +305,15 @@ def add_run(
         parameters=compute_parameter_errors(identification, rows),
         lacking=compare_with_run(identification, recording).lacking / rows.torque,
         added=added,
+        is_changed=_list_places(added) != _list_places(state.runs[-1].added if state.runs else ()),
     )
     told = replace(state, recordings=recordings, runs=(*state.runs, run), identification=identification)
     return replace(told, decision=decide(told, rows, planned))
+
+
+def _list_places(choices: Sequence[EffectChoice]) -> set[tuple[str, tuple[str, ...]]]:
+    """Return effects with their joints alone: shape constants are refined with every run."""
+    return {(choice.effect, choice.joints) for choice in choices}
 
 
 def _measure_seconds(recording: Recording) -> float:
@@ -334,9 +342,10 @@ def decide(state: CampaignState, rows: RegionRows, planned: PlannedRun | None = 
     worst = int(np.argmax(run.errors))
     reached = f"{format_percent(float(run.errors[worst]))} on {names[worst]}, the worst joint"
     remarks = _describe_promise(run, names)
-    if run.added:
+    if run.is_changed and state.seconds_left > 0:
         count = format_count(len(run.added), "effect")
-        return Decision("next_run", f"The diagnosis added {count}; the next run tests it. Error: {reached}.{remarks}")
+        words = f"The diagnosis now adds {count}, others than before; the next run tests the model."
+        return Decision("next_run", f"{words} Error: {reached}.{remarks}")
     if (run.errors <= goal).all():
         if len(state.runs) >= FEWEST_RUNS:
             return Decision("reached", f"The goal of {format_percent(goal)} is reached: {reached}.{remarks}")
@@ -357,7 +366,7 @@ def decide(state: CampaignState, rows: RegionRows, planned: PlannedRun | None = 
         )
     if planned is not None and len(state.runs) >= FEWEST_RUNS:
         at_end = _predict_end(state, rows, planned)
-        if (at_end > goal).any():
+        if (at_end > _BROKEN_PROMISE * goal).any():
             joint = int(np.argmax(at_end))
             return Decision(
                 "not_reachable",
@@ -378,7 +387,7 @@ def _predict_end(state: CampaignState, rows: RegionRows, planned: PlannedRun) ->
 
 def _describe_promise(run: CampaignRun, names: tuple[str, ...]) -> str:
     """Return a sentence where a run left the worst joint with a larger error than promised."""
-    if run.promised is None or run.added or run.errors.max() <= _BROKEN_PROMISE * run.promised.max():
+    if run.promised is None or run.is_changed or run.errors.max() <= _BROKEN_PROMISE * run.promised.max():
         return ""
     worst = int(np.argmax(run.errors))
     return (

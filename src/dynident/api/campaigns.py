@@ -32,7 +32,8 @@ class Campaign(Framed):
     the model from all runs, and decides. Effects that the diagnosis recommends are added.
 
     `to_frame` has a row for each run: run (its name), minutes (robot time so far, min), promised, predicted,
-    parameters, lacking and error (of the worst joint, fractions; missing where there is none), added (effects).
+    parameters, lacking and error (of the worst joint, fractions; missing where there is none), added (effects in the
+    model beyond those asked for).
 
     Parameters
     ----------

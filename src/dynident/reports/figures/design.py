@@ -191,10 +191,14 @@ def draw_campaign(state: CampaignState) -> Markup:
     goal = 100 * state.request.error
     axes.axhline(goal, color=FLOOR, linewidth=1.2, linestyle=(0, (4, 3)), label="goal")
     for time, error, run in zip(minutes, reached, state.runs, strict=True):
-        if run.added:
+        if run.is_changed:
             words = ", ".join(dict.fromkeys(choice.effect for choice in run.added))
-            axes.annotate(f"+ {words}", (time, error), (6, 8), textcoords="offset points", fontsize=8)
+            words = f"with {words}" if words else "no effect added"
+            axes.annotate(words, (time, error), (6, 8), textcoords="offset points", fontsize=8)
     axes.set_yscale("log")
+    # Powers of ten would have to be read twice.
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:g}")
     axes.set_xlim(0, 1.08 * max(float(minutes[-1]), 1e-3))
     axes.set_xlabel("robot time (min)", fontsize=8.5)
     axes.legend(fontsize=8, frameon=False)
