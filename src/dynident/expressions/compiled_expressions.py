@@ -3,22 +3,28 @@
 CasADi's virtual machine walks its list of instructions once a sample, through memory. Translated, the same list works
 in registers on several samples at once: some 25 times faster, and made in tens of milliseconds without a C compiler.
 A recurrence steps a state through time, each step from the one before.
+
+The import of this package also makes CasADi's expressions safe in several threads.
 """
 
 from __future__ import annotations
 
 import ctypes
 import inspect
+import os
 import platform
+import sys
 import threading
-from collections.abc import Callable, Sequence
-from functools import cache, cached_property, lru_cache
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache, cached_property, lru_cache, wraps
 from hashlib import sha256
 from importlib.metadata import version
+from types import BuiltinFunctionType
 from typing import Any
 
 import casadi as ca
 import numpy as np
+from casadi import _casadi
 from llvmlite import binding as llvm
 
 from dynident.array_types import FloatArray
@@ -32,6 +38,61 @@ _LANES_AT_ONCE = 4
 """Numbers in a register that the vector functions take."""
 # LLVM builds one module at a time.
 _BUILD = threading.Lock()
+# CasADi's Python functions release Python's lock, but its SX expressions share a cache of constants: a thread that
+# drops the last use of a constant destroys it while another may take it from the cache, and the process crashes. This
+# lock is held for one CasADi call at a time and nothing else is waited for meanwhile, so it cannot lock up.
+_CASADI = threading.RLock()
+_NUMERIC_FUNCTIONS = ("DM_", "GenDM_", "FunctionBuffer_", "_function_buffer_eval", "Linsol_", "Opti")
+"""Beginnings of the names of CasADi's functions that compute with numbers, possibly for long."""
+
+
+def _guard_casadi() -> None:
+    """Let one thread at a time make, read or destroy CasADi's expressions, in this project's code and in a user's."""
+    if "GIL_RELEASE" not in ca.CasadiMeta.swig_flags() or "__del__" in vars(ca.SX):
+        return  # Python's own lock does it, or this function has run before
+    for name, function in list(vars(_casadi).items()):
+        if isinstance(function, BuiltinFunctionType) and not name.startswith(_NUMERIC_FUNCTIONS):
+            setattr(_casadi, name, _guard_call(function) if name == "Function_call" else _guard(function))
+
+    # The interpreter takes modules apart at its end, when a thread may have stopped while it held the lock.
+    def destroy(self: Any, lock: threading.RLock = _CASADI, is_ending: Callable[[], bool] = sys.is_finalizing) -> None:
+        if not is_ending():
+            with lock:
+                self.__dict__.pop("this", None)
+
+    for kind in (ca.SX, ca.MX, ca.Function, ca.CodeGenerator):
+        kind.__del__ = destroy
+    if hasattr(os, "register_at_fork"):
+        # A child process would wait for ever for a thread that it does not have.
+        os.register_at_fork(before=_CASADI.acquire, after_in_parent=_CASADI.release, after_in_child=_CASADI.release)
+
+
+def _guard(function: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(function)
+    def call(*arguments: Any) -> Any:
+        with _CASADI:
+            return function(*arguments)
+
+    return call
+
+
+def _guard_call(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Guard the evaluation of a function, except at numbers, where it may be a solver that takes long."""
+    guarded = _guard(function)
+
+    @wraps(function)
+    def call(*arguments: Any) -> Any:
+        values: Iterable[Any] = arguments[1].values() if isinstance(arguments[1], dict) else arguments[1]
+        return (function if all(map(_is_numeric, values)) else guarded)(*arguments)
+
+    return call
+
+
+def _is_numeric(value: Any) -> bool:
+    return isinstance(value, ca.DM | float | int) or (isinstance(value, np.ndarray) and value.dtype != object)
+
+
+_guard_casadi()
 
 
 class Compiled:
