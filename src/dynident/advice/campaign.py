@@ -279,9 +279,9 @@ def add_run(
     Raises
     ------
     DynidentError
-        For a recording that was told before, or that the model cannot be identified from.
+        For a recording that was added before, or that the model cannot be identified from.
     """
-    if any(told.name == recording.name for told in state.recordings):
+    if any(earlier.name == recording.name for earlier in state.recordings):
         raise DynidentError(
             f"{recording.name} is a run of this campaign already; each run needs a recording, and a name, of its own",
             pointer="recording",
@@ -307,8 +307,8 @@ def add_run(
         added=added,
         is_changed=_list_places(added) != _list_places(state.runs[-1].added if state.runs else ()),
     )
-    told = replace(state, recordings=recordings, runs=(*state.runs, run), identification=identification)
-    return replace(told, decision=decide(told, rows, planned))
+    extended = replace(state, recordings=recordings, runs=(*state.runs, run), identification=identification)
+    return replace(extended, decision=decide(extended, rows, planned))
 
 
 def _list_places(choices: Sequence[EffectChoice]) -> set[tuple[str, tuple[str, ...]]]:

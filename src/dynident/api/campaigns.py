@@ -122,7 +122,7 @@ class Campaign(Framed):
         return Model(self._state.identification, self._recordings)
 
     @property
-    def promised(self) -> dict[str, float] | None:
+    def promise(self) -> dict[str, float] | None:
         """Relative error of each joint that the motion asked for last promises; None where nothing is promised."""
         if self._planned is None or self._planned.promised is None:
             return None
@@ -171,12 +171,12 @@ class Campaign(Framed):
         Raises
         ------
         DynidentError
-            For another number of recordings, one that was told before, or one that no model can be identified from.
+            For another number of recordings, one that was added before, or one that no model can be identified from.
         """
-        told = as_recordings(recording)
-        require(len(told) == 1, told, "recording", "give the one recording of this run")
-        self._state = add_run(self._state, told.recordings[0], self._planned, progress)
-        self._recordings = Recordings((*self._recordings, *told))
+        checked = as_recordings(recording)
+        require(len(checked) == 1, checked, "recording", "give the one recording of this run")
+        self._state = add_run(self._state, checked.recordings[0], self._planned, progress)
+        self._recordings = Recordings((*self._recordings, *checked))
         self._planned = None
         return self.decision
 

@@ -6,7 +6,7 @@ import shlex
 import subprocess
 import time
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -38,13 +38,10 @@ _DECIDED = (
 )
 
 
-def campaign(
-    robot: RobotArgument,
-    effects: Effects,
-    goal: Annotated[TypedValues, RequestOptions(CampaignRequest, but=("choices", "design"))],
-    motion: Annotated[TypedValues, RequestOptions(DesignRequest, but=_DECIDED)],
-    files: SafetyFiles,
-    reading: RobotTimedReading,
+@dataclass(frozen=True)
+class CampaignFiles(SafetyFiles):
+    """Files of a campaign, and how the robot is moved."""
+
     region: Annotated[
         SomeFiles,
         file_option(
@@ -52,10 +49,10 @@ def campaign(
             help="Measurement of a motion of the application, in which the torque shall be predicted; may be repeated. "
             "By default, all that the limits allow, up to --speed.",
         ),
-    ] = None,
+    ] = None
     folder: Annotated[
         Path, typer.Option("--folder", metavar="FOLDER", help="Where motions, recordings and the model stand.")
-    ] = Path("campaign"),
+    ] = Path("campaign")
     execute: Annotated[
         str,
         typer.Option(
@@ -64,7 +61,16 @@ def campaign(
             help="Command that moves the robot and records: {motion} and {recording} stand for the files. Without it, "
             "the folder is watched for the recording.",
         ),
-    ] = "",
+    ] = ""
+
+
+def campaign(
+    robot: RobotArgument,
+    effects: Effects,
+    goal: Annotated[TypedValues, RequestOptions(CampaignRequest, but=("choices", "design"))],
+    motion: Annotated[TypedValues, RequestOptions(DesignRequest, but=_DECIDED)],
+    files: CampaignFiles,
+    reading: RobotTimedReading,
 ) -> None:
     """Run a robot until its torque is predicted as well as asked for: design, record, identify, decide, again.
 
@@ -96,6 +102,7 @@ def campaign(
         design = replace(design, time_budget=DESIGN_SECONDS)
     chosen = argument_loading.read_effects(effects, machine)
     choices = replace(request.choices, effects=chosen) if chosen else request.choices
+    folder = files.folder
     folder.mkdir(parents=True, exist_ok=True)
     console = terminal.message_console()
     # Recordings stand in temporary folders, which have to stay until the campaign ends.
@@ -106,7 +113,7 @@ def campaign(
             return argument_loading.extract_recordings(opened.enter_context(read)[0])
 
         with terminal.show_progress_bar("region") as progress:
-            states = collect_region(load(list(region), progress)) if region else None
+            states = collect_region(load(list(files.region), progress)) if files.region else None
         state = start_campaign(machine, replace(request, choices=choices, design=design), states)
         while not state.decision.is_end:
             name, planned = f"run{len(state.runs) + 1}", None
@@ -118,10 +125,10 @@ def campaign(
                 csv_and_parquet_output.write_trajectory(planned.design, path)
                 print_warnings(console, planned.design)
                 console.print(_describe_plan(planned, path))
-                recording = _record(console, execute, path, folder, name)
+                recording = _record(console, files.execute, path, folder, name)
             with terminal.show_progress_bar(name) as progress:
-                told = load([recording], scale_progress(progress, 0.0, 0.1))[0]
-                state = add_run(state, told, planned, scale_progress(progress, 0.1, 1.0))
+                added = load([recording], scale_progress(progress, 0.0, 0.1))[0]
+                state = add_run(state, added, planned, scale_progress(progress, 0.1, 1.0))
             assert state.identification is not None
             write_atomically(folder / "model.npz", to_bytes(state.identification))
             console.print(f"{name}: {state.decision.sentence}")
