@@ -80,7 +80,7 @@ def describe_model(
 
 def describe_ladder(named: tuple[str, Model], against: tuple[str, Model] | None = None) -> Document:
     """Describe the steps that led to a model, given with its name, and those of another one."""
-    from dynident_service.identifications.ladders import build_steps, compare_ladders
+    from dynident_service.identifications.adapters import build_steps, compare_ladders
     from dynident_service.identifications.wire_types import Lineage
 
     name, model = named[0], named[1].identification
@@ -188,8 +188,8 @@ def describe_gains(
     robot: Robot, gains: DriveGains, loads: Sequence[tuple[str, PayloadEstimate]]
 ) -> tuple[Document, list[ReportedTable]]:
     """Describe drive gains and the loads that were weighed by them, by name: their document, and their tables."""
-    from dynident_service.validations.adapters import build_gain_tables
-    from dynident_service.validations.adapters import describe_gains as describe
+    from dynident_service.drive_gains.adapters import build_gain_tables
+    from dynident_service.drive_gains.adapters import describe_gains as describe
 
     view = describe(robot, gains, [(name, name, load) for name, load in loads])
     return to_document(view), list(build_gain_tables(view))

@@ -58,7 +58,7 @@ def print_error(error: DynidentError, as_json: bool, option_names: Collection[st
 
 _GROUPS = {
     "From files to a better model": (
-        *("inspect", "design", "identify", "compare", "diagnose", "extend", "remove", "ladder"),
+        *("campaign", "inspect", "design", "identify", "compare", "diagnose", "extend", "remove", "ladder"),
         *("changes", "series", "effects"),
     ),
     "Currents and drive gains": ("gains", "currents"),

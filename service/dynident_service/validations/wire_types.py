@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field
 
 from dynident.validation.validation_request import TRIALS, Method, Stated
-from dynident_service.identifications.wire_types import ErrorsView, UsedPreprocessing
 from dynident_service.shared.request_bodies import derive_body, describe_choices
 from dynident_service.shared.wire_types import (
     Computed,
+    DriftView,
+    ErrorsView,
     Identifier,
     Name,
     RequestModel,
     SourcePath,
+    UsedPreprocessing,
     ViewModel,
     WithTables,
 )
@@ -44,7 +46,8 @@ class ValidationRequest(RequestModel):
         default=None,
         min_length=1,
         max_length=100,
-        description="cross, methods: data that the model has not seen, by default its validation data; simulation, "
+        description="cross, methods: data that the model has not seen, by default its validation data; drift: motions "
+        "to simulate, by default its validation data or else all measurements of the identification; simulation, "
         "filters: the motion to simulate, by default a measurement of the identification; payload: the runs "
         "with the load",
     )
@@ -88,19 +91,6 @@ class MethodView(ViewModel):
     )
     seconds: float = Field(description="Time of the solution")
     warnings: list[str]
-
-
-class DriftView(ViewModel):
-    """Drift of an open-loop simulation under the measured torque, root mean square over many starts.
-
-    null if it diverged, or if no interval of the held-out data is that long.
-    """
-
-    joint_names: list[str]
-    after: list[float] = Field(description="s")
-    distance: list[list[float | None]] = Field(description="rad or m, after each time, per joint")
-    share: list[list[float | None]] = Field(description="Divided by the joint's travel in that time")
-    starts: int
 
 
 class SimulationOnMeasurement(ViewModel):
@@ -173,7 +163,9 @@ class PayloadView(ViewModel):
     friction_apart: Annotated[float | None, SourcePath("weighed.apart.mass")] = Field(
         description="kg, if every run has friction of its own"
     )
-    gains: list[DriveGainView] = Field(default=[], description="Gains that would give the stated mass")
+    gains: Annotated[list[DriveGainView], SourcePath("gains.each")] = Field(
+        default=[], description="Gains that would give the stated mass"
+    )
     verdict: Annotated[VerdictWord, SourcePath("judged.verdict")]
     reason: Annotated[str, SourcePath("judged.reason")]
 
@@ -223,6 +215,9 @@ class ValidationResult(ViewModel):
     parameters: list[str] = Field(default=[], description="Names of the parameters that methods are compared by")
     methods: list[MethodView] = Field(default=[])
     simulations: list[SimulationOnMeasurement] = Field(default=[])
+    drift: DriftView | None = Field(
+        default=None, description="Over all measurements; null if no physical robot can have the parameters"
+    )
     filters: FiltersView | None = None
     payloads: list[PayloadView] = Field(default=[])
     bootstrap: BootstrapView | None = None

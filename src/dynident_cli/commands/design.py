@@ -97,8 +97,8 @@ def simulate(
 
 
 @dataclass(frozen=True)
-class DesignFiles:
-    """Files that a design reads."""
+class SafetyFiles:
+    """Files of what a motion must keep to."""
 
     limits: Annotated[
         SomeFile,
@@ -132,6 +132,12 @@ class DesignFiles:
             help="If no surroundings are stated, assume a floor through the base of an upright arm.",
         ),
     ] = True
+
+
+@dataclass(frozen=True)
+class DesignFiles(SafetyFiles):
+    """Files that a design reads."""
+
     diagnosis: Annotated[
         SomeFile,
         file_option(

@@ -56,7 +56,7 @@ def validate(
         typer.Argument(
             metavar="[MEASUREMENT]…",
             help="direct, methods, filters: what the model was identified from; cross: what it has not seen; "
-            "simulation: the motion; payload: runs with the load.",
+            "simulation, drift: the motion; payload: runs with the load.",
             show_default=False,
         ),
         READABLE_FILE,
