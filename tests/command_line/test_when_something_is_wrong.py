@@ -116,7 +116,7 @@ CASES = {
     "the robot behind the recording": (["identify", "{desk}/run1.csv", "scara"], ["which comes before the recordings"]),
     "a misspelt field of the filters": (
         ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--preprocessing", "torque_cutof=3"],
-        ["--preprocessing: ", "torque_cutoff"],
+        ["--preprocessing torque_cutof: ", "torque_cutoff"],
     ),
     "two files that cannot be used": (
         ["identify", "scara", "{desk}/model.npz", "{desk}/arm.json"],
