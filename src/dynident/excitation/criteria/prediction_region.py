@@ -119,4 +119,5 @@ def compute_moments(model: DesignModel, region: Region) -> FloatArray:
         return moments
     torque = model.torque(region.q, region.dq, region.ddq)
     squares = np.maximum((torque**2).mean(axis=0), np.finfo(float).tiny)
-    return moments / squares[:, None, None]
+    relative: FloatArray = moments / squares[:, None, None]
+    return relative
