@@ -72,7 +72,7 @@ def campaign(
     files: CampaignFiles,
     reading: RobotTimedReading,
 ) -> None:
-    """Run a robot until its torque is predicted as well as asked for: design, record, identify, decide, again.
+    """Design, record and identify until torque is predicted well.
 
     Run k moves along FOLDER/runK_motion.csv and is recorded as FOLDER/runK.csv (or another format). Recordings that
     are there already are taken first, so that a campaign goes on where it was stopped. Exit code 3: the goal was not
