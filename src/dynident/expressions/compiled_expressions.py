@@ -44,6 +44,8 @@ _BUILD = threading.Lock()
 _CASADI = threading.RLock()
 _NUMERIC_FUNCTIONS = ("DM_", "GenDM_", "FunctionBuffer_", "_function_buffer_eval", "Linsol_", "Opti")
 """Beginnings of the names of CasADi's functions that compute with numbers, possibly for long."""
+_BOOKKEEPING = ("_swiginit", "_swigregister")
+"""Ends of the names of those that only join a Python object to its expression."""
 
 
 def _guard_casadi() -> None:
@@ -51,7 +53,8 @@ def _guard_casadi() -> None:
     if "GIL_RELEASE" not in ca.CasadiMeta.swig_flags() or "__del__" in vars(ca.SX):
         return  # Python's own lock does it, or this function has run before
     for name, function in list(vars(_casadi).items()):
-        if isinstance(function, BuiltinFunctionType) and not name.startswith(_NUMERIC_FUNCTIONS):
+        is_safe = name.startswith(_NUMERIC_FUNCTIONS) or name.endswith(_BOOKKEEPING)
+        if isinstance(function, BuiltinFunctionType) and not is_safe:
             setattr(_casadi, name, _guard_call(function) if name == "Function_call" else _guard(function))
 
     # The interpreter takes modules apart at its end, when a thread may have stopped while it held the lock.
