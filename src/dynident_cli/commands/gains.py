@@ -146,7 +146,7 @@ def gains(
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import scale_progress
     from dynident_cli import argument_loading, command_output, terminal
-    from dynident_service.validations.adapters import build_gain_tables, describe_gains
+    from dynident_service.drive_gains.adapters import build_gain_tables, describe_gains
 
     if weigh_unloaded and not weigh:
         raise DynidentError("there is no load to weigh; give --weigh, too", pointer="--weigh-unloaded")

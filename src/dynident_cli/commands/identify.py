@@ -73,7 +73,7 @@ def ladder(
     """Show the steps that led to a model, with their errors. The step that predicts held-out data best is marked."""
     from dynident.errors import DynidentError
     from dynident_cli import argument_loading, command_output, printed_results
-    from dynident_service.identifications.ladders import build_steps, compare_ladders
+    from dynident_service.identifications.adapters import build_steps, compare_ladders
     from dynident_service.identifications.wire_types import Lineage
 
     identification = argument_loading.load_model(model)
