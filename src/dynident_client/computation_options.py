@@ -11,6 +11,7 @@ ValidationKind = Literal[
     "cross",
     "inertia_matrix",
     "simulation",
+    "drift",
     "methods",
     "filters",
     "bootstrap",
@@ -46,6 +47,7 @@ class Criterion(TypedDict, total=False):
         "a_optimal",
         "e_optimal",
         "parameters",
+        "prediction",
         "separation",
     ]
     """Measure of the information in a motion (§12.3.4.1)"""
@@ -320,6 +322,8 @@ class ValidationOptions(TypedDict, total=False):
     """filters: Position cut-offs to try, in Hz (0.0001 to 1e+06)"""
     draws: int | None
     """bootstrap: Number of resamplings; 999 by default (99 to 9999)"""
+    horizons: Sequence[float] | None
+    """drift: Times of simulation after which the drift is given; 0.1, 0.5 and 2 s by default, in s (0.01 to 10)"""
     limit: float | None
     """direct, cross, simulation: Largest relative error that passes; 0.15 by default (1e-06 to 10)"""
     longest: float | None

@@ -93,6 +93,15 @@ def test_essential_parameters(desk: Path):
     assert smaller.document["total"]["relative_total"] == answer.document["validation"]["relative_total"]
 
 
+def test_drift_of_positions_and_velocities(desk: Path):
+    answer = dynident("validate", desk / "model.npz", "drift", desk / "run2.csv", "--horizons", "0.2,0.1")
+    assert "Drift of the position, rad or m (share of the travel)," in answer.out
+    assert "Drift of the velocity" in answer.out
+    # No other times than those that were asked for.
+    assert "after 0.2 s" in answer.out
+    assert "2 s" not in answer.out.replace("0.2 s", "")
+
+
 @pytest.mark.slow
 def test_the_simulator_and_the_filters(desk: Path):
     answer = dynident("validate", desk / "model.npz", "simulation", desk / "run2.csv", "--longest", "4", "--json")
@@ -118,6 +127,7 @@ def test_the_simulator_and_the_filters(desk: Path):
         (["methods", "{run}", "--methods", "best"], ["--methods", "best", "irls"]),
         (["methods", "{run}", "--methods", "ols/wls"], ["--methods", "one of each"]),
         (["filters", "{run}", "--cutoffs", "70", "--longest", "2"], ["/cutoffs/0", "below 50"]),
+        (["drift", "{run}", "--horizons", "20"], ["--horizons", "0.01 to 10"]),
         (["filters", "{run}", "{run}"], ["exactly one measurement"]),
         (["payload", "{run}", "--mass", "2"], ["--unloaded"]),
         (["payload", "{run}", "--unloaded", "{run}", "--mass", "-2"], ["--mass", "1e-06 to 1e+06"]),
@@ -169,7 +179,7 @@ def test_choices_that_there_are_not_are_said_in_words(desk: Path, options: list[
 
 
 def test_joints_with_long_names_leave_room_for_the_names_of_methods(desk: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("dynident_cli.terminal._WIDE", 100)
+    monkeypatch.setattr("dynident_cli.command_output._WIDE", 100)
     asked = ["validate", desk / "model.npz", "methods", desk / "run1.csv", "-v", desk / "run2.csv"]
     shown = dynident(*asked, "--methods", "wls,ols").out
     assert "dynamic" in shown

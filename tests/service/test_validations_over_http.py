@@ -103,6 +103,10 @@ def test_the_simulator_answers_like_the_robot(tried: Tried) -> None:
     assert drift["after"] == [0.1, 0.5, 2.0]
     assert drift["starts"] > 1
     assert max(drift["share"][0]) < 0.5
+    alone = tried.ends("drift", horizons=[0.1])
+    assert alone["verdict"] == "pass"
+    assert alone["drift"]["after"] == [0.1]
+    assert len(alone["drift"]["speed"][0]) == len(alone["drift"]["distance"][0])
 
 
 def test_filters_are_tried_in_simulation(tried: Tried) -> None:

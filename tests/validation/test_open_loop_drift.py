@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
+from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
-from dynident.identification import IdentificationChoices, identify
+from dynident.errors import DynidentError
+from dynident.export import export_model
+from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.identification.estimators.identified_robot_simulator import RecordedMotion, read_pieces
+from dynident.recordings import Recording
 from dynident.robot import to_pinocchio
 from dynident.simulation import Reference, VirtualRobot
-from dynident.validation.simulated_response import compute_open_loop_drift, validate_simulation
+from dynident.validation import compute_open_loop_drift, validate_drift, validate_simulation
+from dynident.validation.validation_request import DriftTrial, build_trial
 
 ROBOT = arm("ur10")
 LINKS = IdentificationChoices((EffectChoice("rigid_body"),), estimator="feasible")
@@ -25,7 +32,7 @@ def test_free_motion_under_given_torque_is_that_of_the_articulated_body_algorith
     q, dq, path = motion.q[0].copy(), motion.dq[0].copy(), []
     ddq = pin.aba(model, data, q, dq, tau[0]).copy()
     start = Reference(motion.t[:1], q[None].copy(), dq[None].copy(), ddq[None])
-    found = VirtualRobot(ROBOT).move_freely(start, tau, 1e-3)
+    found, _ = VirtualRobot(ROBOT).move_freely(start, tau, 1e-3)
     for row in tau:
         path.append(q.copy())
         # Runge and Kutta's method, with the torque of the sample held.
@@ -70,3 +77,66 @@ def test_what_a_tracking_controller_makes_up_for_does_not_pass() -> None:
     assert wrong.position_share.max() < 0.02
     assert wrong.judged.verdict == "fail"
     assert "half a second" in wrong.judged.reason
+
+
+def _record_links(factor: float, duration: float, seed: int) -> Recording:
+    motion = fourier_motion(ROBOT, duration, 200.0, seed)
+    return record(ROBOT, motion, factor * pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq), f"run{seed}")
+
+
+@pytest.fixture(scope="module")
+def heavier() -> Identification:
+    """A model of links that are a twentieth too heavy: its drift is large enough to be compared."""
+    return identify(ROBOT, [_record_links(1.05, 10.0, 3)], choices=LINKS)
+
+
+def _move_in_mujoco(simulated: mujoco.MjModel, motion: RecordedMotion, after: float) -> tuple[FloatArray, FloatArray]:
+    """Return position and velocity a time after the first sample, under the measured torque."""
+    data, reference = mujoco.MjData(simulated), motion.reference
+    data.qpos, data.qvel = reference.q[0], reference.dq[0]
+    for step in range(round(after / simulated.opt.timestep)):
+        # The engine holds the torque over a step; that of its middle is right to second order.
+        now = reference.t[0] + (step + 0.5) * simulated.opt.timestep
+        data.qfrc_applied = [np.interp(now, reference.t, column) for column in motion.tau.T]
+        mujoco.mj_step(simulated, data)
+    return data.qpos.copy(), data.qvel.copy()
+
+
+def test_drift_is_that_of_the_exported_model_in_mujoco(heavier: Identification) -> None:
+    # Each run is so short that it has one start, at its first used sample.
+    recordings = [_record_links(1.0, 0.9, seed) for seed in (5, 6, 7)]
+    drift = compute_open_loop_drift(heavier, recordings, (0.1, 0.5))
+    assert drift.starts == 3
+    simulated = mujoco.MjModel.from_xml_string(export_model(heavier, "mjcf").content.decode())
+    simulated.opt.timestep, simulated.opt.integrator = 1e-3, mujoco.mjtIntegrator.mjINT_RK4
+    pieces = [piece for recording in recordings for piece in read_pieces(recording, heavier.preprocessing)]
+    for row, after in enumerate(drift.after):
+        off = []
+        for piece in pieces:
+            t, end = piece.reference.t, piece.reference.t[0] + after
+            for moved, signal in zip(
+                _move_in_mujoco(simulated, piece, after), (piece.reference.q, piece.reference.dq), strict=True
+            ):
+                off.append(moved - [np.interp(end, t, column) for column in signal.T])
+        position, speed = (np.sqrt(np.mean(np.square(off[kind::2]), axis=0)) for kind in (0, 1))
+        assert drift.distance[row] == pytest.approx(position, rel=0.02, abs=0.01 * position.max())
+        assert drift.speed[row] == pytest.approx(speed, rel=0.02, abs=0.01 * speed.max())
+
+
+def test_starts_are_spread_over_all_segments_and_the_times_are_the_callers(heavier: Identification) -> None:
+    trial = build_trial("drift", {"horizons": (1.0, 0.2)})
+    assert trial == DriftTrial(horizons=(1.0, 0.2))
+    recordings = [_record_links(1.0, duration, seed) for duration, seed in ((3.0, 5), (1.4, 6), (0.9, 7), (0.5, 8))]
+    outcome = validate_drift(heavier, recordings, (1.0, 0.2))
+    assert outcome.drift is not None
+    assert outcome.drift.after == (0.2, 1.0)
+    # Half a second apart: four in the first run, one in each of the next two; of the last the filters leave too little.
+    assert outcome.drift.starts == 6
+    assert outcome.judged.verdict == "pass"
+    assert "after 1 s" in outcome.judged.reason
+    # The last start is a sample from which the only time still fits into the run.
+    alone = compute_open_loop_drift(heavier, recordings, (0.5,))
+    assert alone.starts > outcome.drift.starts
+    assert np.isfinite(alone.distance).all()
+    with pytest.raises(DynidentError, match="is 2 s long"):
+        compute_open_loop_drift(heavier, recordings[1:], (2.0,))

@@ -330,5 +330,6 @@ class DriftView(ViewModel):
     joint_names: list[str]
     after: list[float] = Field(description="s")
     distance: list[list[float | None]] = Field(description="rad or m, after each time, per joint")
+    speed: list[list[float | None]] = Field(default=[], description="The same of the velocity, rad/s or m/s")
     share: list[list[float | None]] = Field(description="Divided by the joint's travel in that time")
     starts: int

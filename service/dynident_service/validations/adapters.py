@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from dynident.number_format import format_number, format_percent
+from dynident.number_format import format_number
 from dynident.presentation.tables import (
     Cell,
     ReportedTable,
@@ -16,11 +16,16 @@ from dynident.presentation.tables import (
     make_percent_cells,
     make_text_cells,
 )
-from dynident.presentation.validation_and_verdict_tables import build_validation_table
+from dynident.presentation.validation_and_verdict_tables import (
+    build_drift_tables,
+    build_validation_table,
+    make_drift_cell,
+)
 from dynident.reports.reported_data import ReportedValidation
 from dynident.schema.registry import kind_to_document
 from dynident.validation import (
     BootstrapValidation,
+    DriftValidation,
     FiltersBySimulation,
     InertiaMatrixValidation,
     MethodResult,
@@ -55,6 +60,7 @@ TITLES = {
     "payload": "A known load",
     "methods": "Different methods on the same data",
     "simulation": "A simulator with the identified parameters",
+    "drift": "Drift of a simulation without a controller",
     "filters": "Filters, by simulating the identification",
     "bootstrap": "Standard deviations, from resampled blocks of time",
 }
@@ -109,6 +115,15 @@ def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> 
         if drift_rows:
             title = "Drift without a controller under the measured torque, rad or m, and relative to the travel"
             yield ReportedTable(title, ("measurement", "after", *joints), tuple(drift_rows))
+    if result.drift is not None:
+        drift = result.drift
+        quantities = [("position, rad or m (share of the travel),", drift.distance, drift.share)]
+        yield from build_drift_tables(
+            drift.joint_names,
+            drift.after,
+            [*quantities, ("velocity, rad/s or m/s,", drift.speed, None)],
+            drift.starts,
+        )
     if result.filters is not None:
         yield _build_filter_table(result.filters)
     if result.bootstrap is not None and result.bootstrap.parameters:
@@ -126,14 +141,8 @@ def _build_drift_rows(simulation: SimulationOnMeasurement) -> Iterator[tuple[Cel
         # Where no segment is that long there is no row; a diverged simulation has one.
         if any(distance is not None for distance in distances) or after == drift.after[0]:
             pairs = zip(distances, shares, strict=True)
-            cells = [_make_drift_cell(distance, share) for distance, share in pairs]
+            cells = [make_drift_cell(distance, share) for distance, share in pairs]
             yield (Cell(simulation.name), make_number_cell(after, unit="s"), *cells)
-
-
-def _make_drift_cell(distance: float | None, share: float | None) -> Cell:
-    if distance is None or share is None:
-        return Cell("diverged", mark="warning")
-    return Cell(f"{format_number(distance, 2)} ({format_percent(share, decimals=0)})", distance)
 
 
 def _build_method_tables(methods: Sequence[MethodView], joint_columns: Sequence[str]) -> Iterator[ReportedTable]:
@@ -273,6 +282,9 @@ def describe_validation(trial: Trial, outcome: TrialResult, measurement_ids: Seq
             return _build_result(
                 trial, outcome, methods=[_show_method(method, outcome.parameters) for method in outcome.results]
             )
+        case DriftValidation():
+            drift = None if outcome.drift is None else to_view(wire.DriftView, outcome.drift)
+            return _build_result(trial, outcome, drift=drift)
         case FiltersBySimulation():
             return _build_result(trial, outcome, filters=to_view(wire.FiltersView, outcome))
     # The remaining kinds give one outcome a recording.

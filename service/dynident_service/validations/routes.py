@@ -115,6 +115,8 @@ def _select_measurements(body: ValidationRequest, model_request: StoredIdentific
             if not stated_ids:
                 raise make_unusable("give the measurements with the load", "/measurement_ids")
             return stated_ids
+        case "drift":
+            return stated_ids or model_request.validation_ids or motions
         case "simulation":
             return stated_ids or (model_request.validation_ids or motions)[:1]
         case "filters":

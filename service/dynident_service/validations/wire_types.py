@@ -46,7 +46,8 @@ class ValidationRequest(RequestModel):
         default=None,
         min_length=1,
         max_length=100,
-        description="cross, methods: data that the model has not seen, by default its validation data; simulation, "
+        description="cross, methods: data that the model has not seen, by default its validation data; drift: motions "
+        "to simulate, by default its validation data or else all measurements of the identification; simulation, "
         "filters: the motion to simulate, by default a measurement of the identification; payload: the runs "
         "with the load",
     )
@@ -214,6 +215,9 @@ class ValidationResult(ViewModel):
     parameters: list[str] = Field(default=[], description="Names of the parameters that methods are compared by")
     methods: list[MethodView] = Field(default=[])
     simulations: list[SimulationOnMeasurement] = Field(default=[])
+    drift: DriftView | None = Field(
+        default=None, description="Over all measurements; null if no physical robot can have the parameters"
+    )
     filters: FiltersView | None = None
     payloads: list[PayloadView] = Field(default=[])
     bootstrap: BootstrapView | None = None

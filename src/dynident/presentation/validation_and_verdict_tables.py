@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from dynident.number_format import format_count
+from dynident.number_format import format_count, format_number, format_percent
 from dynident.presentation.labels import MarkedText
-from dynident.presentation.tables import Cell, ReportedTable, make_percent_cell, make_text_cells
+from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
 from dynident.validation import ValidationOutcome, Verdict
 from dynident.verdict import ModelVerdict, State
 
@@ -67,3 +67,31 @@ def build_drift_table(
         f"({format_count(starts, 'start')} on held-out data)"
     )
     return ReportedTable(title, ("joint", *(f"after {time:g} s" for time in after)), rows, name="drift")
+
+
+def build_drift_tables(
+    joints: Sequence[str],
+    after: Sequence[float],
+    drifts: Iterable[tuple[str, Sequence[Sequence[float | None]], Sequence[Sequence[float | None]] | None]],
+    starts: int,
+) -> Iterator[ReportedTable]:
+    """Yield a table of each drift: the quantity with its unit, the drift (h, n) and its share of the travel, if any.
+
+    Times that no recording reaches have no row; a diverged simulation has one.
+    """
+    for quantity, distances, shares in drifts:
+        rows = []
+        for time, row, own in zip(after, distances, shares or [[None] * len(joints)] * len(after), strict=True):
+            if time == after[0] or any(distance is not None for distance in row):
+                cells = (make_drift_cell(distance, share) for distance, share in zip(row, own, strict=True))
+                rows.append((make_number_cell(time, unit="s"), *cells))
+        title = f"Drift of the {quantity} under the measured torque ({format_count(starts, 'start')})"
+        yield ReportedTable(title, ("after", *joints), tuple(rows))
+
+
+def make_drift_cell(distance: float | None, share: float | None) -> Cell:
+    """Return a drift, with its share of the joint's travel where there is one."""
+    if distance is None:
+        return Cell("diverged", mark="warning")
+    text = format_number(distance, 2)
+    return Cell(text if share is None else f"{text} ({format_percent(share, decimals=0)})", distance)

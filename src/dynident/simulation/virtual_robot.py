@@ -248,7 +248,7 @@ class VirtualRobot:
 
     def move_freely(
         self, start: Reference, tau: FloatArray, h: float, *, memory: FloatArray | None = None, run: str = ""
-    ) -> FloatArray:
+    ) -> tuple[FloatArray, FloatArray]:
         """Integrate the equation of motion under given torques, without a controller.
 
         Parameters
@@ -267,7 +267,8 @@ class VirtualRobot:
 
         Returns
         -------
-        (m, n) array of positions
+        q, dq : (m, n) arrays
+            Positions and velocities at every step.
         """
         n, steps = self.robot.n, len(tau)
         state = build_first_state(self.dynamics, start.q[0], start.dq[0], start.ddq[0], h)
@@ -284,7 +285,7 @@ class VirtualRobot:
         )
         inputs = np.hstack([nothing, tau, t[:, None], warm, runs])
         _, samples = self._step.run(state, inputs, h, np.zeros(n), np.zeros(n))
-        return np.asarray(samples[:, :n])
+        return np.asarray(samples[:, :n]), np.asarray(samples[:, n : 2 * n])
 
     @property
     def _n_runs(self) -> int:

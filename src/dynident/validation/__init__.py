@@ -25,7 +25,14 @@ if TYPE_CHECKING:
     from dynident.validation.inertia_matrix import InertiaMatrixValidation, validate_inertia_matrix
     from dynident.validation.known_load_validation import PayloadValidation, validate_payload
     from dynident.validation.method_comparison import MethodResult, MethodsValidation, validate_methods
-    from dynident.validation.simulated_response import SimulationValidation, validate_simulation
+    from dynident.validation.simulated_response import (
+        Drift,
+        DriftValidation,
+        SimulationValidation,
+        compute_open_loop_drift,
+        validate_drift,
+        validate_simulation,
+    )
     from dynident.validation.validation_outcome import ValidationOutcome, Verdict, combine_verdicts
     from dynident.validation.validation_request import Method, available_methods, get_method
 
@@ -33,6 +40,8 @@ __all__ = [
     "LARGEST_ERROR",
     "BootstrapValidation",
     "DrawnParameter",
+    "Drift",
+    "DriftValidation",
     "FilterTrial",
     "FiltersBySimulation",
     "InertiaMatrixValidation",
@@ -48,12 +57,14 @@ __all__ = [
     "Verdict",
     "available_methods",
     "combine_verdicts",
+    "compute_open_loop_drift",
     "filters_by_simulation",
     "get_method",
     "sensor_noise",
     "validate_bootstrap",
     "validate_cross",
     "validate_direct",
+    "validate_drift",
     "validate_inertia_matrix",
     "validate_methods",
     "validate_payload",

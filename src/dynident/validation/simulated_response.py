@@ -24,6 +24,7 @@ from dynident.identification.estimators.identified_robot_simulator import (
     Simulator,
     build_simulator,
     read_longest_piece,
+    read_pieces,
 )
 from dynident.identification.thresholds import LARGEST_DRIFT, LARGEST_ERROR, LARGEST_OF_JOINT
 from dynident.number_format import format_percent
@@ -33,10 +34,7 @@ from dynident.recordings.joint_phases import SLOW, STANDS
 from dynident.schema.fields import check_value
 from dynident.simulation.true_effects import may_be_negative
 from dynident.validation.validation_outcome import ValidationOutcome
-from dynident.validation.validation_request import LONGEST_SIMULATED, Simulation
-
-AFTER = (0.1, 0.5, 2.0)
-"""Seconds: a few samples of a controller, a quick move, and a whole motion from point to point."""
+from dynident.validation.validation_request import HORIZONS, LONGEST_SIMULATED, Simulation
 
 # Step of the integration in s.
 _STEP = 1e-3
@@ -44,6 +42,8 @@ _STEP = 1e-3
 _APART = 0.5
 # Starts over all recordings: a mean over more of them hardly changes, and each costs a simulation.
 _MOST_STARTS = 60
+# s: after longer times most arms have left the motion, whatever the model; they are unstable without a controller.
+_JUDGED_UNTIL = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,42 +56,48 @@ class Drift:
     ----------
     joint_names : tuple of str
         Names of the joints.
-    distance : (3, n)
-        Root mean square distance of the simulated from the recorded positions after `AFTER` s, in rad or m.
-    way : (3, n)
+    after : (h,)
+        Seconds of simulation after which the drift is given.
+    distance : (h, n)
+        Root mean square distance of the simulated from the recorded positions, in rad or m.
+    speed : (h, n)
+        Root mean square difference of the simulated from the recorded velocities, in rad/s or m/s.
+    way : (h, n)
         Root mean square of how far the joints moved meanwhile, in rad or m.
     starts : int
         Number of states that simulations were started from.
     """
 
     joint_names: tuple[str, ...]
+    after: tuple[float, ...]
     distance: FloatArray
+    speed: FloatArray
     way: FloatArray
     starts: int
 
     @property
-    def after(self) -> tuple[float, ...]:
-        """Seconds of simulation after which the drift is given."""
-        return AFTER
-
-    @property
     def share(self) -> FloatArray:
-        """Distance over way (3, n). For a joint that hardly moves, over what a standing joint may move."""
+        """Distance over way (h, n). For a joint that hardly moves, over what a standing joint may move."""
         return np.asarray(self.distance / np.maximum(self.way, STANDS))
 
     @property
+    def judged_until(self) -> float:
+        """The longest time in s that counts for a verdict: half a second, or the shortest time if all are longer."""
+        return max((after for after in self.after if after <= _JUDGED_UNTIL), default=min(self.after))
+
+    @property
     def worst_share(self) -> float:
-        """Largest share within half a second; infinite where a simulation diverged, nan where none is that long.
+        """Largest share until `judged_until`; infinite where a simulation diverged, nan where none is that long.
 
         After two seconds most arms have left the motion, whatever the model: they are unstable without a controller.
         """
-        short = self.share[: AFTER.index(0.5) + 1]
+        short = self.share[np.array(self.after) <= self.judged_until]
         return float(np.nanmax(short)) if not np.isnan(short).all() else np.nan
 
     def describe(self) -> str:
         """Describe the drift of the worst joint after each time, in a sentence."""
         phrases = []
-        for after, share in zip(AFTER, self.share, strict=True):
+        for after, share in zip(self.after, self.share, strict=True):
             if np.isnan(share).all():
                 continue
             worst = int(np.nanargmax(share))
@@ -101,7 +107,12 @@ class Drift:
 
 
 @single_threaded
-def compute_open_loop_drift(identification: Identification, recordings: Sequence[Recording]) -> Drift:
+def compute_open_loop_drift(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    horizons: Sequence[float] = HORIZONS,
+    progress: Progress = ignore_progress,
+) -> Drift:
     """Simulate a robot with the identified parameters, without a controller, from many states of recorded motions.
 
     Parameters
@@ -110,65 +121,96 @@ def compute_open_loop_drift(identification: Identification, recordings: Sequence
         The identified model.
     recordings : sequence of Recording
         Recordings of the same robot, held out as a rule.
+    horizons : sequence of float
+        Seconds of simulation after which the drift is given.
+    progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     Drift
-        Distances after each of `AFTER`, over all starts.
+        Distances after each of the horizons, over all starts.
 
     Raises
     ------
     DynidentError
         Where no robot can have the identified parameters, or no recording has a motion to follow.
     """
+    after = tuple(sorted(set(horizons)))
     # Built once for all starts: its equation of motion does not change.
     simulator = build_simulator(identification.model, identification.values)
-    motions = [read_longest_piece(recording, identification.preprocessing, np.inf) for recording in recordings]
-    drift = _simulate_from_many_starts(simulator, motions)
+    motions = [piece for recording in recordings for piece in read_pieces(recording, identification.preprocessing)]
+    drift = _simulate_from_many_starts(simulator, motions, after, progress)
     if drift is None:
         raise DynidentError(
-            f"no segment of the recordings is {AFTER[0]:g} s long; use longer recordings or wider windows",
+            f"no segment of the recordings is {after[0]:g} s long; use longer recordings or wider windows",
             pointer="/windows",
             title="Too short",
         )
     return drift
 
 
-def _simulate_from_many_starts(simulator: Simulator, motions: Sequence[RecordedMotion]) -> Drift | None:
+def _simulate_from_many_starts(
+    simulator: Simulator,
+    motions: Sequence[RecordedMotion],
+    horizons: tuple[float, ...] = HORIZONS,
+    progress: Progress = ignore_progress,
+) -> Drift | None:
     """Return the drift from starts spread over the motions; None where no motion is long enough."""
-    each = max(1, _MOST_STARTS // max(len(motions), 1))
-    outcomes = [
-        _simulate_without_control(simulator, motion, start)
-        for motion in motions
-        for start in _choose_starts(motion, each)
-    ]
-    if not outcomes:
+    outcomes = simulate_open_loop(simulator, motions, horizons, progress=progress)
+    if outcomes is None:
         return None
-    away, moved = (np.array(distances) for distances in zip(*outcomes, strict=True))
-    return Drift(simulator.robot.dynamics.robot.joint_names, _compute_rms(away), _compute_rms(moved), len(outcomes))
+    distance, speed, way = (_compute_rms(values) for values in outcomes)
+    return Drift(simulator.robot.dynamics.robot.joint_names, horizons, distance, speed, way, len(outcomes[0]))
 
 
-def _choose_starts(motion: RecordedMotion, most: int) -> list[int]:
-    """Return the samples that simulations start from, spread over the motion; the longest horizon fits where it can."""
+def simulate_open_loop(
+    simulator: Simulator,
+    motions: Sequence[RecordedMotion],
+    horizons: tuple[float, ...],
+    most: int = _MOST_STARTS,
+    progress: Progress = ignore_progress,
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Simulate from at most `most` states spread over the motions; None where no motion is long enough.
+
+    The arrays (k, h, n) are the differences of the simulated from the recorded positions and velocities, and the ways
+    of the recorded joints, for each start and horizon. A simulation that diverged is infinitely far off; nan marks a
+    horizon that its motion does not reach.
+    """
+    starts = [(motion, start) for motion in motions for start in _choose_starts(motion, horizons)]
+    if not starts:
+        return None
+    # Spread over all motions in proportion to their lengths.
+    chosen = np.unique(np.linspace(0, len(starts) - 1, min(len(starts), most)).astype(int))
+    outcomes = []
+    for index in chosen:
+        progress(len(outcomes) / len(chosen), "simulating without a controller")
+        outcomes.append(_simulate_without_control(simulator, *starts[index], horizons))
+    position, velocity, way = (np.array(values) for values in zip(*outcomes, strict=True))
+    return position, velocity, way
+
+
+def _choose_starts(motion: RecordedMotion, horizons: tuple[float, ...]) -> list[int]:
+    """Return samples that simulations may start from, spread over the motion; the longest horizon fits if it can."""
     t = motion.reference.t
     length = float(t[-1] - t[0])
     # A segment that is too short for the longest horizon still serves the shorter ones.
-    last = length - AFTER[-1] if length > AFTER[-1] else length - AFTER[0]
+    last = length - horizons[-1] if length > horizons[-1] else length - horizons[0]
     if last < 0:
         return []
-    times = np.linspace(0.0, last, min(most, int(last / _APART) + 1)) + t[0]
-    return [int(k) for k in np.searchsorted(t, times - 1e-9)]
+    times = np.linspace(0.0, last, int(last / _APART) + 1) + t[0]
+    # The sample before, so that the horizon still fits behind it; a sample's time may be off by rounding.
+    return [int(k) for k in np.searchsorted(t, times + 1e-9, side="right") - 1]
 
 
 def _simulate_without_control(
-    simulator: Simulator, motion: RecordedMotion, start: int
-) -> tuple[FloatArray, FloatArray]:
-    """Return how far the simulated robot is off, and how far the real one moved: (3, n) each."""
+    simulator: Simulator, motion: RecordedMotion, start: int, horizons: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return how far the simulated robot is off in position and velocity, and how far the real one moved: (h, n)."""
     whole, robot = motion.reference, simulator.robot
-    n = whole.q.shape[1]
     here = whole.t[start]
     # A sample's time may be off by rounding; a horizon that ends there is there.
-    after = np.array([horizon for horizon in AFTER if here + horizon <= whole.t[-1] + 1e-9])
+    after = np.array([horizon for horizon in horizons if here + horizon <= whole.t[-1] + 1e-9])
     t = here + _STEP * np.arange(round(after[-1] / _STEP) + 1)
     tau = np.column_stack([np.interp(t, whole.t, column) for column in motion.tau.T])
     heat = None if whole.temperature is None else whole.temperature[start:]
@@ -180,23 +222,96 @@ def _simulate_without_control(
     memory = MemoryStates(signals.memory_signals).push(signals.robot.positions(whole.q[: start + 1]))[-1]
     # A simulation that diverges overflows. That is a result, infinite drift, and no error.
     with np.errstate(all="ignore"):
-        q = robot.move_freely(rest, tau, _STEP, memory=memory, run=motion.label)
+        q, dq = robot.move_freely(rest, tau, _STEP, memory=memory, run=motion.label)
     rows = np.rint(after / _STEP).astype(np.intp)
-    measured = np.column_stack([np.interp(t[rows], whole.t, column) for column in whole.q.T])
-    away, way = np.full((len(AFTER), n), np.nan), np.full((len(AFTER), n), np.nan)
+    measured, velocity = (
+        np.column_stack([np.interp(t[rows], whole.t, column) for column in signal.T]) for signal in (whole.q, whole.dq)
+    )
     # A state that is no number has diverged: infinitely far, and not missing.
-    away[: len(after)] = np.nan_to_num(np.abs(q[rows] - measured), nan=np.inf)
-    way[: len(after)] = np.abs(measured - whole.q[start])
-    return away, way
+    away, faster = (np.nan_to_num(difference, nan=np.inf) for difference in (q[rows] - measured, dq[rows] - velocity))
+    missing = np.full((len(horizons) - len(after), whole.q.shape[1]), np.nan)
+    moved = measured - whole.q[start]
+    return np.vstack([away, missing]), np.vstack([faster, missing]), np.vstack([moved, missing])
 
 
 def _compute_rms(values: FloatArray) -> FloatArray:
-    """Return the root mean square (3, n) over the starts (k, 3, n) that reach so far; nan where none does."""
+    """Return the root mean square (h, n) over the starts (k, h, n) that reach so far; nan where none does."""
     # Infinite distances stay in the mean, so that one diverged start shows.
     there = ~np.isnan(values)
     counts = there.sum(axis=0)
-    squares = np.where(there, values, 0.0) ** 2
-    return np.where(counts > 0, np.sqrt(squares.sum(axis=0) / np.maximum(counts, 1)), np.nan)
+    # A diverged velocity may be finite and so large that its square is not.
+    with np.errstate(over="ignore"):
+        squares = np.where(there, values, 0.0) ** 2
+        return np.where(counts > 0, np.sqrt(squares.sum(axis=0) / np.maximum(counts, 1)), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class DriftValidation:
+    """Drift of an open-loop simulation over recordings, with the verdict.
+
+    Parameters
+    ----------
+    drift : Drift or None
+        The drift; None where no robot can have the identified parameters.
+    judged : ValidationOutcome
+        Whether the drift is small enough for a simulation, and the reason.
+    """
+
+    drift: Drift | None
+    judged: ValidationOutcome
+
+
+def validate_drift(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    horizons: Sequence[float] = HORIZONS,
+    progress: Progress = ignore_progress,
+) -> DriftValidation:
+    """Start the simulated robot from many measured states and judge how far it drifts under the measured torque.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recordings : sequence of Recording
+        Recordings of the same robot, held out as a rule.
+    horizons : sequence of float
+        Seconds of simulation after which the drift is given.
+    progress : Progress
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    DriftValidation
+        The drift, judged until half a second by its share of the travel.
+
+    Raises
+    ------
+    DynidentError
+        Where the recordings have no motion of the shortest horizon.
+    """
+    # Before the simulation: negative friction or inertia would make it diverge without saying why.
+    impossible = _name_impossible_parameters(identification.estimate)
+    if impossible:
+        reason = f"No physical robot can have the identified parameters: {impossible}."
+        return DriftValidation(None, ValidationOutcome("fail", reason))
+    drift = compute_open_loop_drift(identification, recordings, horizons, progress)
+    return DriftValidation(drift, _judge_drift(drift))
+
+
+def _judge_drift(drift: Drift) -> ValidationOutcome:
+    if np.isnan(drift.worst_share):
+        reason = f"No segment of the recordings is {drift.judged_until:g} s long."
+        return ValidationOutcome("not_evaluated", reason)
+    # Written so that an infinite drift is too large.
+    if not drift.worst_share <= LARGEST_DRIFT:
+        until = "half a second" if drift.judged_until == _JUDGED_UNTIL else f"{drift.judged_until:g} s"
+        complaint = (
+            f"More than {format_percent(LARGEST_DRIFT, decimals=0)} of the travel within {until} is too much for "
+            "a simulation."
+        )
+        return ValidationOutcome("fail", f"{drift.describe()} {complaint}")
+    return ValidationOutcome("pass", drift.describe())
 
 
 @dataclass(frozen=True, eq=False)
@@ -367,11 +482,7 @@ def _judge_response(
         )
     if drift is None or np.isnan(drift.worst_share):
         return ValidationOutcome("not_evaluated", f"{text}. The motion is too short to be simulated without control.")
-    # Written so that an infinite drift is too large.
-    if not drift.worst_share <= LARGEST_DRIFT:
-        complaint = (
-            f"More than {format_percent(LARGEST_DRIFT, decimals=0)} of the travel within half a second is too much for "
-            "a simulation."
-        )
-        return ValidationOutcome("fail", f"{text}. {drift.describe()} {complaint}")
-    return ValidationOutcome("pass", f"{text}, within the limit of {format_percent(limit, 2)}. {drift.describe()}")
+    judged = _judge_drift(drift)
+    if judged.verdict == "fail":
+        return ValidationOutcome("fail", f"{text}. {judged.reason}")
+    return ValidationOutcome("pass", f"{text}, within the limit of {format_percent(limit, 2)}. {judged.reason}")

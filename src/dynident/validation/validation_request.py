@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from dynident.recordings import Recording
     from dynident.validation import (
         BootstrapValidation,
+        DriftValidation,
         FiltersBySimulation,
         InertiaMatrixValidation,
         MethodsValidation,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         | MethodsValidation
         | FiltersBySimulation
         | BootstrapValidation
+        | DriftValidation
         | list[PayloadValidation]
         | list[SimulationValidation]
     )
@@ -311,6 +313,34 @@ class Simulation(LimitedTrial):
         ]
 
 
+HORIZONS = (0.1, 0.5, 2.0)
+"""Seconds: a few samples of a controller, a quick move, and a whole motion from point to point."""
+
+
+@dataclass(frozen=True)
+class DriftTrial(Trial):
+    """A simulated robot without a controller, started again and again from measured states."""
+
+    name = "drift"
+    words = "A simulated robot starts from many measured states under the measured torque alone: how far does it drift?"
+
+    horizons: tuple[float, ...] | None = declare_field(
+        "Times of simulation after which the drift is given; 0.1, 0.5 and 2 s by default",
+        default=None,
+        unit="s",
+        at_least=0.01,
+        at_most=10.0,
+        fewest=1,
+        most=10,
+    )
+
+    def judge(self, tried: ValidationData) -> DriftValidation:
+        """Make the validation over all recordings."""
+        from dynident.validation import validate_drift
+
+        return validate_drift(tried.model, tried.recordings, self.horizons or HORIZONS, tried.progress)
+
+
 @dataclass(frozen=True)
 class Filters(Trial):
     """Cut-off frequencies chosen by simulating the identification."""
@@ -364,7 +394,8 @@ class _Trials:
     """All kinds of validation, by their names."""
 
     by_name: Mapping[str, type[Trial]] = {
-        kind.name: kind for kind in (Direct, Cross, InertiaMatrix, Simulation, Methods, Filters, Bootstrap, Payload)
+        kind.name: kind
+        for kind in (Direct, Cross, InertiaMatrix, Simulation, DriftTrial, Methods, Filters, Bootstrap, Payload)
     }
 
     @property

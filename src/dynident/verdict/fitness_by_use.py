@@ -23,7 +23,7 @@ from dynident.identification.thresholds import (
 )
 from dynident.number_format import format_percent
 from dynident.regressors.errors_by_phase import compute_moving_errors
-from dynident.validation.simulated_response import AFTER, Drift, compute_open_loop_drift
+from dynident.validation.simulated_response import Drift, compute_open_loop_drift
 from dynident.verdict.detectable_loads import FALSE_ALARMS_AN_HOUR, FEWEST_BLOCKS, SEEN, DetectableForce
 from dynident.verdict.held_out_evidence import HeldOutEvidence
 from dynident.verdict.momentum_observer import ContactDetection
@@ -334,13 +334,14 @@ def _judge_drift(drift: Drift) -> UseFinding:
         )
     if drift.worst_share > LARGEST_DRIFT:
         sentence = (
-            f"{figures} More than {format_percent(LARGEST_DRIFT, decimals=0)} of the travel within {AFTER[1]:g} s is "
-            "too much for a simulation of the robot."
+            f"{figures} More than {format_percent(LARGEST_DRIFT, decimals=0)} of the travel within "
+            f"{drift.judged_until:g} s is too much for a simulation of the robot."
         )
         return UseFinding("no", sentence, DIAGNOSE)
     if drift.worst_share > NOTABLE_DRIFT:
         sentence = (
-            f"Simulate only with a controller, or for less than {AFTER[1]:g} s: {figures[0].lower()}{figures[1:]}"
+            f"Simulate only with a controller, or for less than {drift.judged_until:g} s: "
+            f"{figures[0].lower()}{figures[1:]}"
         )
         return UseFinding("limited", sentence, DIAGNOSE)
     return UseFinding("yes", figures)

@@ -15,6 +15,8 @@ class DriftView(TypedDict):
     joint_names: list[str]
     share: list[list[float | None]]
     """Divided by the joint's travel in that time"""
+    speed: list[list[float | None]]
+    """The same of the velocity, rad/s or m/s"""
     starts: int
 
 

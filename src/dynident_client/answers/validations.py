@@ -188,10 +188,22 @@ class ValidationResult(TypedDict):
     """Result of one validation, with the verdict and its reason in a sentence."""
 
     bootstrap: BootstrapView | None
+    drift: DriftView | None
+    """Over all measurements; null if no physical robot can have the parameters"""
     eigenvalue_standard_deviation: float | None
     filters: FiltersView | None
     inertia_matrix_positive_definite: bool | None
-    kind: Literal["direct", "cross", "inertia_matrix", "simulation", "methods", "filters", "bootstrap", "payload"]
+    kind: Literal[
+        "direct",
+        "cross",
+        "inertia_matrix",
+        "simulation",
+        "drift",
+        "methods",
+        "filters",
+        "bootstrap",
+        "payload",
+    ]
     limit: float | None
     """Limit of the relative error"""
     measurements: list[MeasurementErrors]

@@ -10,7 +10,7 @@ ordinary controller is enough. The reference is the recorded or the commanded mo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -189,30 +189,51 @@ def read_longest_piece(recording: Recording, preprocessing: Preprocessing, longe
     DynidentError
         Where there are not two such samples.
     """
-    best: list[_Rows] = []
-    run: list[_Rows] = []
-    longest_length, length, segment_of_best = 0, 0, 0
-    for block in filtered_blocks(recording, preprocessing):
-        # A new segment is a new motion: time and positions jump.
-        if block.starts_segment:
-            run, length = [], 0
-        # Samples come in blocks, and a piece may go on from one block to the next.
-        borders = np.flatnonzero(np.diff(block.used)) + 1
-        for first, last in zip([0, *borders], [*borders, len(block.t)], strict=True):
-            if first == last or not block.used[first]:
-                run, length = [], 0
-                continue
-            run = [*run, _take_rows(block, slice(first, last))]
-            length += last - first
-            if length > longest_length:
-                best, longest_length, segment_of_best = run, length, block.segment
-    if longest_length < 2:
+    segment, rows = max(
+        _iterate_pieces(recording, preprocessing), key=lambda piece: _count_rows(piece[1]), default=(0, [])
+    )
+    if _count_rows(rows) < 2:
         raise DynidentError(
             f"{recording.name} has no consecutive samples inside its windows",
             pointer="/windows",
             title="No motion to simulate",
         )
-    return _join_pieces(recording, segment_of_best, best, longest)
+    return _join_pieces(recording, segment, rows, longest)
+
+
+def read_pieces(recording: Recording, preprocessing: Preprocessing) -> tuple[RecordedMotion, ...]:
+    """Return every unbroken piece of used samples that has at least two of them, in the order of time."""
+    return tuple(
+        _join_pieces(recording, segment, rows)
+        for segment, rows in _iterate_pieces(recording, preprocessing)
+        if _count_rows(rows) > 1
+    )
+
+
+def _iterate_pieces(recording: Recording, preprocessing: Preprocessing) -> Iterator[tuple[int, list[_Rows]]]:
+    """Yield the segment and the rows of each unbroken piece of used samples."""
+    piece: list[_Rows] = []
+    segment = 0
+    for block in filtered_blocks(recording, preprocessing):
+        # A new segment is a new motion: time and positions jump.
+        if block.starts_segment and piece:
+            yield segment, piece
+            piece = []
+        segment = block.segment
+        # Samples come in blocks, and a piece may go on from one block to the next.
+        borders = np.flatnonzero(np.diff(block.used)) + 1
+        for first, last in zip([0, *borders], [*borders, len(block.t)], strict=True):
+            if first < last and block.used[first]:
+                piece.append(_take_rows(block, slice(first, last)))
+            elif piece:
+                yield segment, piece
+                piece = []
+    if piece:
+        yield segment, piece
+
+
+def _count_rows(piece: list[_Rows]) -> int:
+    return sum(len(rows[0]) for rows in piece)
 
 
 def _take_rows(block: SampleBlock, part: slice = _EVERYTHING) -> _Rows:
