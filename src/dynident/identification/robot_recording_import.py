@@ -234,10 +234,10 @@ def _list_cures(robot: Robot, outcome: Sequence[Revision] | RecordingError) -> I
     """Yield the facts of the robot that a recording was cured of, or is refused for, in words."""
     if isinstance(outcome, RecordingError):
         # The first remedy is the one that is proposed, others fit as well.
-        said = [(remedy.field, remedy.value) for remedy in outcome.remedies if remedy.field in _FACTS][:1]
+        facts = [(remedy.field, remedy.value) for remedy in outcome.remedies if remedy.field in _FACTS][:1]
     else:
-        said = [(field, getattr(revision, field)) for revision in outcome for field in _FACTS]
-    for field, value in said:
+        facts = [(field, getattr(revision, field)) for revision in outcome for field in _FACTS]
+    for field, value in facts:
         for key, own in value.items() if isinstance(value, Mapping) else ():
             if field == "signs":
                 # The column of a joint, or "q" or "tau" for all joints.

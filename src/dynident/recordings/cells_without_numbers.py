@@ -187,9 +187,9 @@ def find_quantities(texts: Mapping[str, Sequence[str]]) -> dict[str, str]:
     units = {}
     for name, cells in texts.items():
         parts = [re.match(_QUANTITY, cell) for cell in cells if cell]
-        found = {part["unit"] for part in parts if part is not None}
-        if parts and None not in parts and len(found) == 1:
-            units[name] = found.pop()
+        cell_units = {part["unit"] for part in parts if part is not None}
+        if parts and None not in parts and len(cell_units) == 1:
+            units[name] = cell_units.pop()
     return units
 
 
