@@ -200,7 +200,9 @@ def report_zeros_from_start(
         "its own; or log absolute positions."
     )
     # Zeros that do not show differ from recording to recording: a model of this one would fit no other.
-    return Check(ZERO, "error", detail, q[0], apply=None if others[1:] else Revision(zeros=told), remedies=(remedy,))
+    return Check(
+        ZERO, "error", detail, q[0], apply=None if others[1:] else Revision(zeros=zeros_by_column), remedies=(remedy,)
+    )
 
 
 def _find_zeros(robot: Robot, motion: Motion, fit: HeldOutFit) -> FloatArray:
