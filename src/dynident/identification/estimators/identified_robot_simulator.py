@@ -202,7 +202,15 @@ def read_longest_piece(recording: Recording, preprocessing: Preprocessing, longe
 
 
 def read_pieces(recording: Recording, preprocessing: Preprocessing) -> tuple[RecordedMotion, ...]:
-    """Return every unbroken piece of used samples that has at least two of them, in the order of time."""
+    """Return every unbroken piece of used samples that has at least two of them, in the order of time.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    preprocessing : Preprocessing
+        Filters of the recordings.
+    """
     return tuple(
         _join_pieces(recording, segment, rows)
         for segment, rows in _iterate_pieces(recording, preprocessing)
