@@ -66,8 +66,8 @@ CONTENTS = {
     "Begin": ["docs/tutorial", "docs/notebook", "docs/workbench", "docs/agents", "docs/my-robot", "docs/concepts"],
     "How to": sorted(f"docs/how-to/{page.stem}" for page in (ROOT / "docs" / "how-to").glob("*.md")),
     "In depth": [
-        *(f"docs/{page}" for page in ("methods", "experiments", "surroundings", "drive-chain", "closed-loops")),
-        *(f"docs/{page}" for page in ("diagnosis", "effects", "exports", "http-service")),
+        *(f"docs/{page}" for page in ("methods", "experiments", "campaigns", "surroundings", "drive-chain")),
+        *(f"docs/{page}" for page in ("closed-loops", "diagnosis", "effects", "exports", "http-service")),
         "benchmarks/README",
     ],
     "Reference": ["docs/reference/index", "docs/glossary"],

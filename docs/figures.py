@@ -13,19 +13,18 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from dynident import load_model, read_recordings
 from dynident.diagnosis import Diagnosis, compare, evidence
 from dynident.excitation import design_experiment
 from dynident.identification import Identification
-from dynident.progress import ignore_progress
 from dynident.recordings import Recording
 from dynident.reports.figures.design import draw_design
 from dynident.reports.figures.diagnosis import draw_candidates, draw_evidence
 from dynident.reports.figures.ladder import draw_models
 from dynident.reports.figures.residuals import draw_residuals
 from dynident.reports.figures.signals_over_time import draw_torque
-from dynident_cli import argument_loading
+from dynident_cli.contract_documents import load_diagnosis
 from dynident_cli.design_and_simulation_files import load_proposed_design
-from dynident_cli.shared_options import Reading
 
 HERE = Path(__file__).resolve().parent
 FIGURES = HERE / "figures"
@@ -53,28 +52,22 @@ def run(folder: Path) -> None:
 
 def draw(folder: Path) -> dict[str, str]:
     """The figures by name, from the files that the commands left."""
-    first, better = (argument_loading.load_model(folder / name) for name in ("model.npz", "better.npz"))
-    found = argument_loading.load_diagnosis(folder / "diagnosis.json")
+    first, better = (load_model(folder / name).identification for name in ("model.npz", "better.npz"))
+    found = load_diagnosis(folder / "diagnosis.json")
     robot = first.model.robot
     joint = robot.joint_names.index(JOINT)
-    reading = Reading()
-    files = [folder / name for name in ("run1.csv", "run2.csv")]
-    with argument_loading.load_recordings(files, robot, reading, ignore_progress, [folder / "validation.csv"]) as (
-        given,
-        tried,
-    ):
-        run1, run2 = argument_loading.extract_recordings(given)
-        validation = argument_loading.extract_recordings(tried)[0]
-        compared = compare(first, validation)
-        return {
-            "compare": draw_torque(compared, [joint], "validation"),
-            "where": draw_residuals([compare(first, run1)], [joint]),
-            "ranking": draw_candidates(found.candidates[:_BARS]),
-            "evidence": _both(first, found, [run1]),
-            "next": draw_design(design_experiment(robot, load_proposed_design(folder / "diagnosis.json")), robot),
-            "decided": _both(first, found, [run1, run2]),
-            "ladder": _ladder(better, found),
-        }
+    files = [folder / name for name in ("run1.csv", "run2.csv", "validation.csv")]
+    run1, run2, validation = read_recordings(*files, robot=robot).recordings
+    compared = compare(first, validation)
+    return {
+        "compare": draw_torque(compared, [joint], "validation"),
+        "where": draw_residuals([compare(first, run1)], [joint]),
+        "ranking": draw_candidates(found.candidates[:_BARS]),
+        "evidence": _both(first, found, [run1]),
+        "next": draw_design(design_experiment(robot, load_proposed_design(folder / "diagnosis.json")), robot),
+        "decided": _both(first, found, [run1, run2]),
+        "ladder": _ladder(better, found),
+    }
 
 
 def _both(first: Identification, found: Diagnosis, recordings: list[Recording]) -> str:

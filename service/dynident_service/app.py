@@ -27,15 +27,13 @@ from dynident_service.identifications import routes as identifications
 from dynident_service.jobs.child_pool import ForkServer
 from dynident_service.measurements import import_routes
 from dynident_service.measurements import routes as measurements
-from dynident_service.middleware import AccessControl, AccessLog, AuditLog, RequestTiming
-from dynident_service.problem_responses import REQUEST_ID
+from dynident_service.middleware import AccessControl, AccessLog, AuditLog, Metrics, RequestTiming
+from dynident_service.problem_responses import REQUEST_ID, SafeHeaders
 from dynident_service.problem_responses import install_handlers as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
-from dynident_service.prometheus_metrics import Metrics
 from dynident_service.reports import routes as reports
 from dynident_service.request_limits import Admission, BodyLimit, set_threads
 from dynident_service.robots import routes as robots
-from dynident_service.security_headers import SafeHeaders
 from dynident_service.settings import Settings
 from dynident_service.storage_and_engine import Services, open_services
 from dynident_service.tracing import RequestTracing

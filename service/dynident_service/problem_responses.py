@@ -1,4 +1,4 @@
-"""Exception handlers: each exception of the application becomes a problem with its status; the X-Request-ID header."""
+"""Exception handlers: each exception of the application becomes a problem with its status; headers of every answer."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from http import HTTPStatus
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from starlette.datastructures import MutableHeaders
 from starlette.exceptions import HTTPException as StarletteHTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from dynident.errors import DynidentError
 from dynident_service.log_lines import get_current_request
@@ -22,7 +24,6 @@ from dynident_service.problems import (
     to_problem,
     to_problem_fields,
 )
-from dynident_service.security_headers import SAFE
 from dynident_service.storage.data_directory import is_disk_full
 from dynident_service.storage.retry_while_away import AWAY, describe_error
 
@@ -127,3 +128,32 @@ async def _on_unexpected(request: Request, error: Exception) -> JSONResponse:
 def _make_disk_full_problem() -> Problem:
     detail = "The disk of the service is full, so nothing was stored; ask its operator to free space."
     return make_problem(507, detail, title="Disk full")
+
+
+SAFE = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    # Data is no page; pages say for themselves what they need.
+    "content-security-policy": "default-src 'none'; frame-ancestors 'none'",
+}
+
+
+class SafeHeaders:
+    """Middleware that adds the headers to an answer that does not have its own."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, and add the headers to its answer."""
+        if scope["type"] != "http":
+            return await self._app(scope, receive, send)
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in SAFE.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        return await self._app(scope, receive, send_with_headers)

@@ -27,8 +27,8 @@ from dynident_service.environment_secrets import forget_keys
 from dynident_service.fair_queue import SharedPlaces, name_address_party
 from dynident_service.jobs.job_engine import Engine
 from dynident_service.log_lines import configure_logging
+from dynident_service.problem_responses import SAFE
 from dynident_service.problems import MEDIA_TYPE, make_problem
-from dynident_service.security_headers import SAFE
 from dynident_service.settings import Settings, load_settings
 from dynident_service.storage.data_directory import PRIVATE, prepare_data_directory
 

@@ -10,15 +10,15 @@ from typing import Annotated, Literal
 from anyio import to_thread
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from fastapi.sse import EventSourceResponse, ServerSentEvent
+from prometheus_client import CONTENT_TYPE_LATEST
 from pydantic import BaseModel, Field
 
 from dynident.version import __version__
 from dynident_service.api_keys import KeyHolder, list_keys
 from dynident_service.middleware import HOLDER
 from dynident_service.problems import Problem
-from dynident_service.prometheus_metrics import CONTENT_TYPE_LATEST
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.shared.paging_and_retries import ListQueryDep, resource_path
+from dynident_service.shared.resource_routes import ListQueryDep, resource_path
 from dynident_service.shared.wire_types import Catalogue, Page, Progress, ViewModel
 from dynident_service.storage.quotas import QuotaLimits, Usage, compute_all_usage, compute_usage, get_account
 from dynident_service.storage.repository_values import KINDS, Job, JobKind, State

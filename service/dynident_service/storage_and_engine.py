@@ -18,7 +18,7 @@ from dynident_service.job_events import JobEventNotifier
 from dynident_service.jobs.child_pool import ForkServer
 from dynident_service.jobs.confinement import REQUEST_MEMORY, AllowedFolders, Confinement
 from dynident_service.jobs.job_engine import Engine
-from dynident_service.lru_cache import LruCache
+from dynident_service.jobs.task_input_output import LruCache
 from dynident_service.readiness import Readiness
 from dynident_service.settings import Settings
 from dynident_service.storage.data_directory import mark_in_use, prepare_data_directory

@@ -27,6 +27,8 @@ from dynident.optional_dependencies import MissingPackageFinder, find_missing_pa
 from dynident.version import __version__
 
 if TYPE_CHECKING:
+    from dynident.advice import CampaignRequest
+    from dynident.api.campaigns import Campaign, run_campaign
     from dynident.api.changes_over_time import Changes, FollowedRobot, changes, series
     from dynident.api.effect_arguments import register
     from dynident.api.figure import Figure
@@ -51,6 +53,8 @@ if TYPE_CHECKING:
     from dynident.robot import Drive, Limits, Robot
 
 __all__ = [
+    "Campaign",
+    "CampaignRequest",
     "Changes",
     "CheckedRecording",
     "ComparedRecording",
@@ -97,6 +101,7 @@ __all__ = [
     "register",
     "report",
     "revise",
+    "run_campaign",
     "series",
     "validate",
 ]

@@ -45,6 +45,44 @@ def decode_document(data: bytes) -> str:
         return data.decode("cp1252", errors="replace")
 
 
+_TYPOGRAPHIC = frozenset(b"\x80\x82\x84\x85\x91\x92\x93\x94\x96\x97\x99")
+"""Signs of Windows' western code page that texts have among bytes below A0: quotation marks, dashes, euro, ellipsis."""
+
+
+def decode_unmarked_text(data: bytes) -> tuple[str, str]:
+    """Return text that is no UTF-8, and its encoding: of Japan, Cyrillic, Korea, China, else of western Europe.
+
+    Parameters
+    ----------
+    data : bytes
+        The beginning of a text; the last character may be cut off.
+
+    Returns
+    -------
+    text, encoding : str
+        The text, and the name of its codec.
+    """
+    runs = re.findall(rb"[\x80-\xff]+", data)
+    high = b"".join(runs)
+    pairs = [run for run in runs if len(run) % 2 == 0]
+    candidates = []
+    # Shift-JIS begins its letters below A0, where western text has no letters.
+    if any(byte < 0xA0 and byte not in _TYPOGRAPHIC for byte in high):
+        candidates = ["cp932", "gb18030"]
+    elif sum(byte >= 0xC0 for byte in high) > 0.95 * len(high) and len(high) > 2 * len(runs):
+        candidates = ["cp1251"]
+    # The letters of Korea and China are pairs of bytes above A0; those of Korea begin with B0 to C8.
+    elif len(pairs) > 0.9 * len(runs):
+        korean = all(0xB0 <= byte <= 0xC8 for run in pairs for byte in run[::2])
+        candidates = ["cp949", "gb18030"] if korean else ["gb18030", "cp949"]
+    for encoding in candidates:
+        try:
+            return codecs.getincrementaldecoder(encoding)().decode(data), encoding
+        except UnicodeDecodeError:
+            continue
+    return data.decode("cp1252", errors="replace"), "cp1252"
+
+
 def encode_text(text: str) -> bytes:
     r"""Encode a text as UTF-8; write halves of surrogate pairs, which have no code, as escapes: "\ud800".
 

@@ -1,56 +1,111 @@
-"""Output of a command: to a file, as JSON, or printed."""
+"""Output of a command: results to a file, as JSON or printed on stdout, progress and messages on stderr."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.table import Table
 
-from dynident.diagnosis import compare
-from dynident.identification import Identification
-from dynident.progress import Progress, scale_progress
-from dynident.recordings.file_names_and_digests import compute_digest
-from dynident.reports import ReportedRecording
-from dynident_cli import terminal
-from dynident_cli.argument_loading import LoadedRecording
-from dynident_cli.input_checks_and_writes import write_atomically
+from dynident.file_output import write_atomically
+from dynident.progress import Progress as Report
+from dynident.progress import ignore_progress
 from dynident_cli.shared_options import OutputOptions
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
+    from rich.progress import Progress, TaskID
 
+    from dynident.api.model import Model
+    from dynident.api.recording_collection import CheckedRecording
+    from dynident.presentation.tables import ReportedTable
     from dynident.verdict import ModelVerdict
 
+_MESSAGE = 40
+_WIDE = 120
 
-def build_reported_runs(
-    identification: Identification,
-    training: Sequence[LoadedRecording],
-    held_out: Sequence[LoadedRecording],
-    progress: Progress,
-) -> list[ReportedRecording]:
-    """Compare each recording with the model's prediction, for the report."""
-    everything = [(item, False) for item in training] + [(item, True) for item in held_out]
-    runs = []
-    for index, (item, is_held_out) in enumerate(everything):
-        share = scale_progress(progress, index / len(everything), (index + 1) / len(everything))
-        compared = compare(identification, item.recording, share)
-        runs.append(
-            ReportedRecording(
-                item.recording,
-                compared,
-                is_held_out,
-                item.checks,
-                sha256=compute_digest(item.path),
-                stated_metadata=item.metadata,
-            )
+
+def result_console() -> Console:
+    """Return the console for results, names of users in them as they are; into a file or a pipe lines may be longer."""
+    return Console(file=sys.stdout, markup=False, highlight=False, width=None if sys.stdout.isatty() else _WIDE)
+
+
+def message_console() -> Console:
+    """Return the console for everything else."""
+    return Console(file=sys.stderr, markup=False, highlight=False)
+
+
+def print_json(document: Mapping[str, object]) -> None:
+    """Print a document on stdout, for scripts."""
+    sys.stdout.write(json.dumps(document, indent=2, allow_nan=False) + "\n")
+
+
+@contextmanager
+def show_progress_bar(title: str) -> Iterator[Report]:
+    """Show a progress bar on stderr, where that is a terminal; it leaves nothing behind."""
+    console = message_console()
+    # A log would be filled with control characters.
+    if not console.is_terminal:
+        yield ignore_progress
+        return
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=28),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[message]}", style="dim"),
+    )
+    bar = Progress(*columns, console=console, transient=True)
+    with bar:
+        yield partial(_advance, bar, bar.add_task(title, total=1.0, message=""))
+
+
+def _advance(bar: Progress, task: TaskID, fraction: float, message: str) -> None:
+    bar.update(task, completed=fraction, message=message[:_MESSAGE])
+
+
+def print_tables(console: Console, tables: Iterable[ReportedTable]) -> None:
+    """Print tables as they are shown elsewhere, without their notes."""
+    for table in tables:
+        last = len(table.columns) - 1
+        # Words in the last column may be long and are wrapped.
+        wrapped = None if table.is_figures(last) else last
+        console.print(
+            build_table(table.title, table.heads, table.texts, right_from=table.numbers_from, wrapped=wrapped)
         )
-    return runs
+
+
+def build_table(
+    title: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    right_from: int = 1,
+    wrapped: int | None = None,
+) -> Table:
+    """Return a plain table.
+
+    Columns from `right_from` on have figures, which stand at the right and are never wrapped; `wrapped` is another
+    column with text, which may be wrapped as those before the figures are.
+    """
+    rich_table = Table(title=title or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for index, column in enumerate(columns):
+        is_figure = index >= right_from and index != wrapped
+        rich_table.add_column(column, justify="right" if is_figure else "left", no_wrap=is_figure)
+    for row in rows:
+        rich_table.add_row(*row)
+    return rich_table
 
 
 Document = Mapping[str, object]
-Describe = Callable[[], "BaseModel | Document"]
+Describe = Callable[[], Document]
 Show = Callable[[Console], None]
 
 
@@ -63,7 +118,7 @@ def write_result(
     identify.
     """
     # The document is made once, for the file and for the screen.
-    document = _to_document(described()) if result.as_json or (result.out is not None and content is None) else {}
+    document = described() if result.as_json or (result.out is not None and content is None) else {}
     if result.out is not None:
         write_atomically(result.out, content() if content else json.dumps(document, indent=1, allow_nan=False).encode())
     messages = () if result.out is None else (f"{label} written to {result.out}",)
@@ -73,59 +128,46 @@ def write_result(
 def print_result(as_json: bool, described: Describe, show: Show, *messages: str) -> None:
     """Print what came out: its document for scripts; for people words, and then what was written where."""
     if as_json:
-        terminal.print_json(_to_document(described()))
+        print_json(described())
         return
-    console = terminal.result_console()
+    console = result_console()
     show(console)
     for message in messages:
         console.print(message)
 
 
-def write_extended_model(
+def write_model(
     result: OutputOptions,
-    identification: Identification,
-    parent_id: str,
-    parent: Identification,
+    label: str,
+    model: Model,
+    show: Show,
+    parent: tuple[str, Model] | None = None,
     verdict: ModelVerdict | None = None,
+    recordings: Sequence[CheckedRecording] = (),
 ) -> None:
-    """Write a model that was made from another one, and print it with the verdict on it where there is one."""
+    """Write a model, and print it or its document; see `describe_model`."""
     from dynident.identification import to_bytes
-    from dynident_cli.printed_results import show_identification, show_ladder, show_verdict
-
-    def describe_model() -> Document:
-        from dynident_service.identifications.adapters import describe_identification
-        from dynident_service.identifications.adapters import show_verdict as view_verdict
-        from dynident_service.shared.wire_types import to_plain_json
-
-        document = to_plain_json(describe_identification(identification, parent_id, parent))
-        return document if verdict is None else {**document, "verdict": to_plain_json(view_verdict(verdict))}
-
-    def show_model(console: Console) -> None:
-        show_ladder(console, identification, parent)
-        show_identification(console, identification, parameters=False)
-        if verdict is not None:
-            show_verdict(console, verdict)
-
-    write_result(result, "model", describe_model, show_model, lambda: to_bytes(identification))
-
-
-def write_unchanged_model(result: OutputOptions, identification: Identification, why: str) -> None:
-    """Write a model that stays as it is: scripts find it where they asked for it."""
-    from dynident.identification import to_bytes
-
-    def describe_model() -> BaseModel:
-        from dynident_service.identifications.adapters import describe_identification
-
-        return describe_identification(identification, None)
+    from dynident_cli.contract_documents import describe_model
 
     write_result(
-        result, "the same model", describe_model, lambda console: console.print(why), lambda: to_bytes(identification)
+        result,
+        label,
+        lambda: describe_model(model, parent, verdict, recordings),
+        show,
+        lambda: to_bytes(model.identification),
     )
 
 
-def _to_document(described: BaseModel | Document) -> Document:
-    if isinstance(described, Mapping):
-        return described
-    from dynident_service.shared.wire_types import to_plain_json
+def write_extended_model(
+    result: OutputOptions, model: Model, parent_id: str, parent: Model, verdict: ModelVerdict | None = None
+) -> None:
+    """Write a model that was made from another one, and print it with the verdict on it where there is one."""
+    from dynident_cli.printed_results import show_identification, show_ladder, show_verdict
 
-    return to_plain_json(described)
+    def show_model(console: Console) -> None:
+        show_ladder(console, model.identification, parent.identification)
+        show_identification(console, model.identification, parameters=False)
+        if verdict is not None:
+            show_verdict(console, verdict)
+
+    write_model(result, "model", model, show_model, (parent_id, parent), verdict)

@@ -13,7 +13,8 @@ from typing import Any, get_args
 from dynident.errors import DynidentError, word_remedies
 from dynident.identification.column_inference import EffortKind, Inspection, Question
 from dynident.recordings import RecordingMetadata
-from dynident_cli.input_checks_and_writes import read_json_object
+from dynident_cli.contract_documents import parse_metadata
+from dynident_cli.input_checks import read_json_object
 from dynident_cli.request_options import write_option
 
 NEEDED_FOR_GAINS = "drives"
@@ -84,13 +85,7 @@ class StatedAnswers:
 
 
 def describe_answer(question: Question) -> str:
-    """Return the options that answer a question, as they are typed; "" where no option does.
-
-    Parameters
-    ----------
-    question : Question
-        Open question of a proposal.
-    """
+    """Return the options that answer a question, as they are typed; "" where no option does."""
     about, _, key = question.field.partition("/")
     if question.check:
         return f"--accept {question.check} if the recording is right as it is"
@@ -118,28 +113,9 @@ def _signal_kind(key: str) -> str:
 def accept_proposal(
     path: Path, inspection: Inspection, *, has_gains: bool, answers: StatedAnswers | None = None
 ) -> RecordingMetadata:
-    """Accept proposed metadata as they are.
+    """Accept proposed metadata as they are; an error where a question is open, as to accept would be a guess.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for the message.
-    inspection : Inspection
-        What was found in it.
-    has_gains : bool
-        Whether the robot states drive gains.
-    answers : StatedAnswers, optional
-        Options that answer questions.
-
-    Returns
-    -------
-    RecordingMetadata
-        The proposed columns, units and kind of effort.
-
-    Raises
-    ------
-    DynidentError
-        Where a question is open: to accept the proposal would be a guess.
+    `has_gains` says whether the robot states drive gains; `answers` are options that answer questions.
     """
     assert inspection.proposal is not None
     stated_answers = answers or StatedAnswers()
@@ -179,25 +155,7 @@ def accept_proposal(
 
 
 def read_metadata(texts: Sequence[str], names: Sequence[str]) -> dict[str, RecordingMetadata]:
-    """Read metadata files.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        FILE for all recordings, or NAME=FILE for one.
-    names : sequence of str
-        Names of the recordings.
-
-    Returns
-    -------
-    dict
-        Metadata by the name of the recording.
-
-    Raises
-    ------
-    DynidentError
-        Where a file is no metadata, or holds open questions.
-    """
+    """Read metadata files, each FILE for all recordings or NAME=FILE for one, by the names of the recordings."""
     metadata_by_name: dict[str, RecordingMetadata] = {}
     for text in texts:
         name, sign, path = text.partition("=")
@@ -210,12 +168,6 @@ def read_metadata(texts: Sequence[str], names: Sequence[str]) -> dict[str, Recor
 
 
 def _read_metadata_file(path: Path) -> RecordingMetadata:
-    # Imported here: most calls have no metadata file and need not wait for the models of the contract.
-    from pydantic import ValidationError
-
-    from dynident_service.measurements.adapters import to_recording_metadata
-    from dynident_service.measurements.wire_types import MeasurementMetadata
-
     document = read_json_object(path)
     field_names = [
         metadata_field.name for metadata_field in fields(RecordingMetadata) if metadata_field.name not in _OTHER_SOURCES
@@ -241,12 +193,5 @@ def _read_metadata_file(path: Path) -> RecordingMetadata:
             f"{path.name}: effort_kind is {effort_kind!r}; allowed are {', '.join(get_args(EffortKind))}",
             pointer=str(path),
         )
-    try:
-        # Null means that the field is not stated.
-        values = {name: document[name] for name in field_names if document.get(name) is not None}
-        # The model of the contract checks types and ranges; a robot and a name are mandatory there, but unused here.
-        return to_recording_metadata(MeasurementMetadata.model_validate({"robot_id": "-", "name": "-", **values}))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = "/".join(map(str, first["loc"]))
-        raise DynidentError(f"{path.name}: {place}: {first['msg']}", pointer=str(path)) from error
+    # Null means that the field is not stated.
+    return parse_metadata(path, {name: document[name] for name in field_names if document.get(name) is not None})

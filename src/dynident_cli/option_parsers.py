@@ -3,34 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from dynident.errors import DynidentError
+
+if TYPE_CHECKING:
+    from dynident.recordings import Filters
 
 Window = tuple[float, float]
 
 
 def parse_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
-    """Parse pairs of `name=value`.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        Pairs, several in one text with commas between, or JSON objects.
-    option : str
-        The option, for messages.
-
-    Returns
-    -------
-    dict of str
-        Values by name; later ones win.
-
-    Raises
-    ------
-    DynidentError
-        Where a text cannot be read.
-    """
+    """Parse pairs of `name=value`, several in one text with commas between, or JSON objects; later ones win."""
     parsed: dict[str, str] = {}
     for text in texts:
         # A JSON object is for names or values that hold commas or equals signs.
@@ -47,25 +33,7 @@ def parse_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
 
 
 def parse_effect_place(text: str, joint_names: Sequence[str]) -> tuple[str, str]:
-    """Parse `effect@joint`, or the id of an effect alone.
-
-    Parameters
-    ----------
-    text : str
-        What was typed.
-    joint_names : sequence of str
-        The robot's joints.
-
-    Returns
-    -------
-    tuple of (str, str)
-        Id of the effect, and name of the joint; empty where none was typed.
-
-    Raises
-    ------
-    DynidentError
-        Where there is no such effect or joint.
-    """
+    """Parse `effect@joint`, or the id of an effect alone, with "" for its joint; both are checked."""
     # The catalogue takes a second to load.
     from dynident.effects import get_effect
 
@@ -94,25 +62,7 @@ def parse_number(text: str, option: str) -> float:
 
 
 def parse_drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
-    """Parse drive gains [12.17].
-
-    Parameters
-    ----------
-    text : str
-        One number a joint in the robot's order, or `joint=gain` pairs.
-    joint_names : sequence of str
-        The robot's joints.
-
-    Returns
-    -------
-    dict of float
-        Gains by joint, N m per unit of current.
-
-    Raises
-    ------
-    DynidentError
-        Where the count or a joint is wrong.
-    """
+    """Parse drive gains [12.17] in N m per unit of current: one a joint in the robot's order, or `joint=gain` pairs."""
     if "=" not in text:
         values = parse_numbers(text, "--drive-gains")
         if len(values) != len(joint_names):
@@ -151,28 +101,11 @@ def parse_vector(text: str, option: str) -> tuple[float, float, float]:
 def parse_windows(
     texts: Sequence[str], names: Sequence[str], neighbours: Collection[str] = ()
 ) -> dict[str, tuple[Window, ...]]:
-    """Parse windows of time.
+    """Parse windows of time, by the names of the recordings.
 
-    Parameters
-    ----------
-    texts : sequence of str
-        `from:to` for all recordings, `name=from:to` for one, in seconds; several with commas between. A window without
-        a name that follows a named one is of the same recording.
-    names : sequence of str
-        Names of the recordings.
-    neighbours : collection of str
-        Names of recordings of other calls. Their windows are skipped, so that the commands of one model can share
-        their options.
-
-    Returns
-    -------
-    dict
-        Windows (from, to) by the name of the recording.
-
-    Raises
-    ------
-    DynidentError
-        Where a text cannot be read, a name is unknown, or windows of one recording overlap.
+    `from:to` is for all recordings, `name=from:to` for one, in seconds; several have commas between. A window without a
+    name that follows a named one is of the same recording. Windows of `neighbours`, which are recordings of other
+    calls, are skipped, so that the commands of one model can share their options.
     """
     windows_by_name: dict[str, tuple[Window, ...]] = {}
     for text in texts:
@@ -206,16 +139,22 @@ def _check_no_overlap(name: str, windows: Sequence[Window]) -> None:
             )
 
 
-def parse_preprocessing(text: str) -> Mapping[str, object] | str:
-    """Parse `auto`, or pairs such as position_cutoff=6,torque_cutoff=6,decimation=3; `none` means no filter."""
+def parse_filters(text: str) -> Filters | None:
+    """Parse pairs such as position_cutoff=6,torque_cutoff=6,decimation=3; `none` is no filter, `auto` None."""
+    from dynident.recordings.preprocessing import values_from_request
+    from dynident.recordings.recording_metadata import Filters
+
     if text.strip() == "auto":
-        return "auto"
+        return None
+    if text.strip() == "none":
+        return Filters(position_cutoff=None, torque_cutoff=None)
     # Both spellings of no filter: that of the command line, and that of JSON.
     words: dict[str, object] = {"auto": "auto", "none": None, "null": None}
-    return {
+    values = {
         name: words[value] if value in words else parse_number(value, f"--preprocessing {name}")
         for name, value in parse_pairs([text], "--preprocessing").items()
     }
+    return Filters(**values_from_request(values))  # type: ignore[arg-type]
 
 
 def _split_items(text: str) -> list[str]:

@@ -52,10 +52,10 @@ from dynident.presentation.recording_tables import ShownRecording, build_recordi
 from dynident.presentation.validation_and_verdict_tables import VALIDATION_WORDS, build_verdict_tables
 from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
-from dynident_cli.argument_loading import LoadedRecording
-from dynident_cli.terminal import print_tables
+from dynident_cli.command_output import print_tables
 
 if TYPE_CHECKING:
+    from dynident.api.recording_collection import Recordings
     from dynident.diagnosis import Comparison, Diagnosis, Judgement
     from dynident.diagnosis.diagnosis_result import Change
     from dynident.diagnosis.monitoring import Series
@@ -72,9 +72,7 @@ EXIT_STOPPED = 3
 _STYLES: Mapping[State, str] = {"yes": "green", "limited": "yellow", "no": "red", "not_judged": "yellow"}
 
 
-def show_measurements(
-    console: Console, measurements: Sequence[LoadedRecording], held_out: Sequence[LoadedRecording]
-) -> None:
+def show_measurements(console: Console, measurements: Recordings, held_out: Recordings) -> None:
     """Print the recordings and all checks that are not ok."""
     uses = ((measurements, "identification"), (held_out, "held out"))
     shown = [ShownRecording(item.recording, item.checks, use) for group, use in uses for item in group]
@@ -139,22 +137,10 @@ def show_diagnosis(
     questions: Sequence[tuple[str, str]] = (),
     n_open: int = 0,
 ) -> None:
-    """Print a diagnosis.
+    """Print a diagnosis, and the command that adds what it recommends.
 
-    Parameters
-    ----------
-    console : Console
-        Where to print.
-    diagnosis : Diagnosis
-        Summary, ranked candidates, recommendation, what the data cannot show, and the next experiment if it has one.
-    robot : Robot
-        Its robot.
-    extend_command : str
-        Command that adds the recommended effects.
-    questions : sequence of (str, str)
-        Effects and joints for which the reason is printed; an empty joint stands for the best place.
-    n_open : int
-        Number of open questions for which no experiment was looked for.
+    `questions` are effects and joints for which the reason is printed, with "" for the best place; `n_open` is the
+    number of open questions for which no experiment was looked for.
     """
     from dynident.advice import AdvisedDiagnosis
 
@@ -274,8 +260,7 @@ def show_validation(console: Console, result: ValidationResult, robot: Robot) ->
     """Print the tables of a validation, its verdict, and the reason."""
     names = robot.joint_names
     by_number = {name: str(number) for number, name in enumerate(names, start=1)}
-    # Loaded here: it needs what describes answers, which most commands do without.
-    from dynident_service.validations.adapters import build_validation_tables
+    from dynident_cli.contract_documents import build_validation_tables
 
     for reported_table in build_validation_tables(result, names):
         # Where the terminal is too narrow for the joints' names as columns, their numbers stand there.

@@ -5,17 +5,23 @@ from __future__ import annotations
 import functools
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from importlib import import_module
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from dynident.errors import Cancelled, DynidentError, word_remedies
 from dynident.optional_dependencies import format_install_hint
 from dynident.version import __version__
-from dynident_cli.input_checks_and_writes import check_inputs
+from dynident_cli.input_checks import check_inputs
 from dynident_cli.request_options import spread_options, write_option
+
+if TYPE_CHECKING:
+    # Click, as typer brings it.
+    from typer._click.core import Context
+    from typer._click.formatting import HelpFormatter
 
 EXIT_MISUSED = 2
 """Exit code after an error that the user can mend; typer ends with the same one for wrong options."""
@@ -23,18 +29,17 @@ EXIT_CANCELLED = 130
 """Exit code after Ctrl-C: 128 plus the number of SIGINT, as shells have it."""
 
 
-def print_error(error: DynidentError, as_json: bool) -> None:
-    """Print what is wrong, where, and how to mend it.
+def print_error(error: DynidentError, as_json: bool, option_names: Collection[str] = ()) -> None:
+    """Print what is wrong, where, and how to mend it: on stderr for people, on stdout as JSON where that was asked for.
 
-    Parameters
-    ----------
-    error : DynidentError
-        The error. It is printed on stderr for people.
-    as_json : bool
-        Whether to print it on stdout, too, as the problem document that the service answers with (RFC 9457).
+    The JSON is the problem document that the service answers with (RFC 9457).
     """
     # Many messages name the place already.
     where = f"{error.pointer}: " if error.pointer and error.pointer not in error.detail else ""
+    # A place in a request is an option here; a path of a file may begin with a slash, too.
+    field = error.pointer.split("/")[1] if error.pointer.startswith("/") else ""
+    if field in option_names:
+        where = f"--{field.replace('_', '-')}: "
     detail = word_remedies(error.detail, error.remedies, write_option)
     print(f"dynident: {error.title}\n  {where}{detail}", file=sys.stderr)
     # A file may fail several checks; the first is the error itself.
@@ -44,30 +49,28 @@ def print_error(error: DynidentError, as_json: bool) -> None:
     for check in checks:
         print(f"  also {check.name.replace('_', ' ')}: {check.detail}", file=sys.stderr)
     if as_json:
-        print(json.dumps(_problem_document(error), indent=2))
+        from dynident_cli.contract_documents import describe_error
+
+        print(json.dumps(describe_error(error), indent=2))
 
 
-def _problem_document(error: DynidentError) -> dict[str, object]:
-    from dynident.recordings import RecordingError
-    from dynident_service.measurements.adapters import describe_file_problem
-    from dynident_service.problems import to_problem
-
-    problem = describe_file_problem(error) if isinstance(error, RecordingError) else to_problem(error)
-    # The same document as the service sends: a script need not know which of the two it talks to.
-    document: dict[str, object] = problem.model_dump(exclude_none=True)
-    return document
-
-
-_COMMANDS = (
-    *("demo", "design", "simulate", "inspect", "identify", "compare", "diagnose", "changes", "validate", "essential"),
-    *("gains", "currents", "extend", "remove", "ladder", "report", "series", "export", "effects", "doctor"),
-    *("backup", "restore", "export_robot", "import_robot", "serve", "mcp"),
-)
-"""Commands in the order of the overview."""
+_GROUPS = {
+    "From files to a better model": (
+        *("campaign", "inspect", "design", "identify", "compare", "diagnose", "extend", "remove", "ladder"),
+        *("changes", "series", "effects"),
+    ),
+    "Currents and drive gains": ("gains", "currents"),
+    "How far to trust a model": ("validate", "essential"),
+    "Results for others": ("report", "export"),
+    "Without a robot": ("demo", "simulate"),
+    "The service and its data": (*("serve", "mcp", "backup", "restore", "export_robot", "import_robot", "doctor"),),
+}
+"""Commands in the order of the overview, by what they are for."""
+_COMMANDS = tuple(command for commands in _GROUPS.values() for command in commands)
 
 _MODULES = {
-    **dict.fromkeys(("effects", "essential", "extend", "ladder", "remove"), "identify"),
-    **dict.fromkeys(("changes", "series"), "diagnose"),
+    **dict.fromkeys(("effects", "essential", "extend", "inspect", "ladder", "remove"), "identify"),
+    **dict.fromkeys(("changes", "compare", "series"), "diagnose"),
     "simulate": "design",
     **dict.fromkeys(("restore", "export_robot", "import_robot", "doctor"), "backup"),
     "currents": "gains",
@@ -104,7 +107,11 @@ def handle_errors(command: Callable[..., None]) -> Callable[..., None]:
             check_inputs(command, options)
             command(*arguments, **options)
         except DynidentError as error:
-            print_error(error, bool(options.get("as_json")))
+            # The library points at the file; the user knows the option.
+            written = {str(options[name]): name for name in ("out", "figure", "keep") if options.get(name) is not None}
+            if error.pointer in written:
+                error.pointer = f"--{written[error.pointer]}"
+            print_error(error, bool(options.get("as_json")), options)
             raise typer.Exit(EXIT_MISUSED) from error
         except ModuleNotFoundError as missing:
             # A missing module of dynident itself is a bug. Any other belongs to an optional dependency, whose extra
@@ -122,23 +129,34 @@ def handle_errors(command: Callable[..., None]) -> Callable[..., None]:
     return run_command
 
 
+class CommandsByPurpose(TyperGroup):
+    """The program, whose overview lists its commands by what they are for."""
+
+    def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:
+        """Write the sections of commands; their first column is as wide in all of them."""
+        names = [name.replace("_", "-") for name in _COMMANDS]
+        width = max(map(len, names))
+        for title, commands in _GROUPS.items():
+            rows = [
+                (name.ljust(width), self.commands[name].get_short_help_str(formatter.width - width - 4))
+                for name in (command.replace("_", "-") for command in commands)
+                if name in self.commands
+            ]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
+
 def create_application(typed: str | None = None) -> typer.Typer:
     """Build the command line.
 
-    Parameters
-    ----------
-    typed : str, optional
-        The first word that the user typed. Where it is a command, only that command is registered, because importing
-        the modules of all of them takes time.
-
-    Returns
-    -------
-    typer.Typer
-        The application, with the command typed or with all of them.
+    Where the first word that the user typed is a command, only that command is registered, because importing the
+    modules of all of them takes time.
     """
     command_names = [command_name for command_name in _COMMANDS if command_name.replace("_", "-") == typed] or _COMMANDS
     application = typer.Typer(
         name="dynident",
+        cls=CommandsByPurpose,
         help="Identify the dynamic parameters of a robot, and name the physics that its model is missing.",
         no_args_is_help=True,
         pretty_exceptions_enable=False,

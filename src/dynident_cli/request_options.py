@@ -47,24 +47,9 @@ class TypedValues:
     values: Mapping[str, Any] = field(default_factory=dict)
 
     def build_request(self, science: type[T], **more: object) -> T:
-        """Build the request from the options.
+        """Build the request from the options; `more` has the values of fields that are no options.
 
-        Parameters
-        ----------
-        science : type
-            The request dataclass.
-        more
-            Values of fields that are no options.
-
-        Returns
-        -------
-        object
-            The request.
-
-        Raises
-        ------
-        DynidentError
-            Where an option cannot be read, or the request refuses its value; the pointer is the option.
+        The pointer of an error is the option that cannot be read, or whose value the request refuses.
         """
         try:
             return science(**{**dict(self._read_fields(science, more)), **more})
@@ -100,16 +85,9 @@ def find_option(science: type, pointer: str) -> str:
 def spread_options(command: Callable[..., None]) -> Callable[..., None]:
     """Spread a command's groups of options and requests into single options, as typer needs them.
 
-    Parameters
-    ----------
-    command : callable
-        A command. A parameter that is a dataclass stands for one option a field; one that is annotated with
-        `RequestOptions` stands for one option a field of the request.
-
-    Returns
-    -------
-    callable
-        A function with one keyword parameter an option, which gathers them and calls the command.
+    A parameter of the command that is a dataclass stands for one option a field; one that is annotated with
+    `RequestOptions` stands for one option a field of the request. The function that is returned has one keyword
+    parameter an option, gathers them and calls the command.
     """
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, dict[str, inspect.Parameter]] = {}
@@ -159,15 +137,7 @@ def _write_value(value: object) -> str:
 def list_option_words(group: object) -> list[str]:
     """Return the words of a command line that set a group of options to its values; none for defaults.
 
-    Parameters
-    ----------
-    group : dataclass
-        A group of options, as `spread_options` gives it to a command; each is named like its field.
-
-    Returns
-    -------
-    list of str
-        Options and their values, in the order of the fields.
+    Each option is named like its field of the group.
     """
     assert is_dataclass(group)
     words = list[str]()

@@ -14,7 +14,7 @@ import typer
 from dynident.known_robots import list_library_arms
 from dynident.recordings.recording_metadata import ConditioningStep
 from dynident.robot.limits_and_drives import HARDWARE
-from dynident_cli.input_checks_and_writes import KNOWN_ROBOT, READABLE_FILE
+from dynident_cli.input_checks import FILE_IN_FOLDER, KNOWN_ROBOT, READABLE_FILE
 
 
 def repeatable_option(*names: str, metavar: str, help: str) -> object:
@@ -204,7 +204,9 @@ class RobotTimedReading(RobotAdditions, TimedReading):
     """The same for commands whose `--rate` means something else, such as the rate of a design."""
 
 
-Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="File to write the result to.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="FILE", help="File to write the result to."), FILE_IN_FOLDER
+]
 Json = Annotated[
     bool, typer.Option("--json/--no-json", help="Print the result as JSON, with the fields of the HTTP contract.")
 ]

@@ -47,6 +47,7 @@ class Criterion(TypedDict, total=False):
         "a_optimal",
         "e_optimal",
         "parameters",
+        "prediction",
         "separation",
     ]
     """Measure of the information in a motion (§12.3.4.1)"""

@@ -27,8 +27,6 @@ from dynident.export.export_request import LOAD_FORMATS
 from dynident.recordings import Recording
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.text_encoding import escape_surrogates
-from dynident_cli.csv_and_parquet_output import build_comparison_table, build_courses_table, write_table
-from dynident_cli.csv_and_parquet_output import write_trajectory as write_trajectory_of_command
 from dynident_service.designs.adapters import trajectory_as_csv, write_trajectory
 from dynident_service.identifications.adapters import build_file_response
 
@@ -92,8 +90,6 @@ def test_a_trajectory_is_written_with_the_names_that_the_joints_have(tmp_path: P
     design.save(tmp_path / "motion.parquet")
     assert header_of((tmp_path / "motion.csv").read_bytes()) == wanted
     assert pq.read_table(tmp_path / "motion.parquet").column_names == wanted
-    write_trajectory_of_command(design.design, tmp_path / "command.csv")
-    assert header_of((tmp_path / "command.csv").read_bytes()) == wanted
     stored = write_trajectory(design.design, tmp_path / "stored.parquet")
     assert header_of(b"".join(trajectory_as_csv(stored))) == wanted
     assert design.plot().svg
@@ -104,12 +100,12 @@ def test_a_trajectory_is_written_with_the_names_that_the_joints_have(tmp_path: P
 def test_every_table_of_a_model_holds_the_names(tmp_path: Path, name: str) -> None:
     model = model_called(name)
     compared = dy.compare(model, model.validation[:1])[0]
-    write_table(build_comparison_table(compared.comparison), tmp_path / "comparison.csv")
+    compared.save(tmp_path / "comparison.csv")
     assert f"phase_{escape_surrogates(name)}" in header_of((tmp_path / "comparison.csv").read_bytes())
     stored = StoredComparison(write_comparison(compared.comparison, tmp_path / "comparison.parquet"))
     assert stored.joint_names == [escape_surrogates(name)]
     followed = dy.series(model, {f"{name} {k}": model.validation[k : k + 1] for k in range(2)})
-    write_table(build_courses_table(followed.series), tmp_path / "courses.csv")
+    followed.save(tmp_path / "courses.csv")
     assert escape_surrogates(name) in {
         row["joint"] for row in csv.DictReader((tmp_path / "courses.csv").open(newline="", encoding="utf-8"))
     }

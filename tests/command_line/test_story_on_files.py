@@ -410,7 +410,7 @@ def test_the_next_experiment_is_looked_for_in_files_and_where_it_is_asked_for(
         found = {item.name: getattr(examination.diagnosis, item.name) for item in fields(examination.diagnosis)}
         return AdvisedDiagnosis(**found, next_experiment=proposal)
 
-    monkeypatch.setattr("dynident.advice.advise", propose)
+    monkeypatch.setattr("dynident.api.model_diagnosis.advise", propose)
     asked = ("diagnose", model, desk / "run1.csv", "--candidates", "stribeck,viscous_nonlinear")
     without = dynident(*asked)
     assert not questions

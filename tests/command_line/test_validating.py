@@ -179,7 +179,7 @@ def test_choices_that_there_are_not_are_said_in_words(desk: Path, options: list[
 
 
 def test_joints_with_long_names_leave_room_for_the_names_of_methods(desk: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("dynident_cli.terminal._WIDE", 100)
+    monkeypatch.setattr("dynident_cli.command_output._WIDE", 100)
     asked = ["validate", desk / "model.npz", "methods", desk / "run1.csv", "-v", desk / "run2.csv"]
     shown = dynident(*asked, "--methods", "wls,ols").out
     assert "dynamic" in shown

@@ -15,7 +15,7 @@ import pyarrow.csv as pacsv
 import pytest
 from support.running_commands import ROBOT, dynident
 
-from dynident_cli import terminal
+from dynident_cli import command_output
 
 JOINTS = ROBOT.joint_names
 
@@ -244,7 +244,7 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing(desk: Path, monkeypatc
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dynident.identification.identify", interrupted)
+    monkeypatch.setattr("dynident.api.model_identification.identify", interrupted)
     answer = dynident("identify", desk / "arm.json", desk / "run1.csv", "-o", desk / "never.npz")
     assert answer.code == 130
     assert answer.err.strip() == "dynident: cancelled"
@@ -263,11 +263,11 @@ def test_a_running_optimisation_is_interrupted_at_once(tmp_path: Path) -> None:
         os.close(its_end)
         told = b""
         while b"iteration" not in told:
-            told += os.read(terminal, 4096)
+            told += os.read(command_output, 4096)
         running.send_signal(signal.SIGINT)
         # Far less than is left of its two minutes, however busy the machine is.
         running.wait(timeout=30)
-        told += os.read(terminal, 4096)
+        told += os.read(command_output, 4096)
     os.close(terminal)
     assert running.returncode == 130
     assert b"cancelled" in told
@@ -276,5 +276,5 @@ def test_a_running_optimisation_is_interrupted_at_once(tmp_path: Path) -> None:
 
 
 def test_names_with_square_brackets_stand_in_tables_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
-    terminal.result_console().print(terminal.build_table("of [green]", ("joint",), [["[red]elbow"]]))
+    command_output.result_console().print(command_output.build_table("of [green]", ("joint",), [["[red]elbow"]]))
     assert {"of [green]", "[red]elbow"} <= {line.strip() for line in capsys.readouterr().out.splitlines()}

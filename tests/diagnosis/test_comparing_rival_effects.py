@@ -31,6 +31,7 @@ def _balancer(q, v, load):
     return 60.0 * np.sin(x) * (1.0 - 0.8 / length)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("seed", [3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_a_balancer_between_two_values_of_the_grid_is_no_cable_and_no_ripple(seed):
     motion = fourier_motion(

@@ -176,3 +176,22 @@ def test_noise_has_no_spans_that_stand_out(seed):
 
 def test_a_whole_run_that_differs_from_others_is_no_span():
     assert find_outlying_spans(reduction(2000, slice(500, 1000), breaks=(500, 1000, 1500))).spans == ()
+
+
+def test_a_span_in_which_alone_a_joint_moves_is_not_left_out():
+    robot = arm("scara")
+    motion = fourier_motion(robot, DURATION, RATE, 3)
+    inside = (motion.t >= 8.0) & (motion.t <= 11.0)
+    moves = np.sin(np.pi * (motion.t - 8.0) / 3.0) ** 4 * inside
+    motion.q[:, -1] = moves * np.sin(6.0 * motion.t)
+    motion.dq[:, -1] = np.gradient(motion.q[:, -1], 1 / RATE)
+    motion.ddq[:, -1] = np.gradient(motion.dq[:, -1], 1 / RATE)
+    effort = np.array([joint.limits.effort for joint in robot.joints])
+    rng = np.random.default_rng(0)
+    friction = 0.03 * effort * (np.sign(motion.dq) + motion.dq)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + friction
+    tau[:, :2] += 0.2 * effort[:2] * np.sin(40.0 * motion.t)[:, None] * inside[:, None]
+    recording = record(robot, motion, tau + 0.002 * effort * rng.normal(size=tau.shape), "run")
+    model = identify(robot, [recording], [], IdentificationChoices(WITH_OFFSET))
+    # What is left without these seconds determines nothing of the last joint: the diagnosis looks at all there is.
+    assert diagnose(model, [recording]).residual_rms.shape == (robot.n,)

@@ -70,6 +70,27 @@ def recorded(fault: ColumnFault | None = None, seed: int = 3) -> Recording:
     return record(ROBOT, replace(motion, q=q), tau)
 
 
+@pytest.mark.parametrize("pair", [(1, 4), (2, 3)])
+def test_two_joints_that_are_turned_are_named_and_no_others(pair: tuple[int, int]) -> None:
+    motion, tau = measured()
+    turned = np.where(np.isin(np.arange(6), pair), -1.0, 1.0)
+    found, left = find_recording_faults(ROBOT, record(ROBOT, replace(motion, q=motion.q * turned), tau * turned)) or (
+        (),
+        1.0,
+    )
+    assert {one.fault.kind for one in found} == {"joint turned"}
+    assert sorted(joint for one in found for joint in one.fault.joints) == list(pair)
+    assert left < 0.1
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_weak_torque_is_named_although_gravity_gives_more_work_back_than_it_seems_to_do(joint: int) -> None:
+    motion, tau = measured(4)
+    weak = np.where(np.arange(6) == joint, 0.11, 1.0)
+    found, _ = find_recording_faults(ROBOT, record(ROBOT, motion, tau * weak)) or ((), 1.0)
+    assert [(one.fault.kind, one.fault.joints) for one in found] == [("torque scaled", (joint,))]
+
+
 def test_a_right_recording_has_no_mistake_in_it_and_it_is_said_how_much_the_robot_leaves() -> None:
     found, left = find_recording_faults(ROBOT, recorded()) or ((), 1.0)
     assert found == ()

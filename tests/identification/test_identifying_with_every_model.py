@@ -79,12 +79,12 @@ def test_noisy_torque_is_within_what_every_model_promises(found):
 
 
 @pytest.mark.slow
-def test_95_per_cent_intervals_of_every_model_cover_the_truth_for_every_class_of_parameters():
+def test_95_per_cent_intervals_of_every_model_cover_the_truth_for_every_class_of_parameters(thorough):
     model = build_model(ROBOT, EFFECTS)
     effects = np.array([column.effect for column in model.kept])
     motion, clean = clean_motion(1, 60.0)
     off = {which: [] for which in MODELS}
-    for seed in range(40):
+    for seed in range(40 if thorough else 20):
         drawn = np.random.default_rng(seed)
         recording = record(ROBOT, motion, clean + NOISE * drawn.normal(size=clean.shape))
         for which in MODELS:
@@ -96,8 +96,8 @@ def test_95_per_cent_intervals_of_every_model_cover_the_truth_for_every_class_of
     for which, found_off in off.items():
         inside = np.abs(np.array(found_off)) < 1.96
         for effect in dict.fromkeys(effects):
-            # 160 cases or more: 95 % within three standard deviations of a share of so many.
-            assert 0.895 < inside[:, effects == effect].mean() <= 1.0, (which, effect)
+            # 80 cases or more: 95 % within three standard deviations of a share of so many.
+            assert 0.877 < inside[:, effects == effect].mean() <= 1.0, (which, effect)
         assert 0.92 < inside.mean() < 0.985, which
 
 

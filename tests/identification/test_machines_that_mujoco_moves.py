@@ -104,12 +104,16 @@ def moved(rubbed: Rubbed, seed: int, peak: Peak | None = None, *, silent: bool =
     data.qpos[tree], data.qvel[tree] = whole[0][0], whole[1][0]
     stiffness, damping = np.array([rubbed.gains[name] for name in robot.joint_names]).T
     seen, torque = np.empty_like(q), np.empty_like(q)
-    for k in range(len(t)):
-        seen[k] = data.qpos[driven]
-        torque[k] = data.ctrl[:] = stiffness * (q[k] - seen[k]) + damping * (dq[k] - data.qvel[driven])
+    # A hundred thousand steps: what each of them shares is computed once, and MuJoCo's arrays are looked up once.
+    command = stiffness * q + damping * dq
+    qpos, qvel, control, loss = data.qpos, data.qvel, data.ctrl, model.dof_frictionloss
+    place = model.joint(peak.joint).dofadr[0] if peak is not None else 0
+    for position, own, wanted in zip(seen, torque, command, strict=True):
+        qpos.take(driven, out=position)
+        np.subtract(wanted, stiffness * position + damping * qvel.take(driven), out=own)
+        control[:] = own
         if peak is not None:
-            place = model.joint(peak.joint).dofadr[0]
-            model.dof_frictionloss[place] = rubbed.friction[peak.joint][0] + peak.at(float(data.qvel[place]))
+            loss[place] = rubbed.friction[peak.joint][0] + peak.at(float(qvel[place]))
         mujoco.mj_step(model, data)
     every = round(1 / (RATE * STEP))
     count = np.array([2 * np.pi / COUNTS if joint.kind == "revolute" else LINEAR for joint in robot.joints])

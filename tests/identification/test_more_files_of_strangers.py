@@ -211,3 +211,95 @@ def test_a_description_that_is_not_there_is_said_to_be_missing(tmp_path: Path, n
     (tmp_path / "folder.d").mkdir()
     with pytest.raises(DynidentError, match=told):
         load_robot(tmp_path / name)
+
+
+def test_columns_named_by_the_links_are_those_of_the_joints_that_move_them() -> None:
+    given = log("ur10", 4, duration=8.0)
+    names = ("torso", "upperarm", "forearm", "handroot", "palm", "fingerplate")
+    joints = tuple(replace(joint, link=link) for joint, link in zip(given.robot.joints, names, strict=True))
+    order = np.random.default_rng(4).permutation(6)
+    columns = {"time": given.t}
+    for signal, values in (("angle", given.q), ("torque", given.tau)):
+        columns |= {f"{names[j]}_{signal}": values[:, j] for j in order}
+    proposal = guess(replace(given.robot, joints=joints), columns)
+    assert proposal.questions == ()
+    assert [proposal.columns[f"q{j + 1}"] for j in range(6)] == [f"{name}_angle" for name in names]
+
+
+def test_objects_of_canopen_are_counts_and_thousandths_of_the_rated_torque() -> None:
+    given = log("ur10", 5, duration=8.0)
+    counts = np.rint(given.q / (2.0 * np.pi) * 524288.0)
+    shares = np.rint(1e3 * given.tau / np.abs(given.tau).max(axis=0))
+    columns = {"time_ms": 1e3 * given.t}
+    for index, values in (("6064h", counts), ("6077h", shares)):
+        columns |= {f"Node{j + 1}.{index}": values[:, j] for j in range(6)}
+    proposal = guess(given.robot, columns)
+    assert proposal.columns["q6"], proposal.columns["tau6"] == ("Node6.6064h", "Node6.6077h")
+    (drives,) = [asked for asked in proposal.questions if asked.field == "drives"]
+    assert "in permille: give the drive gains" in drives.detail
+
+
+def test_degrees_that_are_radians_are_asked_about() -> None:
+    given = log("ur10", 6, duration=8.0)
+    names = {"t": "time"} | {f"q{j}": f"q{j}_deg" for j in range(1, 7)}
+    columns = {names.get(name, name): values for name, values in given.columns().items()}
+    asked = next(one for one in guess(given.robot, columns).questions if one.field == "units/q")
+    assert asked.choices[0] == "rad"
+    assert "its name says deg, but then no joint moves by more than" in asked.detail
+
+
+def test_sines_and_cosines_are_no_angles() -> None:
+    given = log("ur10", 7, duration=8.0)
+    columns = {"t": given.t}
+    for name, wave in (("cos", np.cos), ("sin", np.sin)):
+        columns |= {f"{name}_q{j + 1}": wave(given.q[:, j]) for j in range(6)}
+    columns |= {f"tau{j + 1}": given.tau[:, j] for j in range(6)}
+    asked = next(one for one in guess(given.robot, columns).questions if one.field == "columns/q")
+    assert "are sines and cosines: write the angles" in asked.detail
+
+
+def test_obvious_outliers_are_called_corrupted_before_an_import_as_well() -> None:
+    given = log("ur10", 8, duration=8.0)
+    tau = given.tau.copy()
+    tau[[100, 300, 701], 2] = 1e7
+    (row,) = [one for one in guess(given.robot, given.columns(tau=tau)).guesses if one.field.startswith("rows/")]
+    assert row.field == "rows/corrupted_samples"
+
+
+@pytest.mark.parametrize("after", [0.3, 0.6])
+def test_torques_that_step_once_are_told_with_the_time(tmp_path: Path, after: float) -> None:
+    """Sensors that are zeroed anew in the middle of a recording; a drift is none."""
+    given = log("ur10", 9)
+    signs = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
+    later = (given.t >= after * given.t[-1])[:, None]
+    stepped = read(given.robot, tmp_path, given.columns(tau=given.tau + 0.2 * given.tau.std(axis=0) * signs * later))
+    (step,) = [check for check in stepped.checks if check.name == "torque_step"]
+    assert step.status == "warning"
+    assert step.time == pytest.approx(after * given.t[-1], abs=0.3)
+    for drift in (0.0 * given.t, given.t / given.t[-1], -np.exp(-given.t / 4.0)):
+        drifting = read(
+            given.robot, tmp_path, given.columns(tau=given.tau + 0.2 * given.tau.std(axis=0) * drift[:, None])
+        )
+        assert "torque_step" not in {check.name for check in drifting.checks}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"\xfd7zXZ\x00\x00\x04", "compressed with xz"),
+        (b"arm,joint=j1 pos=0.1,eff=2.3 1700000000000000000\n" * 3, "InfluxDB's line protocol"),
+        (b"t,q1,tau1\n" + b"0.1,2,3\n" * 9 + b"t,tau1,q1\n" + b"0.1,3,2\n" * 9, "in another order"),
+    ],
+)
+def test_further_files_that_are_not_read_say_what_to_do(tmp_path: Path, content: bytes, words: str) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=words):
+        inspect_file(path, None, log("ur10", 1, duration=8.0).robot)
+
+
+def test_an_array_of_three_axes_says_which_are_needed(tmp_path: Path) -> None:
+    path = tmp_path / "run.npy"
+    np.save(path, np.zeros((100, 6, 3)))
+    with pytest.raises(RecordingError, match=r"3 axes \(100 x 6 x 3\): save an array of rows"):
+        inspect_file(path, None, log("ur10", 1, duration=8.0).robot)

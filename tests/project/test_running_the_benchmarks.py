@@ -17,6 +17,7 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 TESTS = BENCHMARKS.parent / "tests"
 SMALL = {
     "acceptance": "--requests 30 --clients 2",
+    "campaigns": "--seeds 1 --goal 0.05 --budget 1",
     "changes": "--pairs 1 --processes 1",
     "clean_residuals": "--cases 1 --processes 1",
     "closed_loops": "",

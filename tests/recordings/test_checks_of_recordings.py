@@ -254,6 +254,37 @@ def test_saturated_torque_is_named_with_its_first_row(tmp_path, share, status):
         assert abs(check.row - first) < 20
 
 
+@pytest.mark.parametrize("digits", [0.02, 0.005])
+def test_the_rounded_top_of_a_smooth_torque_is_no_saturation(tmp_path, digits):
+    columns = motion()
+    step = digits * np.ptp(columns["tau2"])
+    columns["tau2"] = step * np.rint(columns["tau2"] / step)
+    assert found(tmp_path, columns, "saturation").status == "ok"
+
+
+@pytest.mark.parametrize("size", [-0.4, 0.05])
+def test_a_position_that_is_counted_anew_is_told_with_its_row(tmp_path, size):
+    columns = motion()
+    columns["q2"][1000:] += size
+    check = found(tmp_path, columns, "position_jump")
+    assert (check.status, check.column, check.row) == ("warning", "q2", 1001)
+    assert f"jumps by {size:.1g}" in check.detail
+
+
+def test_lost_rows_and_a_joint_that_stops_at_once_are_no_jump(tmp_path):
+    columns = motion()
+    lost = {
+        name: values[:-20] if name == "t" else np.delete(values, slice(700, 720), axis=0)
+        for name, values in columns.items()
+    }
+    stopped = columns | {"q2": np.where(np.arange(len(columns["t"])) > 1200, columns["q2"][1200], columns["q2"])}
+    waited = {name: np.delete(values, slice(700, 720), axis=0) for name, values in columns.items()}
+    for folder, made in (("lost", lost), ("waited", waited), ("stopped", stopped)):
+        (tmp_path / folder).mkdir()
+        _, checks = given(tmp_path / folder, made)
+        assert "position_jump" not in {check.name for check in checks}
+
+
 def test_torque_that_was_not_recorded_is_refused(tmp_path):
     error = refused(tmp_path, changed("tau1", np.zeros_like))
     assert (error.title, error.pointer) == ("Constant torque", "tau1")

@@ -300,6 +300,30 @@ def test_samples_that_are_held_are_told_with_their_true_rate_and_interpolated(ra
     assert np.abs(right - values)[inner, :N].max() < 0.05 * np.abs(held - values)[inner, :N].max()
 
 
+@pytest.mark.parametrize(
+    ("rate", "hold", "kind"), [(100.0, 10, "torques"), (500.0, 4, "positions"), (200.0, 2, "torques")]
+)
+def test_one_kind_of_signal_on_a_slower_bus_is_told_and_interpolated(rate, hold, kind):
+    t, values = arm_signals(55, rate, 20.0)
+    columns, other = (slice(N, None), slice(N)) if kind == "torques" else (slice(N), slice(N, None))
+    held = values.copy()
+    held[:, columns] = values[np.arange(len(t)) // hold * hold, columns]
+    right, checks = conditioned(t, held)
+    assert f"all {kind} repeat the row before" in checks["held_samples"].detail
+    assert f"come only about {rate / hold:.3g} times a second" in checks["held_samples"].detail
+    np.testing.assert_array_equal(right[:, other], values[:, other])
+    inner = slice(2 * hold, -3 * hold)
+    assert np.abs(right - values)[inner].sum() < 0.8 * np.abs(held - values)[inner].sum()
+
+
+def test_coarse_torques_are_not_held():
+    t, values = arm_signals(56, 500.0, 20.0)
+    span = np.ptp(values[:, N:], axis=0)
+    values[:, N:] = np.rint(values[:, N:] / span * 20.0) / 20.0 * span
+    _, checks = conditioned(t, values)
+    assert checks["held_samples"].status == "ok"
+
+
 def test_a_robot_that_stands_without_noise_holds_nothing():
     t, values = arm_signals(54, 200.0, 20.0, level=0.0)
     values[1500:2500] = values[1500]

@@ -6,7 +6,7 @@ import pickle
 
 import pytest
 
-from dynident.api.recording_files import _write_argument
+from dynident.api.recording_files import write_argument
 from dynident.errors import Remedy, word_remedies
 from dynident.recordings import RecordingError
 from dynident_cli.request_options import write_option
@@ -52,7 +52,7 @@ def test_each_way_in_writes_a_remedy_in_its_own_syntax(remedy, over_http, as_opt
     sentence = f"This looks wrong: say {remedy} (first in row 3)."
     assert sentence == f"This looks wrong: say {over_http} (first in row 3)."
     assert word_remedies(sentence, (remedy,), write_option) == f"This looks wrong: say {as_option} (first in row 3)."
-    assert word_remedies(sentence, (remedy,), _write_argument) == f"This looks wrong: say {in_python} (first in row 3)."
+    assert word_remedies(sentence, (remedy,), write_argument) == f"This looks wrong: say {in_python} (first in row 3)."
 
 
 def test_remedies_cross_the_border_of_a_process_with_their_error() -> None:

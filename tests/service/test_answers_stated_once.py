@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +13,12 @@ from dynident.advice import AdvisedDiagnosis, NextExperiment, Separation
 from dynident.diagnosis.diagnosis_result import Adequacy, Change, ChangedValue, RankedEffect
 from dynident.effects import EffectChoice
 from dynident.estimation import Errors
+from dynident.identification.loads.payload_weighing import PayloadVerdict
+from dynident.recordings import Preprocessing
 from dynident.schema.fields import resolve_hint
 from dynident.validation.direct_and_cross_validation import TorqueValidation
+from dynident.validation.filter_choice import FilterTrial
+from dynident.validation.known_load_validation import PayloadValidation
 from dynident.validation.validation_outcome import ValidationOutcome
 from dynident_service.diagnoses import wire_types as diagnoses
 from dynident_service.shared.field_by_field import from_view, to_view
@@ -62,3 +67,14 @@ def test_errors_have_those_of_moving_rows_beside_them_and_none_where_a_joint_has
     assert told.total is not None
     assert told.total.moving is not None
     assert told.total.moving.relative == [pytest.approx(0.5), None]
+
+
+def test_empty_text_and_what_is_missing_on_the_way_have_the_null_or_the_default_of_their_field() -> None:
+    trial = FilterTrial(Preprocessing(None, None), None, None, worst="", worst_bias=None)
+    told = to_view(validations.FilterTrialView, trial)
+    assert (told.worst, told.problem) == (None, None)
+    estimate = SimpleNamespace(mass=2.0)
+    load = PayloadVerdict(True, "clear", 2.0, (1.0, 3.0), estimate, None)  # type: ignore[arg-type]
+    payload = PayloadValidation("run", 2.0, load, None, ValidationOutcome("pass", "It agrees."))
+    weighed = to_view(validations.PayloadView, payload, measurement_id="m")
+    assert (weighed.gains, weighed.friction_shared, weighed.friction_apart) == ([], 2.0, None)

@@ -11,9 +11,9 @@ from service_helpers import wait_for
 from support.measurement_uploads import as_csv, sound, upload
 
 from dynident.verdict import Action, State, UseName
-from dynident_service.identifications.verdict_wire_types import UseView
+from dynident_service.identifications.wire_types import UseView
 from dynident_service.interactive_compute import InteractiveCompute
-from dynident_service.lru_cache import LruCache
+from dynident_service.jobs.task_input_output import LruCache
 
 
 def identified(client: TestClient, robot: dict[str, Any], fitted: str, held_out: list[str]) -> str:

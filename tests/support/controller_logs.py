@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import h5py
 import numpy as np
+from scipy.io import savemat
 from support.logger_layouts import FloatArray, Recorded, cells, counted, number, table, written
 
 Layout = Callable[[Path, Recorded], Path]
@@ -428,6 +430,71 @@ def motors_beside_links(folder: Path, run: Recorded) -> Path:
     return written(folder / "sides.csv", table(header, cells(values)))
 
 
+def japanese(folder: Path, run: Recorded) -> Path:
+    return eastern(folder, run, ("時間(s)", "J{}位置({})", "J{}トルク({})"), "shift_jis")
+
+
+def chinese_of_windows(folder: Path, run: Recorded) -> Path:
+    return eastern(folder, run, ("时间(s)", "关节{}角度({})", "关节{}力矩({})"), "gb18030")
+
+
+def russian_of_windows(folder: Path, run: Recorded) -> Path:
+    return eastern(folder, run, ("время (s)", "угол {} [{}]", "момент {} [{}]"), "cp1251")
+
+
+def eastern(folder: Path, run: Recorded, names: tuple[str, str, str], encoding: str) -> Path:
+    header = [names[0], *(names[1].format(k, "mm" if slides else "deg") for k, slides in enumerate(run.slides, 1))]
+    header += [names[2].format(k, "N" if slides else "Nm") for k, slides in enumerate(run.slides, 1)]
+    path = folder / "names.csv"
+    path.write_bytes(table(header, cells(np.column_stack([run.t, in_units(run), run.tau]))).encode(encoding))
+    return path
+
+
+def without_names_but_with_accelerations(folder: Path, run: Recorded) -> Path:
+    values = np.column_stack([run.t, run.q, run.dq, np.gradient(run.dq, run.t, axis=0), run.tau])
+    return written(folder / "values.csv", table(counted("V{}", values.shape[1], 1), cells(values)))
+
+
+def gripper_behind(folder: Path, run: Recorded) -> Path:
+    """A gripper counted behind the joints, which moves and has no torque."""
+    header = ["t", *counted("q{}", run.n + 1, 1), *counted("tau{}", run.n + 1, 1)]
+    opening = 0.04 + 0.04 * np.sign(np.sin(run.t))
+    return written(
+        folder / "hand.csv", table(header, cells(np.column_stack([run.t, run.q, opening, run.tau, 0.0 * run.t])))
+    )
+
+
+def cells_of_matlab(folder: Path, run: Recorded) -> Path:
+    path = folder / "cells.mat"
+    signals = {"t": run.t[:, None]}
+    for name, values in (("q", run.q), ("tau", run.tau)):
+        signals[name] = np.empty((1, run.n), dtype=object)
+        for joint in range(run.n):
+            signals[name][0, joint] = values[:, joint : joint + 1]
+    savemat(path, signals)
+    return path
+
+
+def pages_of_hdf5(folder: Path, run: Recorded) -> Path:
+    """Arrays of rows x 1 x joints, as visualisers of logs keep them."""
+    path = folder / "pages.h5"
+    with h5py.File(path, "w") as file:
+        for name, values in (("positions", run.q), ("torques", run.tau)):
+            file[f"joints_state/{name}/data"] = values[:, None, :]
+            file[f"joints_state/{name}/timestamps"] = run.t[:, None]
+    return path
+
+
+def folders_of_yarp(folder: Path, run: Recorded) -> Path:
+    """Files of one name in folders of their own, without names: a counter, the time and the values."""
+    paths = []
+    for name, values in (("encs", run.q), ("torque", run.tau)):
+        (folder / name).mkdir()
+        rows = [[str(k) for k in range(len(run.t))], *cells(np.column_stack([1700.0 + run.t, values]))]
+        paths.append(written(folder / name / "data.log", table([], rows, " ")))
+    return Path("+".join(map(str, paths)))
+
+
 CONTROLLER_LOGS: dict[str, Layout] = {
     layout.__name__: layout
     for layout in (
@@ -439,6 +506,8 @@ CONTROLLER_LOGS: dict[str, Layout] = {
         labels_of_series, days, compact_stamps, seconds_and_microseconds, times_since_the_row_before, rare_units,
         first_joints_in_degrees, feather, signals_a_row, arrays_with_names, names_in_hdf5, durations, short_years,
         rows_of_separators, accounting_brackets, minus_behind, chinese, motors_beside_links,
+        japanese, chinese_of_windows, russian_of_windows, without_names_but_with_accelerations, gripper_behind,
+        cells_of_matlab, pages_of_hdf5, folders_of_yarp,
     )
 }  # fmt: skip
 INTERPOLATED = frozenset({"scope_of_two_rates"})

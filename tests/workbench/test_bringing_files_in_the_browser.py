@@ -54,6 +54,25 @@ def test_what_is_pasted_into_a_gain_and_is_no_row_of_numbers_is_left_to_the_brow
     assert [page.input_value(f"[data-gain-of={joint}]") for joint in ("shoulder", "elbow")] == ["1", "2"]
 
 
+def test_files_get_their_roles_by_their_names_else_by_their_length(page: Any) -> None:
+    def drop(**lines: int) -> list[str]:
+        page.locator("#recordings").set_input_files(
+            [
+                {"name": f"{name}.csv", "mimeType": "text/csv", "buffer": b"t,q\n" * count}
+                for name, count in lines.items()
+            ]
+        )
+        roles = page.locator("form.card select[name=role]")
+        expect(roles).to_have_count(len(lines))
+        chosen = [roles.nth(place).input_value() for place in range(len(lines))]
+        for close in page.locator("form.card").get_by_role("button", name="Discard").all():
+            close.click()
+        return chosen
+
+    the_robot(page)
+    assert drop(run_val=9, run_train=3, run3=5) == ["validation", "identification", "validation"]
+
+
 @pytest.mark.slow
 def test_all_files_are_confirmed_at_once_above_their_folded_columns(
     page: Any, heard: Any, recordings: tuple[Path, Path]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from dynident_service.identifications.ladders import add_ladder_tables
+from dynident_service.identifications.adapters import add_ladder_tables
 from dynident_service.identifications.wire_types import LadderStep, Lineage
 
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect

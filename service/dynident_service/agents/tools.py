@@ -27,8 +27,7 @@ from dynident_service.designs.wire_types import DesignResult
 from dynident_service.diagnoses.adapters import describe_diagnosis, restore_diagnosis
 from dynident_service.diagnoses.wire_types import DiagnosisResult, Reason
 from dynident_service.identifications.adapters import describe_identification, show_verdict
-from dynident_service.identifications.verdict_wire_types import VerdictView
-from dynident_service.identifications.wire_types import IdentificationResult
+from dynident_service.identifications.wire_types import IdentificationResult, VerdictView
 from dynident_service.measurements.adapters import describe_inspection
 from dynident_service.measurements.wire_types import InspectionView
 from dynident_service.shared.field_by_field import to_request, to_view

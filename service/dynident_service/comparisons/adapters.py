@@ -16,22 +16,7 @@ from dynident_service.shared.wire_types import Table
 
 
 def describe_comparison(comparison: Comparison, judgement: Judgement, held_out: bool | None) -> wire.ComparisonResult:
-    """Build the view of a comparison.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        Measured and predicted torque.
-    judgement : Judgement
-        The residual against the noise floor.
-    held_out : bool, optional
-        Whether the model was identified without this recording; None where that is unknown.
-
-    Returns
-    -------
-    ComparisonResult
-        The view.
-    """
+    """Build the view of a comparison and its judgement; `held_out` is None where that is unknown."""
     phases = PhasesView(
         standing=_phase_share(comparison.phase, Phase.STANDING),
         reversing=_phase_share(comparison.phase, Phase.REVERSING, Phase.PASSIVE_HALT),
@@ -62,20 +47,10 @@ def build_tables(result: wire.ComparisonResult) -> list[Table]:
 
 
 def thin_signals(joint_signals: JointSignals, points: int) -> JointSignals:
-    """Thin signals for a plot.
+    """Thin one joint's signals to about so many points for a plot.
 
-    Parameters
-    ----------
-    joint_signals : JointSignals
-        All samples of one joint.
-    points : int
-        About how many samples to keep.
-
-    Returns
-    -------
-    JointSignals
-        Samples whose lines look like those of all samples. They include the extremes of every signal, and the ends of
-        standstills as long as those are few.
+    The lines look like those of all samples: the extremes of every signal are kept, and the ends of standstills as
+    long as those are few.
     """
     signals = (joint_signals.measured, joint_signals.lower, joint_signals.upper, joint_signals.residual)
     return (

@@ -17,9 +17,8 @@ from dynident_service.comparisons.wire_types import (
     Spectrum,
 )
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.shared.paging_and_retries import require_succeeded
 from dynident_service.shared.required_resources import depend_on, require_measurements, require_model
-from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route, require_succeeded
 from dynident_service.shared.wire_types import Table, ViewModel
 from dynident_service.storage.repository_values import Dependency, NewJob, Resource
 from dynident_service.storage_and_engine import Services, ServicesDep

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from dynident_service.identifications.wire_types import ErrorFigures
 from dynident_service.measurements.wire_types import PhasesView
 from dynident_service.shared.wire_types import (
     Computed,
+    ErrorFigures,
     Identifier,
     NamedRequest,
     SourcePath,

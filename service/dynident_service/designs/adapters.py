@@ -36,22 +36,9 @@ RATE_OF_SAMPLES = 1000.0
 
 
 def samples_to_reference(samples: wire.Samples) -> Reference:
-    """Build a reference trajectory from samples.
+    """Build a reference trajectory from samples t (m,), s, and q (m, n); missing derivatives are those of a spline.
 
-    Parameters
-    ----------
-    samples : Samples
-        t (m,) in s and q (m, n); dq and ddq where they are stated.
-
-    Returns
-    -------
-    Reference
-        The trajectory; missing derivatives are those of a cubic spline through q.
-
-    Raises
-    ------
-    DynidentError
-        Where t does not increase, or rows have different lengths.
+    Raises `DynidentError` where t does not increase, or rows have different lengths.
     """
     t, q = np.array(samples.t, dtype=np.float64), _to_matrix(samples.q, "q")
     if samples.dq is not None and samples.ddq is not None:
@@ -85,13 +72,7 @@ _DIGITS = 5
 
 
 def to_checked_request(wire_request: wire.DesignRequest, robot: Robot) -> DesignRequest:
-    """Build a design request from a body and check it against the robot.
-
-    Raises
-    ------
-    DynidentError
-        Where this cannot be designed for the robot.
-    """
+    """Build a design request from a body; `DynidentError` where it cannot be designed for the robot."""
     return _check_design_request(to_design_request(wire_request), robot)
 
 
@@ -176,26 +157,7 @@ def read_reference(path: Path, joints: list[str]) -> Reference:
 def compute_clearances(
     wire_request: wire.DesignRequest, robot: Robot, trajectory: Path, mesh_folders: Sequence[Path], points: int
 ) -> wire.DesignClearances:
-    """Find what each link is nearest to along a stored trajectory.
-
-    Parameters
-    ----------
-    wire_request : DesignRequest
-        The body of the design, which states the surroundings.
-    robot : Robot
-        The robot.
-    trajectory : Path
-        The stored trajectory.
-    mesh_folders : sequence of Path
-        Folders with collision meshes.
-    points : int
-        At how many samples to look, about.
-
-    Returns
-    -------
-    DesignClearances
-        Distances per link and sample, and the surroundings to draw.
-    """
+    """Find what each link is nearest to at some samples of a stored trajectory, and the surroundings to draw."""
     motion = read_reference(trajectory, list(robot.joint_names))
     # Evenly spread, ends included. Rounding may give a row twice.
     rows = np.unique(np.linspace(0, len(motion.t) - 1, min(points, len(motion.t))).astype(np.intp))
@@ -250,20 +212,7 @@ def build_tables(request: Mapping[str, object], result: Mapping[str, object], ro
 
 
 def restore_design(request: Mapping[str, object], result: Mapping[str, object], trajectory: Path | None) -> Design:
-    """Restore a stored design.
-
-    Parameters
-    ----------
-    request, result : mapping
-        The stored request and result, as JSON.
-    trajectory : Path, optional
-        The file of its trajectory; without it the motion is left out.
-
-    Returns
-    -------
-    Design
-        The design as the library made it.
-    """
+    """Restore a stored design from its request and result; without its trajectory the motion is left out."""
     wire_request, wire_result = wire.DesignRequest.model_validate(request), wire.DesignResult.model_validate(result)
     nothing = np.zeros((0, len(wire_result.joints)))
     motion = (

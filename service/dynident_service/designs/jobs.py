@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from dynident.excitation import design_experiment
+from dynident.identification.robot_recording_import import import_for_robot
 from dynident.progress import scale_progress
 from dynident.recordings import RecordingMetadata
 from dynident.robot import Robot
@@ -16,7 +17,7 @@ from dynident_service.designs import adapters as designs
 from dynident_service.designs.adapters import compute_clearances, describe_design, to_checked_request, write_trajectory
 from dynident_service.designs.wire_types import DesignRequest, DesignResult, Samples, SimulationRequest
 from dynident_service.jobs.task_input_output import Outcome, Task
-from dynident_service.measurements.adapters import describe_recording, import_file
+from dynident_service.measurements.adapters import describe_recording, to_recording_metadata
 from dynident_service.measurements.wire_types import MeasurementMetadata
 from dynident_service.robots.adapters import (
     place_mesh_files,
@@ -66,7 +67,9 @@ def measure_virtual_robot(task: Task) -> Outcome:
     with tempfile.TemporaryDirectory() as folder:
         source = write_simulated_recording(simulated, Path(folder) / "measurement.parquet")
         # Imported like an uploaded file, so that a simulated measurement has passed the same checks as a real one.
-        recording, checks = import_file(source, Path(folder) / "recording.parquet", robot, metadata)
+        recording, checks = import_for_robot(
+            robot, source, Path(folder) / "recording.parquet", to_recording_metadata(metadata)
+        )
         original = task.store_file("original", source, PARQUET)
         canonical = task.store_file("recording", Path(folder) / "recording.parquet", PARQUET)
         measurement = NewResource(

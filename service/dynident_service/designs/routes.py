@@ -22,7 +22,6 @@ from dynident_service.designs.wire_types import (
     TrajectorySamples,
 )
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.shared.paging_and_retries import require_succeeded
 from dynident_service.shared.request_bodies import describe_choices
 from dynident_service.shared.required_resources import (
     depend_on,
@@ -31,7 +30,7 @@ from dynident_service.shared.required_resources import (
     require_model_of,
     require_robot,
 )
-from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route, require_succeeded
 from dynident_service.shared.wire_types import Table
 from dynident_service.storage.repository_values import Dependency, NewJob, Resource, find_mesh_files
 from dynident_service.storage_and_engine import Services, ServicesDep

@@ -21,23 +21,10 @@ from dynident_service.shared.wire_types import Table, to_plain_json
 def describe_diagnosis(
     diagnosis: Diagnosis, robot_id: str, measurement_ids: Sequence[str] = (), identification_id: str | None = None
 ) -> wire.DiagnosisResult:
-    """Build the view of a diagnosis.
+    """Build the view of a diagnosis; the ids complete the next experiment.
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        The diagnosis, with its next experiment where that was asked for.
-    robot_id : str
-        The robot that a proposed design is for.
-    measurement_ids : sequence of str
-        The measurements that the next experiment complements; empty on the command line, where they are files.
-    identification_id : str, optional
-        The diagnosed model, by which a proposed design predicts torque; None on the command line.
-
-    Returns
-    -------
-    DiagnosisResult
-        The view.
+    A proposed design is for this robot, complements these measurements and predicts torque by this model. On the
+    command line there are no ids: measurements and models are files.
     """
     advice = diagnosis.next_experiment if isinstance(diagnosis, AdvisedDiagnosis) else None
     return to_view(
@@ -123,26 +110,9 @@ def write_evidence(figures: Sequence[Evidence], robot: Robot) -> bytes:
 
 
 def read_evidence(content: bytes, rank: int, joint: str | None) -> wire.Evidence:
-    """Read the figure of a candidate on a joint.
+    """Read the figure of the candidate of a rank, by default for the joint on which it explains most.
 
-    Parameters
-    ----------
-    content : bytes
-        What `write_evidence` returned.
-    rank : int
-        Rank of the candidate, from 1.
-    joint : str, optional
-        The joint; without it the one on which the candidate explains most.
-
-    Returns
-    -------
-    Evidence
-        The figure.
-
-    Raises
-    ------
-    ProblemError
-        404 where there is none of that rank, 422 where there is none for that joint.
+    Raises a problem 404 where there is none of that rank, 422 where there is none for that joint.
     """
     figures = [figure for figure in json.loads(content) if figure["rank"] == rank]
     if not figures:

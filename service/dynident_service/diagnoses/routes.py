@@ -10,9 +10,8 @@ from fastapi import APIRouter, Query, Response
 from dynident_service.diagnoses.wire_types import DiagnosisRequest, DiagnosisView, Evidence, SeriesRequest, SeriesView
 from dynident_service.problems import ProblemError, make_unusable
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.shared.paging_and_retries import require_succeeded
 from dynident_service.shared.required_resources import depend_on, get_model_joints, require_measurements, require_model
-from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route, require_succeeded
 from dynident_service.shared.wire_types import Table
 from dynident_service.storage.repository_values import Dependency, NewJob, Resource
 from dynident_service.storage_and_engine import Services, ServicesDep

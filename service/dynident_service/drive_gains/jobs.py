@@ -14,12 +14,12 @@ from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Recording
 from dynident.robot import Robot
+from dynident_service.drive_gains.adapters import describe_gains
 from dynident_service.drive_gains.wire_types import CurrentModelsRequest, CurrentModelsResult, DriveGainsRequest
 from dynident_service.jobs.task_input_output import Outcome, Task
 from dynident_service.shared.field_by_field import from_wire_choices, to_request, to_view
 from dynident_service.shared.stored_inputs import load_stored_robot, open_recording_by_id, open_stored_recordings
 from dynident_service.shared.wire_types import to_plain_json
-from dynident_service.validations.adapters import describe_gains
 
 
 def find_gains(task: Task) -> Outcome:

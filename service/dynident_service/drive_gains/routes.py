@@ -28,8 +28,8 @@ router = APIRouter(prefix="/v1/drive_gains", tags=["drive gains"])
 
 def _build_tables(_: Services, resource: Resource) -> list[Table]:
     with hold_import_lock():
+        from dynident_service.drive_gains.adapters import build_gain_tables
         from dynident_service.shared.field_by_field import show_tables
-        from dynident_service.validations.adapters import build_gain_tables
 
     return show_tables(build_gain_tables(DriveGainsResult.model_validate(resource.result)))
 

@@ -1,11 +1,14 @@
-"""Choices of an identification from bodies; views and tables of models and verdicts; exported files."""
+"""Choices of an identification from bodies; views and tables of models, verdicts and ladders; exported files."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import zip_longest
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
 
 from dynident.errors import DynidentError
 from dynident.export import ExportedFile, ExportFormat, export_model, model_to_document
@@ -15,10 +18,17 @@ from dynident.identification.identified_models.correlated_and_essential_paramete
     EssentialPath,
     parameter_dependence,
 )
-from dynident.identification.identified_models.held_out_gain import list_confirming_rows
+from dynident.identification.identified_models.held_out_gain import find_best_of_errors, list_confirming_rows
 from dynident.identification.shape_constant_intervals import ShapeConstant
 from dynident.identification.shape_search import check_choices
 from dynident.presentation.labels import CONDITION_MEANING
+from dynident.presentation.ladder_tables import (
+    Step,
+    build_ladder_joint_table,
+    build_ladder_table,
+    build_two_ladders_table,
+    describe_last_step,
+)
 from dynident.presentation.model_tables import (
     ErrorKind,
     build_error_table,
@@ -33,17 +43,25 @@ from dynident.recordings import Preprocessing, Recording, preprocessing_from_req
 from dynident.recordings.metadata_revisions import adapt_revision
 from dynident.robot import Robot
 from dynident.verdict import ModelVerdict, Stop
-from dynident_service.identifications import verdict_wire_types as verdict_wire
 from dynident_service.identifications import wire_types as wire
-from dynident_service.identifications.ladders import select_judged, show_fit
+from dynident_service.identifications.wire_types import (
+    IdentificationView,
+    LadderStep,
+    LadderStepDifference,
+    Lineage,
+    StepSentence,
+)
 from dynident_service.measurements.adapters import show_revision, to_recording_metadata
 from dynident_service.measurements.wire_types import MeasurementMetadata
 from dynident_service.shared.field_by_field import (
     from_view,
+    from_wire_choices,
+    show_errors,
     show_tables,
     to_request,
     to_view,
 )
+from dynident_service.shared.wire_types import EffectChoice, ErrorFigures, ErrorsView
 
 if TYPE_CHECKING:
     from fastapi import Response
@@ -52,26 +70,9 @@ if TYPE_CHECKING:
 def to_choices(
     request: wire.IdentificationRequest, robot: Robot, recordings: Sequence[Recording] = ()
 ) -> IdentificationChoices:
-    """Build the choices of an identification from a body.
+    """Build the choices of an identification from a body; `DynidentError` where they do not fit the robot.
 
-    Parameters
-    ----------
-    request : IdentificationRequest
-        The body.
-    robot : Robot
-        The robot.
-    recordings : sequence of Recording
-        Recordings that the filters are chosen from. Without them, the filters are left to the identification.
-
-    Returns
-    -------
-    IdentificationChoices
-        The choices.
-
-    Raises
-    ------
-    DynidentError
-        Where a choice does not exist, is not available, or does not fit the robot.
+    Filters are chosen from the recordings; without recordings they are left to the identification.
     """
     filters = _choose_preprocessing(request, recordings) if recordings else None
     choices = to_request(request, IdentificationChoices, preprocessing=filters)
@@ -82,22 +83,7 @@ def to_choices(
 def describe_identification(
     identification: Identification, parent_id: str | None, parent: Identification | None = None
 ) -> wire.IdentificationResult:
-    """Build the view of an identified model.
-
-    Parameters
-    ----------
-    identification : Identification
-        The model.
-    parent_id : str, optional
-        Id of the model that it was made from.
-    parent : Identification, optional
-        That model; with it the view has the steps between the two.
-
-    Returns
-    -------
-    IdentificationResult
-        The view.
-    """
+    """Build the view of an identified model; with its parent model it has the steps between the two."""
     return to_view(
         wire.IdentificationResult,
         identification,
@@ -190,26 +176,13 @@ class OpenedMeasurement:
     metadata: MeasurementMetadata
 
 
-def show_verdict(verdict: ModelVerdict, measurements: Sequence[OpenedMeasurement] = ()) -> verdict_wire.VerdictView:
-    """Build the view of a verdict.
-
-    Parameters
-    ----------
-    verdict : ModelVerdict
-        The verdict, which names recordings by name.
-    measurements : sequence of OpenedMeasurement
-        Stored recordings; those among them are named by id in the view.
-
-    Returns
-    -------
-    VerdictView
-        The view.
-    """
+def show_verdict(verdict: ModelVerdict, measurements: Sequence[OpenedMeasurement] = ()) -> wire.VerdictView:
+    """Build the view of a verdict; recordings are named by the ids of the measurements that are given."""
     by_name = {measurement.recording.name: measurement for measurement in measurements}
     stop = None if verdict.stop is None else _show_stop(verdict.stop, by_name.get(verdict.stop.recording or ""))
     common = [
         to_view(
-            verdict_wire.CommonView,
+            wire.CommonView,
             overlap,
             held_out_id=_measurement_id(by_name, overlap.held_out),
             fitted_id=_measurement_id(by_name, overlap.fitted),
@@ -218,19 +191,19 @@ def show_verdict(verdict: ModelVerdict, measurements: Sequence[OpenedMeasurement
         for overlap in verdict.common
     ]
     tables = show_tables(build_verdict_tables(verdict))
-    return to_view(verdict_wire.VerdictView, verdict, stop=stop, common=common, tables=tables)
+    return to_view(wire.VerdictView, verdict, stop=stop, common=common, tables=tables)
 
 
 def _measurement_id(measurements: Mapping[str, OpenedMeasurement], name: str) -> str:
     return measurements[name].id if name in measurements else name
 
 
-def _show_stop(stop: Stop, measurement: OpenedMeasurement | None) -> verdict_wire.StopView:
+def _show_stop(stop: Stop, measurement: OpenedMeasurement | None) -> wire.StopView:
     cure = stop.apply
     if cure is not None and measurement is not None:
         # The cure refers to the recording as it was read. The revision has to change what was stated about the file.
         cure = adapt_revision(cure, to_recording_metadata(measurement.metadata), measurement.recording.joint_names)
-    return verdict_wire.StopView(
+    return wire.StopView(
         cause=stop.cause,
         measurement_id=stop.recording if measurement is None else measurement.id,
         apply=None if cure is None else show_revision(cure),
@@ -243,28 +216,9 @@ _LONGEST = 3000
 
 
 def export_file(model: Identification, format: ExportFormat, nearest: bool, shown: dict[str, object]) -> ExportedFile:
-    """Export a model.
+    """Export a model, or its nearest feasible parameters; the format "json" includes what the service shows of it.
 
-    Parameters
-    ----------
-    model : Identification
-        The model.
-    format : str
-        The format; "json" includes what the service shows of the model.
-    nearest : bool
-        Whether to export the nearest physically feasible parameters where the format needs feasible ones.
-    shown : dict
-        What the service shows of the model.
-
-    Returns
-    -------
-    ExportedFile
-        The file, with notes on what the format cannot hold.
-
-    Raises
-    ------
-    DynidentError
-        Where the format cannot hold the model; its pointer is the query's parameter.
+    Raises `DynidentError`, whose pointer is the query's parameter, where the format cannot hold the model.
     """
     try:
         file = export_model(model, format, nearest=nearest)
@@ -298,3 +252,212 @@ def _shorten_notes(notes: Sequence[str]) -> str:
         if len(text := json.dumps(shortened)) <= _LONGEST:
             return text
     return json.dumps([f"{len(notes)} notes in the file"])
+
+
+T = TypeVar("T", int, float)
+
+
+def build_steps_of_views(views: Sequence[IdentificationView]) -> list[LadderStep]:
+    """Build the steps of a ladder of stored models, the first one first, with the intermediate ones of extensions."""
+    steps: list[LadderStep] = []
+    for view in views:
+        # An extension by several effects has made models on its way, which are steps as well.
+        steps += _build_intermediate_steps(view, steps[-1] if steps else None)
+        steps.append(_build_own_step(view, steps[-1] if steps else None))
+    return mark_best_step(steps)
+
+
+def mark_best_step(steps: Sequence[LadderStep]) -> list[LadderStep]:
+    """Return a ladder with its best step marked, and the later steps that increase the validation error."""
+    totals = [None if step.validation is None else select_judged(step.validation).relative_total for step in steps]
+    known_totals = [total for total in totals if total is not None]
+    preferred = [bool(step.confirmed_by or step.removed) for step in steps]
+    # Only where every step has a validation error: a step without one could be the best.
+    marks = find_best_of_errors(known_totals, preferred) if len(known_totals) == len(steps) else None
+    if marks is None:
+        return list(steps)
+    return [
+        step.model_copy(update={"best": k == marks.best, "rises": k in marks.rises}) for k, step in enumerate(steps)
+    ]
+
+
+def select_judged(errors: ErrorsView) -> ErrorFigures:
+    """Return the errors that models are compared by: of moving rows; where none are known, of all rows."""
+    return errors if errors.moving is None or errors.moving.relative_total is None else errors.moving
+
+
+def to_step(ladder_step: LadderStep, fit: ErrorsView) -> Step:
+    """Convert a stored step of a ladder, whose errors of the fit are known, for its tables."""
+    held_out = ladder_step.validation
+    return Step(
+        from_wire_choices(ladder_step.added),
+        from_wire_choices(ladder_step.removed),
+        ladder_step.n_parameters,
+        select_judged(fit),
+        None if held_out is None else select_judged(held_out),
+        None if held_out is None else held_out.relative_total,
+        ladder_step.confirmed_by or (),
+    )
+
+
+def add_ladder_tables(lineage: Lineage, joints: Sequence[str], parent_id: str | None = None) -> Lineage:
+    """Return ladders with their steps in words and their tables, as far as their models are identified.
+
+    The last step is described against the model `parent_id`, since an extension by several effects has a step for
+    each; by default against the step before.
+    """
+    ladders = [
+        [(step, to_step(step, step.residual)) for step in items if step.residual is not None]
+        for items in (lineage.items, lineage.against or [])
+    ]
+    for ladder_step, step in (pair for ladder in ladders for pair in ladder):
+        ladder_step.change = step.describe_change(joints)
+    own, other = ([step for _, step in ladder] for ladder in ladders)
+    if not own:
+        return lineage
+    tables = [build_ladder_table(own, joints), build_ladder_joint_table(own, joints)]
+    if other:
+        tables.append(build_two_ladders_table(("this ladder", "the other"), (own, other), joints))
+    ids = [ladder_step.id for ladder_step, _ in ladders[0]]
+    sentence = None
+    if len(own) > 1:
+        sentence = describe_last_step(own, joints, ids.index(parent_id) if parent_id in ids[:-1] else None)
+    last_step = None if sentence is None else to_view(StepSentence, sentence)
+    return lineage.model_copy(update={"tables": show_tables(tables), "last_step": last_step})
+
+
+def _build_intermediate_steps(view: IdentificationView, below: LadderStep | None) -> list[LadderStep]:
+    """Build the steps between a model and its parent; an extension by several effects has one for each."""
+    steps: list[LadderStep] = []
+    for number, step in enumerate(view.result.rungs if view.result is not None else [], start=1):
+        under = steps[-1] if steps else below
+        ladder_step = LadderStep(
+            id=f"{view.id}/{number}",
+            part_of=view.id,
+            name=view.name,
+            parent_id=None if under is None else under.id,
+            status=view.status,
+            added=step.added,
+            removed=[],
+            effects=[*([] if under is None else under.effects), *step.added],
+            n_parameters=step.n_parameters,
+            residual=step.residual,
+            validation=step.validation,
+            confirmed_by=step.confirmed_by,
+        )
+        steps.append(ladder_step)
+    return steps
+
+
+def _build_own_step(view: IdentificationView, below: LadderStep | None) -> LadderStep:
+    result = view.result
+    effects = view.request.effects if result is None else result.effects
+    return LadderStep(
+        id=view.id,
+        name=view.name,
+        parent_id=view.parent_id if below is None else below.id,
+        status=view.status,
+        added=_last_added(view, effects, below),
+        removed=view.removed,
+        effects=effects,
+        n_parameters=None if result is None else len(result.parameters),
+        residual=None if result is None else result.residual,
+        validation=None if result is None else result.validation,
+        confirmed_by=None if result is None else result.confirmed_by,
+    )
+
+
+def _last_added(view: IdentificationView, effects: list[EffectChoice], below: LadderStep | None) -> list[EffectChoice]:
+    """Return what the last step added, with the shape constants that were found."""
+    # The steps below have the first of the requested effects; the rest of the list is new at this step.
+    if not view.added or view.result is None or below is None:
+        return view.added
+    return effects[len(below.effects) :]
+
+
+def compare_ladders(own: Sequence[LadderStep], other: Sequence[LadderStep], same_data: bool) -> Lineage:
+    """Compare two ladders step by step; `same_data` says whether all their models rest on the same recordings."""
+    # Ladders of one robot may begin with the same models: the last pair of equal ids is where they part.
+    shared = [a.id for a, b in zip(own, other, strict=False) if a.id == b.id]
+    return Lineage(
+        items=list(own),
+        against=list(other),
+        common_ancestor=shared[-1] if shared else None,
+        differences=[_show_difference(k, a, b) for k, (a, b) in enumerate(zip_longest(own, other), start=1)],
+        same_data=same_data,
+    )
+
+
+def _show_difference(number: int, own: LadderStep | None, other: LadderStep | None) -> LadderStepDifference:
+    differences: dict[str, Any] = {}
+    for kind in ("residual", "validation"):
+        errors = [getattr(step, kind, None) for step in (own, other)]
+        for name, pair in ((kind, errors), (f"{kind}_moving", [_get_moving(shown) for shown in errors])):
+            differences |= {name: _subtract_per_joint(*pair), f"{name}_total": _subtract_totals(*pair)}
+    return LadderStepDifference(
+        rung=number,
+        id=own.id if own else None,
+        against_id=other.id if other else None,
+        n_parameters=_subtract(own.n_parameters if own else None, other.n_parameters if other else None),
+        **differences,
+    )
+
+
+def _get_moving(errors: ErrorsView | None) -> ErrorFigures | None:
+    return None if errors is None else errors.moving
+
+
+def _subtract_per_joint(own: ErrorFigures | None, other: ErrorFigures | None) -> list[float | None] | None:
+    if own is None or other is None:
+        return None
+    return [_subtract(a, b) for a, b in zip(own.relative, other.relative, strict=True)]
+
+
+def _subtract_totals(own: ErrorFigures | None, other: ErrorFigures | None) -> float | None:
+    return None if own is None or other is None else _subtract(own.relative_total, other.relative_total)
+
+
+def _subtract(a: T | None, b: T | None) -> T | None:
+    return None if a is None or b is None else a - b
+
+
+def build_steps(
+    identification: Identification, name: str, other_ladder: tuple[Identification, str] | None = None
+) -> list[LadderStep]:
+    """Build the steps of a ladder from a model in a file; the models before it are called name/1, name/2, ….
+
+    Steps at which another ladder has the same model take that ladder's ids, so that `compare_ladders` sees what
+    they share.
+    """
+    models = list(identification.ladder())
+    ids = _step_ids(name, len(models))
+    if other_ladder is not None:
+        others = list(other_ladder[0].ladder())
+        for k, (model, other) in enumerate(zip(models, others, strict=False)):
+            # Models in files have no ids: they are the same if their choices and all their values are.
+            if model.choices != other.choices or not np.array_equal(model.values, other.values):
+                break
+            ids[k] = _step_ids(other_ladder[1], len(others))[k]
+    steps = [
+        to_view(
+            LadderStep,
+            model,
+            id=identifier,
+            name=identifier,
+            parent_id=ids[k - 1] if k else None,
+            status="succeeded",
+            residual=show_fit(model),
+            confirmed_by=list_confirming_rows(model),
+        )
+        for k, (identifier, model) in enumerate(zip(ids, models, strict=True))
+    ]
+    return mark_best_step(steps)
+
+
+def _step_ids(name: str, count: int) -> list[str]:
+    return [*(f"{name}/{k}" for k in range(1, count)), name]
+
+
+def show_fit(identification: Identification) -> ErrorsView:
+    """Build the view of the errors on the data that a model was identified from."""
+    return show_errors(identification.fit, identification.fit_moving, identification.noise)

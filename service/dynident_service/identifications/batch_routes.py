@@ -23,8 +23,8 @@ from dynident_service.problems import (
     to_problem,
 )
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.shared.paging_and_retries import RetryKeyDep, replay_response, resource_path
 from dynident_service.shared.required_resources import PrefetchedResources
+from dynident_service.shared.resource_routes import RetryKeyDep, replay_response, resource_path
 from dynident_service.storage.repository_values import NewResource, Resource
 from dynident_service.storage_and_engine import Services, ServicesDep
 

@@ -9,16 +9,16 @@ from anyio import to_thread
 from fastapi import APIRouter, Query, Request
 
 from dynident.number_format import format_percent
-from dynident_service.identifications.verdict_wire_types import VerdictView
 from dynident_service.identifications.wire_types import (
     CorrelationView,
     EssentialQuery,
     EssentialView,
     IdentificationResult,
+    VerdictView,
 )
 from dynident_service.problems import ProblemError
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.shared.paging_and_retries import require_succeeded
+from dynident_service.shared.resource_routes import require_succeeded
 from dynident_service.storage.repository_values import Resource
 from dynident_service.storage_and_engine import Services, ServicesDep
 
@@ -85,10 +85,10 @@ async def get_verdict(identification_id: str, request: Request, services: Servic
     }
     # A model and its measurements never change: what is said of them changes with its validations alone.
     key = f"{identification_id} {json.dumps(arguments['outcomes'])}"
-    answer = services.verdicts.get(key)
-    if answer is None:
-        answer = await services.interactive.call(request, f"{FUNCTIONS}:judge_model", dict, arguments)
-        services.verdicts.put(key, answer)
+    if (cached := services.verdicts.get(key)) is not None:
+        return VerdictView.model_validate(cached)
+    answer = await services.interactive.call(request, f"{FUNCTIONS}:judge_model", dict, arguments)
+    services.verdicts.put(key, answer)
     return VerdictView.model_validate(answer)
 
 

@@ -22,14 +22,6 @@ from dynident_service.identifications.wire_types import (
 )
 from dynident_service.problems import make_unusable
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.shared.paging_and_retries import (
-    LabelledQueryDep,
-    RetryKeyDep,
-    create_or_replay,
-    require_succeeded,
-    show_computed,
-    show_page,
-)
 from dynident_service.shared.required_resources import (
     HasResources,
     PrefetchedResources,
@@ -37,7 +29,16 @@ from dynident_service.shared.required_resources import (
     require_resource,
     require_robot,
 )
-from dynident_service.shared.resource_routes import ResourceRoutes, add_resource_routes
+from dynident_service.shared.resource_routes import (
+    LabelledQueryDep,
+    ResourceRoutes,
+    RetryKeyDep,
+    add_resource_routes,
+    create_or_replay,
+    require_succeeded,
+    show_computed,
+    show_page,
+)
 from dynident_service.shared.wire_types import Page, Tables, to_plain_json
 from dynident_service.storage.repository_values import Dependency, NewJob, NewResource, Resource, Retry
 from dynident_service.storage_and_engine import Services, ServicesDep
@@ -220,7 +221,7 @@ def get_lineage(
     and the later ones whose error is larger.
     """
     with hold_import_lock():
-        from dynident_service.identifications.ladders import add_ladder_tables, build_steps_of_views, compare_ladders
+        from dynident_service.identifications.adapters import add_ladder_tables, build_steps_of_views, compare_ladders
 
     own = _load_ladder(services, identification_id)
     joints = [] if own[-1].result is None else own[-1].result.joints

@@ -1,4 +1,4 @@
-"""Bodies and answers of identifications and batches."""
+"""Bodies and answers of identifications, their extensions and verdicts."""
 
 from __future__ import annotations
 
@@ -11,19 +11,23 @@ from dynident.effects.effect_choices import DEFAULT_EFFECTS
 from dynident.export.export_request import ExportChoices
 from dynident.identification.identification_choices import EssentialChoices, IdentificationChoices
 from dynident.recordings.recording_metadata import Filters
-from dynident_service.measurements.wire_types import SeenMeasurement
+from dynident_service.measurements.wire_types import RevisionRequest, SeenMeasurement
 from dynident_service.shared.request_bodies import derive_body, derive_query
 from dynident_service.shared.wire_types import (
     LARGEST_BATCH,
     Computed,
+    DriftView,
     EffectChoice,
+    ErrorsView,
     Identifier,
     Labelled,
     NamedRequest,
     RequestModel,
     SourcePath,
     Table,
+    UsedPreprocessing,
     ViewModel,
+    WithTables,
 )
 from dynident_service.storage.repository_values import State
 
@@ -124,33 +128,6 @@ class ShapeConstantView(ViewModel):
         "recording"
     )
     note: str = Field(description="Why there is no interval, or what is unusual about it; otherwise empty")
-
-
-class ErrorFigures(ViewModel):
-    """Errors of a model on rows: rms in N m or N, relative as ||y − ŷ|| / ||y||; null if a joint has no such row."""
-
-    rms: list[float | None] = Field(description="Per joint")
-    relative: list[float | None] = Field(description="Per joint")
-    relative_total: float | None
-
-
-class ErrorsView(ErrorFigures):
-    """Errors of a model on data: on all rows; at standstill, the distance to the range of static friction."""
-
-    moving: ErrorFigures | None = Field(
-        default=None, description="On the rows where each joint moves; null if not computed"
-    )
-    sigma: list[float | None] | None = Field(default=None, description="Standard deviation of the residual per joint")
-
-
-class UsedPreprocessing(ViewModel):
-    """The filters that were used, and why."""
-
-    position_cutoff: float | None
-    torque_cutoff: float | None
-    decimation: int
-    filter_order: int
-    reasons: list[str]
 
 
 ConfirmedBy = Annotated[
@@ -357,3 +334,90 @@ class BatchView(ViewModel):
     items: list[BatchItem] = Field(
         description="In the order of the request, without those that have been deleted since."
     )
+
+
+class UseView(ViewModel):
+    """Whether the model is fit for a use."""
+
+    use: Literal["simulation", "feed_forward", "collision_detection", "payload"]
+    fit: bool = Field(description="Whether it may be used so, at least within the limit that the reason names")
+    state: Literal["yes", "limited", "no", "not_judged"] = Field(
+        description="limited: fit within a limit; not_judged: there are no data to judge by"
+    )
+    reason: str
+    next_step: str = Field(description="The next thing to do")
+    next_action: (
+        Literal[
+            "diagnose",
+            "design",
+            "identify_feasible",
+            "check_gains",
+            "identify_gains",
+            "export_for_simulation",
+            "export_for_feed_forward",
+            "observe_momentum",
+            "weigh_load",
+        ]
+        | None
+    ) = Field(description="Which action of dynident does it; null where none does")
+
+
+class DetectableForceView(ViewModel):
+    """The smallest force at the tool that is detected with one false alarm per hour."""
+
+    force: float = Field(description="N, in 95 % of the directions and postures of the held-out motion")
+    thresholds: list[float | None] = Field(
+        description="Thresholds for every joint's filtered residual, N m or N; null: the joint moves too seldom"
+    )
+    seconds: float = Field(description="Duration of the held-out motion that it was computed from")
+
+
+class ContactDetectionView(ViewModel):
+    """Thresholds of a momentum observer, and the force at the tool that they detect as it happens."""
+
+    force: float = Field(description="N, in 95 % of the directions and postures of the held-out motion")
+    within: float = Field(description="Seconds within which it shows")
+    false_alarms_an_hour: float
+    gain: float = Field(description="Bandwidth of the observer, 1/s")
+    speeds: list[list[float | None]] = Field(description="rad/s or m/s between three classes of speed, per joint")
+    thresholds: list[list[float | None]] = Field(
+        description="N m or N, per joint: slow or just slow before, then by class of speed; null: too few data"
+    )
+    seconds: float = Field(description="Duration of the held-out motion that it was computed from")
+
+
+class StopView(ViewModel):
+    """The most probable cause of a large error."""
+
+    cause: str
+    measurement_id: str | None = Field(default=None, description="Place of the fault, as far as it is known")
+    apply: RevisionRequest | None = Field(
+        default=None, description="Correction: a body for POST /v1/measurements/{measurement_id}/revisions"
+    )
+
+
+class CommonView(ViewModel):
+    """What held-out data have in common with the data of the fit."""
+
+    held_out_id: str
+    fitted_id: str
+    kind: Literal["copied", "repeated"] = Field(description="The same samples, or the same motion once more")
+    share: float = Field(description="Of the moving time, 0 to 1")
+    detail: str
+
+
+class VerdictView(WithTables):
+    """What a model is fit for, and why or why not."""
+
+    uses: list[UseView]
+    held_out: ErrorsView | None = Field(description="The data that it was judged by; null without held-out data")
+    stop: StopView | None = Field(description="Why it must not be used at all; null if it may be used")
+    summary: str
+    common: list[CommonView] = Field(description="What held-out data have in common with the data of the fit")
+    drift: DriftView | None = Field(default=None, description="null if there was no simulation")
+    force: DetectableForceView | None = Field(default=None, description="null if the data do not determine it")
+    contact: ContactDetectionView | None = Field(
+        default=None, description="null if the model or the data allow no momentum observer"
+    )
+    mass: float | None = Field(default=None, description="Smallest load at the tool that is visible, kg; null: unknown")
+    next_steps: list[str] = Field(description="What to do about the error, the usually cheapest first")

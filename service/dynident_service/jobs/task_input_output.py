@@ -1,4 +1,4 @@
-"""Fetch a job's inputs and store its outputs; parts of a job on another worker."""
+"""Fetch a job's inputs and store its outputs; parts of a job on another worker; cache of recently used values."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import io
 import logging
 import pickle
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, Generic, TypeVar, cast
 
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress
-from dynident_service.lru_cache import LruCache
 from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.repository_values import NewResource, OwnedObject, Resource
@@ -48,6 +48,27 @@ class JobEnvironment:
     memory: int
     """Bytes that a job may allocate, besides what is loaded."""
     colleagues: ClusterAddresses | None = None
+
+
+class LruCache(Generic[T]):
+    """Values by id, of which the least recently used are dropped. For values that never change; a restart drops all."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._kept: OrderedDict[str, T] = OrderedDict()
+
+    def get(self, identifier: str) -> T | None:
+        """Return a cached value, or None."""
+        if identifier in self._kept:
+            self._kept.move_to_end(identifier)
+        return self._kept.get(identifier)
+
+    def put(self, identifier: str, value: T) -> None:
+        """Cache a value."""
+        self._kept[identifier] = value
+        self._kept.move_to_end(identifier)
+        while len(self._kept) > self._most:
+            self._kept.popitem(last=False)
 
 
 class ObjectCache:

@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-from dynident.identification.robot_recording_import import import_for_robot
-from dynident.recordings import (
-    Check,
-    Recording,
-    RecordingError,
-    open_recording,
-    phase_shares,
-)
-from dynident.robot import Robot
-from dynident_service.measurements import wire_types as wire
-from dynident_service.problems import Problem, ProblemField, to_problem
-from dynident_service.shared.field_by_field import to_view
-from dynident_service.storage.repository_values import Resource
-
-if TYPE_CHECKING:
-    # The command line uses this module, too, where no object store is installed.
-    from dynident_service.storage.object_store import ObjectStore
-import json
-from collections.abc import Iterator
-from dataclasses import replace
 
 from dynident.array_types import FloatArray
 from dynident.identification.column_inference import Inspection, inspect_file
 from dynident.identification.robot_recording_import import build_recorded_joints
-from dynident.recordings import RecordingMetadata, Revision
+from dynident.recordings import (
+    Check,
+    Recording,
+    RecordingError,
+    RecordingMetadata,
+    Revision,
+    open_recording,
+    phase_shares,
+)
 from dynident.recordings.joint_phases import find_phases
 from dynident.recordings.raw_signals import RecordedSignals, RobotFile
+from dynident.robot import Robot
+from dynident_service.measurements import wire_types as wire
 from dynident_service.measurements.wire_types import (
     MeasurementMetadata,
     RawSignals,
@@ -40,29 +31,18 @@ from dynident_service.measurements.wire_types import (
     Standstills,
     StandstillsOfJoint,
 )
-from dynident_service.shared.field_by_field import from_view, to_body, to_json_numbers, to_request
+from dynident_service.problems import Problem, ProblemField, to_problem
+from dynident_service.shared.field_by_field import from_view, to_body, to_json_numbers, to_request, to_view
 from dynident_service.shared.wire_types import to_plain_json
+from dynident_service.storage.repository_values import Resource
+
+if TYPE_CHECKING:
+    # The command line uses this module, too, where no object store is installed.
+    from dynident_service.storage.object_store import ObjectStore
 
 
 def inspect_upload(source: Path, robot: Robot, metadata: wire.ImportMetadata, sha256: str) -> wire.ImportResult:
-    """Inspect an uploaded file and propose metadata for it.
-
-    Parameters
-    ----------
-    source : Path
-        The file.
-    robot : Robot
-        The robot that it is a recording of.
-    metadata : ImportMetadata
-        What the user states; it wins over what is guessed.
-    sha256 : str
-        The hash of the file.
-
-    Returns
-    -------
-    ImportResult
-        Guesses, open questions and the proposed metadata.
-    """
+    """Inspect an uploaded file and propose metadata; what the user states wins over what is guessed."""
     stated_metadata = to_request(metadata, RecordingMetadata)
     inspection = inspect_file(source, robot, stated_metadata.rate)
     assert inspection.proposal is not None
@@ -189,40 +169,6 @@ def restore_checks(views: Sequence[wire.CheckView]) -> tuple[Check, ...]:
     """Restore checks from their views."""
     return tuple(
         from_view(Check, view, apply=None if view.apply is None else to_revision(view.apply)) for view in views
-    )
-
-
-def import_file(
-    source: Path, destination: Path, robot: Robot, metadata: wire.MeasurementMetadata
-) -> tuple[Recording, tuple[Check, ...]]:
-    """Check an uploaded file and write it as a recording.
-
-    Parameters
-    ----------
-    source, destination : Path
-        The uploaded file, and where the recording is written.
-    robot : Robot
-        The robot.
-    metadata : MeasurementMetadata
-        What the user states about the file.
-
-    Returns
-    -------
-    recording : Recording
-        The recording.
-    checks : tuple of Check
-        What was checked, with warnings.
-
-    Raises
-    ------
-    RecordingError
-        Where the file cannot be used.
-    """
-    return import_for_robot(
-        robot,
-        source,
-        destination,
-        to_recording_metadata(metadata),
     )
 
 

@@ -12,9 +12,15 @@ from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.measurements.wire_types import ImportMetadata, ImportView
-from dynident_service.shared.paging_and_retries import RetryKeyDep, create_or_replay, parse_json_body, replay_response
 from dynident_service.shared.required_resources import require_resource
-from dynident_service.shared.resource_routes import ResourceRoutes, add_resource_routes
+from dynident_service.shared.resource_routes import (
+    ResourceRoutes,
+    RetryKeyDep,
+    add_resource_routes,
+    create_or_replay,
+    parse_json_body,
+    replay_response,
+)
 from dynident_service.shared.upload_forms import (
     FURTHER,
     MOST_FILES,

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import RecordingError, open_recording
 from dynident_service.measurements.adapters import (
     describe_file_problem,
     describe_recording,
     describe_standstills,
-    import_file,
     inspect_upload,
     open_raw_signals,
     stream_raw_signals,
     thin_raw_signals,
+    to_recording_metadata,
 )
 from dynident_service.measurements.wire_types import ImportMetadata, MeasurementMetadata
 from dynident_service.problems import ProblemError
@@ -30,7 +31,9 @@ def import_measurement(
     """Check a recorded file, write it as a recording, and return its description."""
     sent_metadata = MeasurementMetadata.model_validate(metadata)
     try:
-        recording, checks = import_file(Path(source), Path(destination), restore_robot(robot), sent_metadata)
+        recording, checks = import_for_robot(
+            restore_robot(robot), Path(source), Path(destination), to_recording_metadata(sent_metadata)
+        )
     except RecordingError as error:
         # A problem can cross the pipe, with row or time and with all that was found in the file.
         raise ProblemError.from_problem(describe_file_problem(error)) from error

@@ -37,15 +37,16 @@ from dynident_service.problems import (
     make_validation_problem,
 )
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.shared.paging_and_retries import (
+from dynident_service.shared.required_resources import require_resource
+from dynident_service.shared.resource_routes import (
+    ResourceRoutes,
     RetryKey,
     RetryKeyDep,
+    add_resource_routes,
     create_or_replay,
     parse_json_body,
     replay_response,
 )
-from dynident_service.shared.required_resources import require_resource
-from dynident_service.shared.resource_routes import ResourceRoutes, add_resource_routes
 from dynident_service.shared.upload_forms import (
     FURTHER,
     MEDIA_TYPES,

@@ -10,7 +10,6 @@ from fastapi.responses import StreamingResponse
 from dynident.reports.report_request import MEDIA_TYPES
 from dynident_service.problems import make_unusable
 from dynident_service.reports.wire_types import ReportRequest, ReportView
-from dynident_service.shared.paging_and_retries import require_succeeded
 from dynident_service.shared.required_resources import (
     depend_on,
     require_design,
@@ -18,7 +17,7 @@ from dynident_service.shared.required_resources import (
     require_model,
     require_result,
 )
-from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route
+from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route, require_succeeded
 from dynident_service.storage.repository_values import Dependency, NewJob, Resource
 from dynident_service.storage_and_engine import Services, ServicesDep
 

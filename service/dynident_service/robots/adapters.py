@@ -33,18 +33,7 @@ from dynident_service.shared.field_by_field import to_body, to_requests
 
 @contextmanager
 def place_mesh_files(files: Mapping[str, Path]) -> Iterator[tuple[Path, ...]]:
-    """Place mesh files in a temporary folder under the names that the description gives them.
-
-    Parameters
-    ----------
-    files : mapping of Path
-        Files by the name of the mesh.
-
-    Yields
-    ------
-    tuple of Path
-        The folder, which is removed when the context ends; empty without files.
-    """
+    """Place mesh files in a temporary folder under the names of the description; yield it, if there are files."""
     if not files:
         yield ()
         return
@@ -54,24 +43,9 @@ def place_mesh_files(files: Mapping[str, Path]) -> Iterator[tuple[Path, ...]]:
 
 
 def assign_mesh_files(robot: Robot, sent: Mapping[str, Path]) -> dict[str, str]:
-    """Assign uploaded files to the meshes of a robot's description, and check that each can be read.
+    """Return the name of the uploaded file of each mesh of a robot's description, and check that each can be read.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    sent : mapping of Path
-        Uploaded files by the name they were sent with.
-
-    Returns
-    -------
-    dict of str
-        The name of the uploaded file by the name of the mesh.
-
-    Raises
-    ------
-    DynidentError
-        Where the description names no meshes, no file matches, or a file is no mesh.
+    Raises `DynidentError` where the description names no meshes, no file matches, or a file is no mesh.
     """
     needed = list_collision_meshes(robot)
     if not needed:
@@ -116,20 +90,7 @@ DIGITS = 5
 
 
 def describe_geometry(robot: Robot, mesh_folders: Sequence[Path] = ()) -> wire.GeometryView:
-    """Build the view of a robot's links.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot. A link without collision geometry has a frame only.
-    mesh_folders : sequence of Path
-        Folders with the files of its collision meshes.
-
-    Returns
-    -------
-    GeometryView
-        Frames, capsules, surfaces and closed loops.
-    """
+    """Build the view of a robot's links: frames, capsules, surfaces and closed loops."""
     collision = collision_geometry(robot.tree, mesh_folders=mesh_folders)
     # Counted first: how much each mesh is thinned depends on all of them.
     number = sum(len(surface.triangles) for body in collision.bodies for surface in body.surfaces)
@@ -150,20 +111,7 @@ def describe_geometry(robot: Robot, mesh_folders: Sequence[Path] = ()) -> wire.G
 
 
 def describe_poses(robot: Robot, q: FloatArray) -> wire.PosesView:
-    """Compute where the frames of a robot are.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    q : array (m, n)
-        Positions of its joints, rad or m.
-
-    Returns
-    -------
-    PosesView
-        12 numbers a posture and frame; None for frames of a loop that does not close there.
-    """
+    """Compute the frames of a robot in postures q (m, n), rad or m (None where a loop does not close)."""
     tree, positions, lost = robot.tree, q, np.zeros((len(q), robot.tree.n), dtype=np.bool_)
     if robot.linkage is not None:
         passive, is_closed = np.zeros((len(q), 0)), np.ones(len(q), dtype=np.bool_)

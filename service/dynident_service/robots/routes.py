@@ -27,9 +27,8 @@ from dynident_service.robots.wire_types import (
     RobotView,
 )
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.shared.paging_and_retries import RetryKeyDep, create_or_replay
 from dynident_service.shared.required_resources import require_resource
-from dynident_service.shared.resource_routes import ResourceRoutes, add_resource_routes
+from dynident_service.shared.resource_routes import ResourceRoutes, RetryKeyDep, add_resource_routes, create_or_replay
 from dynident_service.shared.upload_forms import FormRoute, receive_files
 from dynident_service.shared.wire_types import MOST_ITEMS, LabelsRequest, to_plain_json
 from dynident_service.storage.repository_values import (

@@ -16,22 +16,20 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from dynident.array_types import FloatArray
-from dynident.effects import EffectChoice
+from dynident.effects import CATALOGUE, Effect, EffectChoice
 from dynident.estimation import Errors
+from dynident.presentation import model_tables
+from dynident.presentation.tables import ReportedTable
 from dynident.robot.json_fields import make_pointer
 from dynident.schema.fields import point_within, resolve_hint
 from dynident.schema.registry import RegistryEntry
-from dynident_service.identifications.wire_types import ErrorFigures, ErrorsView
 from dynident_service.shared import wire_types as shared_types
+from dynident_service.shared import wire_types as wire
 from dynident_service.shared.request_bodies import BODIES, REQUESTS
+from dynident_service.shared.wire_types import ErrorFigures, ErrorsView, Table, TableColumn
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
-from dynident.effects import CATALOGUE, Effect
-from dynident.presentation import model_tables
-from dynident.presentation.tables import ReportedTable
-from dynident_service.shared import wire_types as wire
-from dynident_service.shared.wire_types import Table, TableColumn
 
 
 def show_catalogue() -> wire.Catalogue:
@@ -219,8 +217,8 @@ def to_view(view: type[ViewT], result: object, **more: object) -> ViewT:
     ----------
     view : type
         A model of the contract. Each field is read from the result's attribute of the same name, or from the path that
-        `SourcePath` states in its annotation. A field that may be null is null where the number is not finite. Errors
-        get the errors on moving rows as well.
+        `SourcePath` states in its annotation. A field that may be null is null where the number is not finite or the
+        text is empty. Errors get the errors on moving rows as well.
     result : object
         A result of the library; None where all fields are in `more`.
     more
@@ -238,8 +236,11 @@ def to_view(view: type[ViewT], result: object, **more: object) -> ViewT:
         # not exist leaves the field to its default.
         nothing = None if owner is None and result is not None else _ABSENT
         value = more[name] if name in more else getattr(owner, attribute, nothing)
-        if value is _ABSENT:
+        # A default stands for what is missing on the way, where the field may not be null.
+        if value is _ABSENT or (value is None and not field.is_required() and not _may_be_null(field)):
             continue
+        if isinstance(value, str) and not value and _may_be_null(field):
+            value = None
         if isinstance(value, Errors) and ErrorsView in _union_members(field.annotation):
             value = show_errors(value, getattr(owner, f"{attribute}_moving", None))
         # Models validate by alias where a field has one: "from" is no Python name.
@@ -320,6 +321,10 @@ def to_json_numbers(values: FloatArray) -> list[float | None]:
     # Signals are long and almost always finite: one vectorised check spares a Python call a sample.
     listed: list[float | None] = values.tolist()
     return listed if np.isfinite(values).all() else [replace_non_finite(value) for value in values.tolist()]
+
+
+def _may_be_null(field: FieldInfo) -> bool:
+    return NoneType in _union_members(field.annotation)
 
 
 def _source_of_field(field: FieldInfo) -> shared_types.SourcePath:

@@ -292,3 +292,44 @@ class Catalogue(ViewModel):
     """All effects."""
 
     items: list[EffectView]
+
+
+class ErrorFigures(ViewModel):
+    """Errors of a model on rows: rms in N m or N, relative as ||y − ŷ|| / ||y||; null if a joint has no such row."""
+
+    rms: list[float | None] = Field(description="Per joint")
+    relative: list[float | None] = Field(description="Per joint")
+    relative_total: float | None
+
+
+class ErrorsView(ErrorFigures):
+    """Errors of a model on data: on all rows; at standstill, the distance to the range of static friction."""
+
+    moving: ErrorFigures | None = Field(
+        default=None, description="On the rows where each joint moves; null if not computed"
+    )
+    sigma: list[float | None] | None = Field(default=None, description="Standard deviation of the residual per joint")
+
+
+class UsedPreprocessing(ViewModel):
+    """The filters that were used, and why."""
+
+    position_cutoff: float | None
+    torque_cutoff: float | None
+    decimation: int
+    filter_order: int
+    reasons: list[str]
+
+
+class DriftView(ViewModel):
+    """Drift of an open-loop simulation under the measured torque, root mean square over many starts.
+
+    null if it diverged, or if no interval of the held-out data is that long.
+    """
+
+    joint_names: list[str]
+    after: list[float] = Field(description="s")
+    distance: list[list[float | None]] = Field(description="rad or m, after each time, per joint")
+    speed: list[list[float | None]] = Field(default=[], description="The same of the velocity, rad/s or m/s")
+    share: list[list[float | None]] = Field(description="Divided by the joint's travel in that time")
+    starts: int

@@ -19,6 +19,7 @@ from sqlalchemy.exc import IntegrityError, StatementError
 
 from dynident.errors import DynidentError
 from dynident_service.problems import ProblemError
+from dynident_service.settings import load_settings
 from dynident_service.storage.archive_format import (
     ArchiveFiles,
     ArchiveFolder,
@@ -32,7 +33,8 @@ from dynident_service.storage.archive_format import (
     write_object,
     write_rows,
 )
-from dynident_service.storage.database import WRITES, Database, build_alembic_config
+from dynident_service.storage.data_directory import prepare_data_directory, restrict_file_permissions
+from dynident_service.storage.database import WRITES, Database, build_alembic_config, migrate
 from dynident_service.storage.database_tables import OBJECTS, CheckpointRow, ObjectRow, ResourceRow
 from dynident_service.storage.database_tables import Table as Base
 from dynident_service.storage.object_store import ObjectStore
@@ -291,3 +293,39 @@ def _advance_event_ids(connection: Connection) -> None:
         if last is not None:
             sequence = func.pg_get_serial_sequence("job_events", "id")
             connection.execute(select(func.setval(sequence, last)))
+
+
+@contextmanager
+def open_storage(
+    data_dir: Path | None, *, must_exist: bool, as_it_is: bool = False
+) -> Iterator[tuple[Database, ObjectStore, Path]]:
+    """Open what a service has stored, and a folder for what is read meanwhile; the database is brought up to date.
+
+    Parameters
+    ----------
+    data_dir : Path, optional
+        The data directory; that of the settings by default.
+    must_exist : bool
+        Whether it is an error that there is no such directory.
+    as_it_is : bool
+        Whether to leave older tables as they are, for a check of damaged data.
+    """
+    settings = load_settings() if data_dir is None else load_settings(data_dir=data_dir)
+    if must_exist and not settings.database_url and not settings.data_dir.is_dir():
+        detail = (
+            f"there is no folder {settings.data_dir}; give the data directory of the service (--data-dir, "
+            "DYNIDENT_DATA_DIR)"
+        )
+        raise DynidentError(detail, pointer="--data-dir")
+    with restrict_file_permissions():
+        prepare_data_directory(settings.data_dir)
+        database = Database(settings.database)
+        try:
+            # Older tables are migrated first; only a check of damaged data leaves them as they are.
+            if not as_it_is:
+                migrate(database)
+            yield database, ObjectStore(settings.objects, settings.cache_dir), settings.uploads_dir
+        except ProblemError as error:
+            raise DynidentError(error.problem.detail or "", title=error.problem.title) from error
+        finally:
+            database.close()

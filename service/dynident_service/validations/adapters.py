@@ -1,37 +1,12 @@
-"""Validations from bodies, their views and tables; views and tables of drive gains and of weighed loads."""
+"""Validations from bodies, their views and tables."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from math import inf
 from typing import TYPE_CHECKING, Any
 
-from dynident.schema.registry import kind_to_document
-from dynident.validation import (
-    BootstrapValidation,
-    DriftValidation,
-    FiltersBySimulation,
-    FilterTrial,
-    InertiaMatrixValidation,
-    MethodResult,
-    MethodsValidation,
-    PayloadValidation,
-    SimulationValidation,
-    TorqueValidation,
-    combine_verdicts,
-)
-from dynident.validation.validation_request import Payload, Stated, Trial, build_trial
-from dynident_service.drive_gains import wire_types as gains_wire
-from dynident_service.shared.field_by_field import show_errors, to_request, to_view
-from dynident_service.validations import wire_types as wire
-
-if TYPE_CHECKING:
-    from dynident.validation.validation_request import TrialResult
-from collections.abc import Iterator
-
-from dynident.identification import DriveGains, PayloadEstimate
-from dynident.number_format import format_estimate, format_number
+from dynident.number_format import format_number
 from dynident.presentation.tables import (
     Cell,
     ReportedTable,
@@ -47,9 +22,24 @@ from dynident.presentation.validation_and_verdict_tables import (
     make_drift_cell,
 )
 from dynident.reports.reported_data import ReportedValidation
-from dynident.robot import Robot
-from dynident.validation import ValidationOutcome
-from dynident_service.identifications.wire_types import ErrorsView
+from dynident.schema.registry import kind_to_document
+from dynident.validation import (
+    BootstrapValidation,
+    DriftValidation,
+    FiltersBySimulation,
+    InertiaMatrixValidation,
+    MethodResult,
+    MethodsValidation,
+    PayloadValidation,
+    SimulationValidation,
+    TorqueValidation,
+    ValidationOutcome,
+    combine_verdicts,
+)
+from dynident.validation.validation_request import Payload, Stated, Trial, build_trial
+from dynident_service.shared.field_by_field import show_errors, to_request, to_view
+from dynident_service.shared.wire_types import ErrorsView
+from dynident_service.validations import wire_types as wire
 from dynident_service.validations.wire_types import (
     BootstrapView,
     FiltersView,
@@ -58,6 +48,10 @@ from dynident_service.validations.wire_types import (
     SimulationOnMeasurement,
     ValidationResult,
 )
+
+if TYPE_CHECKING:
+    from dynident.validation.validation_request import TrialResult
+
 
 TITLES = {
     "direct": "Direct validation: the identification's own data",
@@ -85,20 +79,7 @@ def list_stored_tables(result: ValidationResult, joints: Sequence[str]) -> list[
 
 
 def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> Iterator[ReportedTable]:
-    """Yield the tables of a validation.
-
-    Parameters
-    ----------
-    result : ValidationResult
-        The result; a kind of validation fills only some of its fields.
-    joints : sequence of str
-        Names of the robot's joints.
-
-    Yields
-    ------
-    ReportedTable
-        One table for each kind of figures that the result has.
-    """
+    """Yield a table for each kind of figures that the result of a validation has."""
     joint_columns = (*joints, "all joints")
     if result.measurements and result.total is not None:
         rows = [(measurement.name, measurement.errors) for measurement in result.measurements]
@@ -271,22 +252,7 @@ def trial_from_request(wire_request: wire.ValidationRequest) -> Trial:
 
 
 def describe_validation(trial: Trial, outcome: TrialResult, measurement_ids: Sequence[str]) -> wire.ValidationResult:
-    """Build the view of a validation's result.
-
-    Parameters
-    ----------
-    trial : Trial
-        The kind of validation and its options.
-    outcome : TrialResult
-        What it gave.
-    measurement_ids : sequence of str
-        Ids of the recordings that it used, in their order.
-
-    Returns
-    -------
-    ValidationResult
-        The view.
-    """
+    """Build the view of what a validation of this kind gave; the ids are those of its recordings, in their order."""
     match outcome:
         case TorqueValidation():
             errors_by_id = zip(measurement_ids, outcome.recordings, strict=True)
@@ -320,12 +286,12 @@ def describe_validation(trial: Trial, outcome: TrialResult, measurement_ids: Seq
             drift = None if outcome.drift is None else to_view(wire.DriftView, outcome.drift)
             return _build_result(trial, outcome, drift=drift)
         case FiltersBySimulation():
-            return _build_result(trial, outcome, filters=_show_filters(outcome))
+            return _build_result(trial, outcome, filters=to_view(wire.FiltersView, outcome))
     # The remaining kinds give one outcome a recording.
     outcomes_by_id = zip(measurement_ids, outcome, strict=True)
     if isinstance(trial, Payload):
         weighed = [
-            _show_payload(payload, identifier)
+            to_view(wire.PayloadView, payload, measurement_id=identifier)
             for identifier, payload in outcomes_by_id
             if isinstance(payload, PayloadValidation)
         ]
@@ -366,104 +332,5 @@ def _show_method(method: MethodResult, names: Sequence[str]) -> wire.MethodView:
         wire.MethodView,
         method,
         estimator=kind_to_document(method.method.estimator),
-        problem=method.problem or None,
         farthest=None if method.farthest is None else names[method.farthest],
     )
-
-
-def _show_filters(outcome: FiltersBySimulation) -> wire.FiltersView:
-    return to_view(
-        wire.FiltersView,
-        outcome,
-        used=_show_trial(outcome.used),
-        chosen=_show_trial(outcome.chosen),
-        trials=[_show_trial(trial) for trial in outcome.trials],
-    )
-
-
-def _show_trial(trial: FilterTrial) -> wire.FilterTrialView:
-    return to_view(wire.FilterTrialView, trial, worst=trial.worst or None, problem=trial.problem or None)
-
-
-def _show_payload(payload: PayloadValidation, measurement_id: str) -> wire.PayloadView:
-    gains = [] if payload.gains is None else [to_view(wire.DriveGainView, gain) for gain in payload.gains.each]
-    return to_view(wire.PayloadView, payload, measurement_id=measurement_id, gains=gains)
-
-
-def describe_gains(
-    robot: Robot,
-    drive_gains: DriveGains,
-    loads: Sequence[tuple[str, str, PayloadEstimate]] = (),
-    warnings: Sequence[str] = (),
-) -> gains_wire.DriveGainsResult:
-    """Build the view of drive gains.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot, for the units.
-    drive_gains : DriveGains
-        The identified gains.
-    loads : sequence of tuple
-        Id and name of a measurement, and the load that was weighed in it with these gains.
-    warnings : sequence of str
-        Warnings beyond those of the gains.
-
-    Returns
-    -------
-    DriveGainsResult
-        The view.
-    """
-    gains = [
-        to_view(gains_wire.IdentifiedGain, gain, unit=_gain_unit(robot, index))
-        for index, gain in enumerate(drive_gains.each)
-    ]
-    weighed = [
-        to_view(gains_wire.WeighedLoad, load, measurement_id=measurement_id, name=name)
-        for measurement_id, name, load in loads
-    ]
-    return gains_wire.DriveGainsResult(gains=gains, loads=weighed, warnings=[*drive_gains.warnings, *warnings])
-
-
-def build_gain_tables(result: gains_wire.DriveGainsResult) -> Iterator[ReportedTable]:
-    """Yield the table of gains and the table of weighed loads."""
-    gains = tuple(
-        (
-            Cell(gain.joint),
-            make_number_cell(gain.stated, 4),
-            *_value_cells(gain.drive_gain, gain.interval),
-            Cell("factor" if gain.unit == "-" else gain.unit),
-            Cell("✓ yes", mark="ok") if gain.identifiable else Cell("✕ no", mark="error"),
-        )
-        for gain in result.gains
-    )
-    yield ReportedTable("Drive gains", ("joint", "stated", "identified", "± 95 %", "unit", "identifiable"), gains)
-    if result.loads:
-        loads = tuple(
-            (
-                Cell(load.name),
-                *_value_cells(load.mass, load.interval),
-                make_interval_cell(load.interval),
-                make_number_cell(load.from_gains, 2),
-                *make_text_cells("yes" if load.identifiable else "no"),
-            )
-            for load in result.loads
-        )
-        columns = ("measurement", "mass", "± 95 %", "95 % interval", "σ from the gains", "not zero")
-        yield ReportedTable("Loads weighed with these gains, kg", columns, loads)
-
-
-def _value_cells(value: float, ends: tuple[float | None, float | None]) -> tuple[Cell, Cell]:
-    """Return the cells of a value and of half its interval; the interval decides the digits."""
-    low, high = ends
-    # An end that is null is infinite: then there is no half to show.
-    half = None if low is None or high is None else (high - low) / 2.0
-    texts = format_estimate(value, inf if half is None else half)
-    return Cell(texts[0], value), Cell(texts[1], half)
-
-
-def _gain_unit(robot: Robot, index: int) -> str:
-    # Without a stated gain the recorded torque is multiplied by a factor, which has no unit.
-    if robot.drives[index].gain is None:
-        return "-"
-    return "N m/A" if robot.joints[index].kind == "revolute" else "N/A"

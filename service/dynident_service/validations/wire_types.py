@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field
 
 from dynident.validation.validation_request import TRIALS, Method, Stated
-from dynident_service.identifications.wire_types import ErrorsView, UsedPreprocessing
 from dynident_service.shared.request_bodies import derive_body, describe_choices
 from dynident_service.shared.wire_types import (
     Computed,
+    DriftView,
+    ErrorsView,
     Identifier,
     Name,
     RequestModel,
     SourcePath,
+    UsedPreprocessing,
     ViewModel,
     WithTables,
 )
@@ -91,20 +93,6 @@ class MethodView(ViewModel):
     warnings: list[str]
 
 
-class DriftView(ViewModel):
-    """Drift of an open-loop simulation under the measured torque, root mean square over many starts.
-
-    null if it diverged, or if no interval of the held-out data is that long.
-    """
-
-    joint_names: list[str]
-    after: list[float] = Field(description="s")
-    distance: list[list[float | None]] = Field(description="rad or m, after each time, per joint")
-    speed: list[list[float | None]] = Field(default=[], description="The same of the velocity, rad/s or m/s")
-    share: list[list[float | None]] = Field(description="Divided by the joint's travel in that time")
-    starts: int
-
-
 class SimulationOnMeasurement(ViewModel):
     """A simulated robot that follows a recorded motion, and one without a controller."""
 
@@ -175,7 +163,9 @@ class PayloadView(ViewModel):
     friction_apart: Annotated[float | None, SourcePath("weighed.apart.mass")] = Field(
         description="kg, if every run has friction of its own"
     )
-    gains: list[DriveGainView] = Field(default=[], description="Gains that would give the stated mass")
+    gains: Annotated[list[DriveGainView], SourcePath("gains.each")] = Field(
+        default=[], description="Gains that would give the stated mass"
+    )
     verdict: Annotated[VerdictWord, SourcePath("judged.verdict")]
     reason: Annotated[str, SourcePath("judged.reason")]
 

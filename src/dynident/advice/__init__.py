@@ -1,4 +1,4 @@
-"""The experiment that would decide what a diagnosis leaves open."""
+"""The experiment that would decide what a diagnosis leaves open, and campaigns of runs until a goal is reached."""
 
 from __future__ import annotations
 
@@ -7,14 +7,32 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
+    from dynident.advice.campaign import (
+        CampaignRun,
+        CampaignState,
+        Decision,
+        PlannedRun,
+        add_run,
+        plan_run,
+        start_campaign,
+    )
+    from dynident.advice.campaign_request import CampaignRequest
     from dynident.advice.discriminating_experiments import AdvisedDiagnosis, NextExperiment, Separation
     from dynident.advice.next_experiment import advise
 
 __all__ = [
     "AdvisedDiagnosis",
+    "CampaignRequest",
+    "CampaignRun",
+    "CampaignState",
+    "Decision",
     "NextExperiment",
+    "PlannedRun",
     "Separation",
+    "add_run",
     "advise",
+    "plan_run",
+    "start_campaign",
 ]
 
 if not TYPE_CHECKING:

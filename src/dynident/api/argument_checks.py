@@ -10,6 +10,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
+from dynident.advice.campaign_request import CampaignRequest
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
 from dynident.identification import IdentificationChoices
@@ -109,6 +110,9 @@ EXPECTED: Mapping[str, Expectation] = {
         lambda value: isinstance(value, DesignRequest) or hasattr(value, "next_experiment"),
         'give dy.DesignRequest(…) or a diagnosis; kinds of motions go by name: kind="random"',
     ),
+    "Campaign.__init__.request": Expectation(_is_a(CampaignRequest), "give dy.CampaignRequest(error=0.03)"),
+    "error": Expectation(_is_number, "give a fraction: 0.05 for 5 %"),
+    "minutes": Expectation(_is_number, "give a number of minutes"),
     "days": Expectation(
         lambda value: isinstance(value, Iterable) and not isinstance(value, str),
         'give recordings by day: {"monday": runs}',
@@ -142,7 +146,7 @@ def check_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
             # Python's own message about missing and unknown arguments is better than that of `bind`.
             return function(*args, **kwargs)
         for name, value in given.items():
-            expected = EXPECTED.get(f"{function.__name__}.{name}") or EXPECTED.get(name)
+            expected = EXPECTED.get(f"{function.__qualname__}.{name}") or EXPECTED.get(name)
             if expected is not None and value is not defaults[name]:
                 require(expected.admits(value), value, name, expected.remedy)
         return function(*args, **kwargs)

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, overload
+
+import pyarrow as pa
 
 from dynident.api.argument_checks import check_arguments
 from dynident.api.figure import Figure, join_figures
@@ -18,12 +21,15 @@ from dynident.api.named_tables import Framed, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import Change, Diagnosis, diagnose
 from dynident.errors import DynidentError
+from dynident.file_output import TABLE_ENDINGS, check_ending, check_folder_exists, write_atomically
 from dynident.identification import Identification
 from dynident.presentation.diagnosis_tables import EVIDENCE, build_diagnosis_tables, build_series_tables
 from dynident.presentation.labels import format_hidden_effects, format_joints
 from dynident.presentation.tables import ReportedTable
 from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings.arrow_tables import write_table
 from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph
+from dynident.text_encoding import escape_surrogates
 
 if TYPE_CHECKING:
     from dynident.diagnosis.monitoring import Day, Measure, Series, SeriesChange
@@ -81,6 +87,24 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
             The changes over all days, the earlier and the new ones.
         """
         return _extend_series(self.model, self.measure, self.days, days, progress)
+
+    def save(self, path: str | Path) -> None:
+        """Write the columns of `to_frame` as .csv or .parquet.
+
+        Parameters
+        ----------
+        path : path
+            The file to write; its ending decides on the format.
+
+        Raises
+        ------
+        DynidentError
+            For another ending, or a folder that does not exist.
+        """
+        path, columns = check_ending(path, TABLE_ENDINGS), dict(self._columns().columns)
+        # Names come from files and may hold lone surrogates, which no table takes.
+        columns |= {name: list(map(escape_surrogates, columns[name])) for name in ("parameter", "joint", "day")}
+        write_table(pa.table(columns), path)
 
     def _columns(self) -> Table:
         rows = [
@@ -140,6 +164,7 @@ def series(
     model: Model | Identification,
     days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings],
     *,
+    keep: str | Path | None = None,
     progress: Progress = ignore_progress,
 ) -> FollowedRobot:
     """Find what has changed in a robot over many days, from which day on, and the values of every parameter.
@@ -151,6 +176,9 @@ def series(
     days : recordings of each day
         In their order; the first is what the others are compared with. A mapping names the days, else each has the name
         of its first recording. Motions may differ.
+    keep : path, optional
+        File that stores the days: it is read first, so that days whose files it knows are not computed again, and new
+        days are added.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -172,9 +200,16 @@ def series(
     0
     """
     # Imported here: `import dynident` must not load what only a series over days needs.
-    from dynident.diagnosis.monitoring import build_measure
+    from dynident.diagnosis.monitoring import build_measure, days_to_bytes, load_days
 
-    desk_model = as_model(model)
+    desk_model, file = as_model(model), None if keep is None else Path(keep)
+    if file is not None:
+        check_folder_exists(file)
+    if file is not None and file.exists():
+        measure, stored_days = load_days(desk_model.identification, file.read_bytes())
+        followed = _extend_series(desk_model, measure, stored_days, days, progress, leave_out_known=True)
+        write_atomically(file, days_to_bytes(measure, followed.days))
+        return followed
     named_days = _name_days(days)
     # Temperature can explain differences between days only where every day recorded it.
     has_temperatures = bool(named_days) and all(
@@ -182,9 +217,11 @@ def series(
         for _, day_recordings in named_days
         for recording in as_recordings(day_recordings).recordings
     )
-    return _extend_series(
-        desk_model, build_measure(desk_model.identification, with_temperature=has_temperatures), (), days, progress
-    )
+    measure = build_measure(desk_model.identification, with_temperature=has_temperatures)
+    followed = _extend_series(desk_model, measure, (), days, progress)
+    if file is not None:
+        write_atomically(file, days_to_bytes(measure, followed.days))
+    return followed
 
 
 def _extend_series(
@@ -193,6 +230,8 @@ def _extend_series(
     before: Sequence[Day],
     days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings],
     progress: Progress,
+    *,
+    leave_out_known: bool = False,
 ) -> FollowedRobot:
     from dynident.diagnosis.monitoring import find_free_name, reduce_day
     from dynident.diagnosis.monitoring import monitor_days as series_of
@@ -201,11 +240,16 @@ def _extend_series(
     for index, (name, day_recordings) in enumerate(named_days):
         recordings = as_recordings(day_recordings)
         check_not_empty(recordings, f"days[{index}]" if name is None else f"days[{name!r}]")
+        # A day is known by the content of its files, whatever they are called now.
+        digests = [item.source.sha256 if item.source is not None else "" for item in recordings]
+        source = "+".join(digests) if all(digests) else ""
+        if leave_out_known and source and any(day.source == source for day in before):
+            continue
         # Reading and reducing the days counts as half of the work, the comparison as the other half.
         day_progress = scale_progress(progress, 0.5 * index / len(named_days), 0.5 * (index + 1) / len(named_days))
         # Recordings of two days often have the same name, and days are told apart by name in tables and figures.
         day_name = find_free_name(recordings.names[0], known_days) if name is None else name
-        known_days.append(reduce_day(measure, day_name, recordings.recordings, day_progress))
+        known_days.append(reduce_day(measure, day_name, recordings.recordings, day_progress, source))
     return FollowedRobot(
         model, measure, tuple(known_days), series_of(measure, known_days, scale_progress(progress, 0.5, 1.0))
     )

@@ -12,7 +12,6 @@ from dynident.effects.effect_text_format import parse_effects
 from dynident.errors import DynidentError
 from dynident.identification.shape_search import check_choices
 from dynident.robot import Robot
-from dynident.testing import ConformanceError, check_effect
 
 _TITLE = "Nothing to add"
 
@@ -173,6 +172,9 @@ def register(effect: AnyEffect) -> AnyEffect:
     >>> effect = dy.register(CubicFriction)
     >>> model.extend("cubic_friction@elbow")  # doctest: +SKIP
     """
+    # Imported here: every command would load the robot that effects are tried on.
+    from dynident.testing import ConformanceError, check_effect
+
     is_class = isinstance(effect, type) and issubclass(effect, Effect)
     if not (is_class or isinstance(effect, Effect)):
         raise DynidentError(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dynident.errors import DynidentError
+from dynident.file_output import check_ending, write_atomically
 from dynident.optional_dependencies import format_install_hint
 from dynident.text_encoding import encode_text, replace_control_characters
 
@@ -75,7 +76,7 @@ class Figure:
         path = check_ending(path, _ENDINGS)
         ending = path.suffix.lower()
         if ending == ".svg":
-            path.write_bytes(encode_text(self.svg))
+            write_atomically(path, encode_text(self.svg))
             return
         if not (isinstance(dpi, (int, float)) and 10 <= dpi <= 2400):
             raise DynidentError(f"dpi is {dpi!r:.60}; give pixels per inch from 10 to 2400", pointer="dpi")
@@ -88,7 +89,7 @@ class Figure:
                 pointer=str(path),
                 title="Not installed",
             ) from missing
-        path.write_bytes(render_drawing(self.svg, "png" if ending == ".png" else "pdf", dpi))
+        write_atomically(path, render_drawing(self.svg, "png" if ending == ".png" else "pdf", dpi))
 
     def __repr__(self) -> str:
         return f"Figure({self.title}; save(…) writes it as SVG, PNG or PDF)"
@@ -148,54 +149,6 @@ def _list_figures(part: str | Figure) -> tuple[MatplotlibFigure, ...]:
         return part.drawn_from
     figure = getattr(part, "figure", None)
     return () if figure is None else (figure,)
-
-
-def check_ending(path: str | Path, endings: tuple[str, ...]) -> Path:
-    """Return the path of a file to write.
-
-    Parameters
-    ----------
-    path : path
-        What was given.
-    endings : tuple of str
-        Endings that are possible, each with its dot.
-
-    Returns
-    -------
-    Path
-        The path.
-
-    Raises
-    ------
-    DynidentError
-        For what is no path, another ending, or a folder that does not exist.
-    """
-    if not isinstance(path, (str, Path)):
-        raise DynidentError(f"{path!r:.60} is not a path; give the name of the file to write", pointer="path")
-    file = Path(path)
-    if file.suffix.lower() not in endings:
-        *others, last = endings
-        wanted = f"{', '.join(others)} or {last}" if others else last
-        raise DynidentError(f"cannot write {file.name}; the file name must end in {wanted}", pointer=str(file))
-    check_folder_exists(file)
-    return file
-
-
-def check_folder_exists(path: Path) -> None:
-    """Check that the folder of a file exists.
-
-    Parameters
-    ----------
-    path : Path
-        Of the file to write.
-
-    Raises
-    ------
-    DynidentError
-        Where it does not.
-    """
-    if not path.parent.is_dir():
-        raise DynidentError(f"there is no folder {path.parent}", pointer=str(path), title="No such folder")
 
 
 def _read_size(svg: str) -> tuple[float, float]:

@@ -11,13 +11,14 @@ import numpy as np
 
 from dynident.api.argument_checks import require
 from dynident.api.effect_arguments import Addition, collect_added_effects, resolve_effects
-from dynident.api.figure import Figure, check_ending, join_figures
+from dynident.api.figure import Figure, join_figures
 from dynident.api.model_results import ModelResults
 from dynident.api.named_tables import Framed, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import compare
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
+from dynident.file_output import check_ending, write_atomically
 from dynident.identification import Identification, check_same_recordings, extend, remove, to_bytes
 from dynident.number_format import format_count, format_percent
 from dynident.presentation.labels import describe_condition_number
@@ -193,7 +194,7 @@ class Model(ModelResults):
         Parameters
         ----------
         recordings : recordings
-            Those that the model was identified from, in the same order and read in the same way.
+            Those that the model was identified from, read in the same way.
         validation : recordings
             Held-out recordings; none by default.
 
@@ -205,11 +206,12 @@ class Model(ModelResults):
         Raises
         ------
         DynidentError
-            Where they have other names than those that it was identified from, or hold other samples.
+            Where they hold other samples than those that it was identified from, or held-out ones have other names.
         """
         fit_recordings, held_out = as_recordings(recordings), as_recordings(validation)
-        # Names first: a message that names the wrong file helps more than one about its samples.
-        _check_recording_names(fit_recordings, self.identification.data.measurement_names, "was identified from")
+        # Where the model knows the samples, a copy by another name is the same recording.
+        if not self.identification.data.digests:
+            _check_recording_names(fit_recordings, self.identification.data.measurement_names, "was identified from")
         check_same_recordings(self.identification, fit_recordings.recordings)
         if held_out and self.identification.data.validation_names:
             _check_recording_names(held_out, self.identification.data.validation_names, "was validated on")
@@ -252,7 +254,7 @@ class Model(ModelResults):
         DynidentError
             For another ending, or a folder that does not exist.
         """
-        check_ending(path, (".npz",)).write_bytes(to_bytes(self.identification))
+        write_atomically(check_ending(path, (".npz",)), to_bytes(self.identification))
 
     def plot(self) -> Figure:
         """Draw the errors of every model of the ladder, in total and joint by joint.

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
+from dynident.advice import AdvisedDiagnosis
 from dynident.api.argument_checks import check_arguments, require
-from dynident.api.figure import check_ending
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.model_identification import as_model
 from dynident.api.model_validation import Validations
 from dynident.api.motion_design import DesignedMotion
 from dynident.diagnosis import compare
+from dynident.file_output import check_ending, write_atomically
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.reports import ReportedRecording, ReportedValidation
 from dynident.text_encoding import encode_text
@@ -54,9 +56,9 @@ class Report:
         if path.suffix.lower() == ".pdf":
             from dynident.reports import render_pdf
 
-            path.write_bytes(render_pdf(self.html))
+            write_atomically(path, render_pdf(self.html))
         else:
-            path.write_bytes(encode_text(self.html))
+            write_atomically(path, encode_text(self.html))
 
     def __repr__(self) -> str:
         return f"Report({self.title}, {len(self.html) // 1000} kB; save(…) writes it as HTML or PDF)"
@@ -72,8 +74,8 @@ class Report:
 def report(
     model: Model,
     *,
-    diagnosis: DiagnosedModel | None = None,
-    validations: Validations | None = None,
+    diagnosis: DiagnosedModel | AdvisedDiagnosis | None = None,
+    validations: Validations | Sequence[ReportedValidation] | None = None,
     design: DesignedMotion | None = None,
     title: str = "",
     progress: Progress = ignore_progress,
@@ -87,7 +89,7 @@ def report(
     diagnosis : diagnosis, optional
         Of this model, or of the one that it was extended from.
     validations : validations, optional
-        Results of `validate`, for a section of their own.
+        Results of `validate`, or as the report shows them, for a section of their own.
     design : designed motion, optional
         The experiment that the data come from.
     title : str
@@ -114,8 +116,8 @@ def report(
 
     model = as_model(model)
     for value, kind, name in (
-        (diagnosis, DiagnosedModel, "diagnosis"),
-        (validations, Validations, "validations"),
+        (diagnosis, (DiagnosedModel, AdvisedDiagnosis), "diagnosis"),
+        (validations, (Validations, list), "validations"),
         (design, DesignedMotion, "design"),
     ):
         remedy = f"give what dy.{_MADE_BY[name]}(…) gives"
@@ -133,10 +135,12 @@ def report(
     page = html_report(
         model.identification,
         runs,
-        diagnosis=None if diagnosis is None else diagnosis.advised_diagnosis,
+        diagnosis=diagnosis.advised_diagnosis if isinstance(diagnosis, DiagnosedModel) else diagnosis,
         design=None if design is None else design.design,
         validations=[
-            ReportedValidation(validation.title, validation.judged, kind=validation.kind)
+            validation
+            if isinstance(validation, ReportedValidation)
+            else ReportedValidation(validation.title, validation.judged, kind=validation.kind)
             for validation in validations or ()
         ],
         title=heading,

@@ -11,7 +11,6 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynident.api.figure import check_ending
 from dynident.api.motion_arguments import Motion, check_level, read_motion, read_times
 from dynident.api.named_tables import Table
 from dynident.api.parameter_tables import ErrorTable, Parameters, PlainText, format_summary
@@ -21,6 +20,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.export import ExportedFile, PredictingModel, TorquePredictor, export_model
 from dynident.export.export_request import ENDINGS
+from dynident.file_output import check_ending, write_atomically
 from dynident.identification import Estimate, Identification
 from dynident.identification.identified_models.torque_prediction import (
     PredictedTorque,
@@ -367,7 +367,7 @@ class ModelResults:
         if reason and not anyway:
             raise DynidentError(f"{reason}. To write it anyway: export(…, anyway=True)", title="Not fit for use")
         file = export_model(self.identification, ENDINGS[path.suffix.lower()], nearest=nearest)
-        path.write_bytes(file.content)
+        write_atomically(path, file.content)
         return ExportedFile(str(path), file.media_type, file.content, file.notes)
 
     @property

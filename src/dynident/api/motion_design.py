@@ -9,7 +9,7 @@ from pathlib import Path
 from dynident.advice import AdvisedDiagnosis
 from dynident.api.argument_checks import check_arguments
 from dynident.api.effect_arguments import check_effects, resolve_effects
-from dynident.api.figure import Figure, check_ending, join_figures
+from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.named_tables import Framed, Table
@@ -19,6 +19,7 @@ from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
 from dynident.excitation.design_files import design_table, format_joint_trajectory
 from dynident.excitation.design_request import Kind
+from dynident.file_output import check_ending, write_atomically
 from dynident.presentation.design_tables import build_limits_table, describe_design
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings.arrow_tables import table_column_to_numbers
@@ -27,7 +28,7 @@ from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph
 from dynident.text_encoding import encode_text
 
-_FILE_ENDINGS = (".csv", ".parquet", ".yaml")
+TRAJECTORY_ENDINGS = (".csv", ".parquet", ".yaml")
 _SHOWN_MARGINS = 5
 
 
@@ -69,11 +70,11 @@ class DesignedMotion(Framed):
             For another ending, or a folder that does not exist.
         """
         # The ending is checked before anything is computed or written.
-        path = check_ending(path, _FILE_ENDINGS)
+        path = check_ending(path, TRAJECTORY_ENDINGS)
         if path.suffix == ".yaml":
             design = self.design
             lines = format_joint_trajectory(design.joint_names, design.t, design.q, design.dq, design.ddq)
-            path.write_bytes(encode_text("".join(lines)))
+            write_atomically(path, encode_text("".join(lines)))
         else:
             write_design(self.design, path)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypedDict, Unpack
@@ -154,7 +154,7 @@ def _format_question(question: Question) -> str:
     return f"{question.field}: {question.detail}" + (f" ({', '.join(question.choices)})" if question.choices else "")
 
 
-def _write_argument(remedy: Remedy) -> str:
+def write_argument(remedy: Remedy) -> str:
     """Return a remedy as an argument of this package's functions."""
     text = str(remedy).partition(": ")[2]
     if isinstance(remedy.value, tuple):
@@ -252,24 +252,68 @@ def read_recordings(
     if windows:
         stated = replace(stated, windows=tuple((float(start), float(end)) for start, end in windows))
     names = make_unique_names([Path(file.name or stated.name) for file in files])
+    metadata_of_files = [
+        replace(stated, name=name, rate=file.rate or stated.rate) for file, name in zip(files, names, strict=True)
+    ]
+    return read_files(files, machine, metadata_of_files, cure=cure, progress=progress)
+
+
+def read_files(
+    files: Sequence[SourceFile],
+    robot: Robot,
+    metadata: Sequence[RecordingMetadata],
+    *,
+    cure: bool = False,
+    write_remedy: Callable[[Remedy], str] = write_argument,
+    progress: Progress = ignore_progress,
+) -> Recordings:
+    """Read and check files, each with metadata of its own, and word what is wrong for a front end.
+
+    Parameters
+    ----------
+    files : sequence of SourceFile
+        One recording each.
+    robot : Robot
+        The robot that was recorded.
+    metadata : sequence of RecordingMetadata
+        Of each file, with its name.
+    cure : bool
+        Whether to read what would be refused as its checks propose.
+    write_remedy : function
+        Returns a remedy as it is written in that front end: as an argument, as an option.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Recordings
+        In the order of the files, the details of their checks in the words of the front end.
+
+    Raises
+    ------
+    RecordingError
+        Where files cannot be used: one error for all of them, with all findings in its text and `checks`.
+    """
     recordings: list[CheckedRecording] = []
     failures: list[tuple[str, RecordingError]] = []
     outcomes: dict[str, Sequence[Revision] | RecordingError] = {}
-    for index, (file, name) in enumerate(zip(files, names, strict=True)):
+    for index, (file, stated) in enumerate(zip(files, metadata, strict=True)):
+        # Each file takes an equal share of the bar, whatever its size: sizes of different formats do not compare.
         share = scale_progress(progress, index / len(files), (index + 1) / len(files))
-        own = replace(stated, name=name, rate=file.rate or stated.rate)
         try:
             known = list_shared_cures(outcomes) if cure else ()
-            recordings.append(_read_recording(file, machine, own, cure=cure, known=known, progress=share))
+            recordings.append(
+                _read_recording(file, robot, stated, write_remedy, cure=cure, known=known, progress=share)
+            )
             source = recordings[-1].source
-            outcomes[name] = () if source is None else source.edits
+            outcomes[stated.name] = () if source is None else source.edits
         # All files are read before the error is raised, so that one attempt reports what is wrong with every file.
         except RecordingError as error:
-            failures.append((name if file.owner else file.path.name, error))
-            outcomes[name] = error
-    contradiction = word_contradiction(machine, outcomes)
+            failures.append((stated.name if file.owner else file.path.name, error))
+            outcomes[stated.name] = error
+    contradiction = word_contradiction(robot, outcomes)
     if failures:
-        raise _join_errors(failures, len(files), contradiction) from failures[0][1]
+        raise _join_errors(failures, len(files), contradiction, write_remedy) from failures[0][1]
     if contradiction:
         raise RecordingError(contradiction, title=CONTRADICTION)
     return Recordings(tuple(recordings))
@@ -279,6 +323,7 @@ def _read_recording(
     file: SourceFile,
     robot: Robot,
     metadata: RecordingMetadata,
+    write_remedy: Callable[[Remedy], str] = write_argument,
     *,
     cure: bool = False,
     known: tuple[Revision, ...] = (),
@@ -296,7 +341,7 @@ def _read_recording(
     # Copies of a recording (other windows, another name) share its source, so the source decides how long the file is
     # needed.
     weakref.finalize(read.recording.source, _let_go, destination)
-    checks = tuple(replace(check, detail=_word(check)) for check in read.checks)
+    checks = tuple(replace(check, detail=_word(check, write_remedy)) for check in read.checks)
     return CheckedRecording(
         read.recording, checks, robot, RecordingSource(file.path, read.metadata, (*edits, *read.revisions), file.owner)
     )
@@ -370,24 +415,34 @@ def _let_go(_: TemporaryFile) -> None:
     """Drop the last reference to a temporary file."""
 
 
-def _join_errors(failures: Sequence[tuple[str, RecordingError]], n_files: int, contradiction: str) -> RecordingError:
+def _join_errors(
+    failures: Sequence[tuple[str, RecordingError]],
+    n_files: int,
+    contradiction: str,
+    write_remedy: Callable[[Remedy], str],
+) -> RecordingError:
     """Join the errors of all files that cannot be used to one, with every blocking finding in it."""
     texts, checks = [], list[Check]()
     for name, error in failures:
         # The error's text quotes the first failed check already; only the others are added.
         own = [check for check in error.checks if check.status == "error" and check.detail not in error.detail]
-        further = [f"\n    also {check.name.replace('_', ' ')}: {_word(check)}" for check in own]
-        texts.append(f"{name}: {_word(error)}{''.join(further)}")
-        checks += error.checks
+        further = [f"\n    also {check.name.replace('_', ' ')}: {_word(check, write_remedy)}" for check in own]
+        texts.append(f"{name}: {_word(error, write_remedy)}{''.join(further)}")
+        checks += [replace(check, detail=_word(check, write_remedy)) for check in error.checks]
     _, first = failures[0]
+    further_lines = [contradiction] if contradiction else []
     if len(failures) == 1:
         return RecordingError(
-            texts[0], pointer=first.pointer, title=first.title, row=first.row, time=first.time, checks=tuple(checks)
+            "\n  ".join([*texts, *further_lines]),
+            pointer=first.pointer,
+            title=first.title,
+            row=first.row,
+            time=first.time,
+            checks=tuple(checks),
         )
-    further_lines = [contradiction] if contradiction else []
     text = "\n  ".join([f"{len(failures)} of {n_files} files cannot be used:", *texts, *further_lines])
     return RecordingError(text, pointer=first.pointer, title=first.title, checks=tuple(checks))
 
 
-def _word(finding: Check | RecordingError) -> str:
-    return word_remedies(finding.detail, finding.remedies, _write_argument)
+def _word(finding: Check | RecordingError, write_remedy: Callable[[Remedy], str]) -> str:
+    return word_remedies(finding.detail, finding.remedies, write_remedy)

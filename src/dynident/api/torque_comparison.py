@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import overload
 
 import numpy as np
@@ -18,11 +19,13 @@ from dynident.api.recording_collection import CheckedRecording, SomeRecordings, 
 from dynident.diagnosis import Comparison, Judgement, judge
 from dynident.diagnosis import compare as compare_recording
 from dynident.errors import DynidentError
+from dynident.file_output import TABLE_ENDINGS, check_ending
 from dynident.identification import Identification, check_same_recordings
 from dynident.number_format import format_percent
 from dynident.presentation.model_tables import compare_by_joint, describe_interval
 from dynident.presentation.tables import ReportedTable
 from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings.arrow_tables import table_from_arrays, write_table
 from dynident.recordings.joint_phases import Phase
 from dynident.text_and_html_tables import join_html, render_list, render_paragraph
 
@@ -60,6 +63,33 @@ class ComparedRecording(Framed):
 
     def _columns(self) -> Table:
         return Table(self._build_arrays())
+
+    def save(self, path: str | Path) -> None:
+        """Write the signals with a row for each time, as .csv or .parquet.
+
+        Its columns are t, segment, and for every joint measured_, predicted_, lower_, upper_, residual_, band_, q_, dq_
+        and phase_. The phase is moving, reversing, standing, or passive_halt where a passive joint reverses or stands.
+
+        Parameters
+        ----------
+        path : path
+            The file to write; its ending decides on the format.
+
+        Raises
+        ------
+        DynidentError
+            For another ending, or a folder that does not exist.
+        """
+        comparison = self.comparison
+        columns: dict[str, NDArray[np.generic]] = {"t": comparison.t, "segment": comparison.segment.astype(np.int64)}
+        for signal in ("measured", "predicted", "lower", "upper", "residual", "band", "q", "dq"):
+            values = getattr(comparison, signal)
+            for index, joint in enumerate(comparison.joint_names):
+                # Arrow takes columns that are contiguous.
+                columns[f"{signal}_{joint}"] = np.ascontiguousarray(values[:, index])
+        for index, joint in enumerate(comparison.joint_names):
+            columns[f"phase_{joint}"] = _PHASES[comparison.phase[:, index]]
+        write_table(table_from_arrays(columns), check_ending(path, TABLE_ENDINGS))
 
     def plot(self, joints: str | Sequence[str] = ()) -> Figure:
         """Draw measured and predicted torque, and the residual, over time.

@@ -23,7 +23,7 @@ from dynident.diagnosis.search.external_contacts import find_contacts
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import OutlyingSpan, concatenate_reductions, find_outlying_spans
+from dynident.estimation import EstimationError, OutlyingSpan, concatenate_reductions, find_outlying_spans
 from dynident.identification import Identification
 from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.identification.identified_models.fit_model import identify_model
@@ -183,9 +183,13 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
         )
         for number, recording in enumerate(recordings)
     ]
-    reidentified = identify_model(
-        model, windowed, (), identification.choices, preprocessing, reference, ignore_progress
-    )
+    try:
+        reidentified = identify_model(
+            model, windowed, (), identification.choices, preprocessing, reference, ignore_progress
+        )
+    except EstimationError:
+        # A joint moves in these spans alone: without them there is no model, and nothing to hold them against.
+        return UndisturbedData(identification, tuple(recordings), ())
     explained = [
         disturbance if disturbance.cause else _add_contact(disturbance, reidentified, recordings[disturbance.recording])
         for disturbance in disturbances

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from dynident.excitation.criteria.criterion_choice import CRITERIA, CriterionChoice
     from dynident.excitation.criteria.optimality_criteria import Baseline, CriterionValues
     from dynident.excitation.criteria.parameter_variances import ExpectedParameter
+    from dynident.excitation.criteria.prediction_region import Region, collect_region, draw_region
     from dynident.excitation.design_files import (
         FORMATS,
         design_document,
@@ -31,12 +32,15 @@ __all__ = [
     "Design",
     "DesignRequest",
     "ExpectedParameter",
+    "Region",
     "Rehearsal",
     "Run",
     "TrajectoryRequest",
+    "collect_region",
     "design_document",
     "design_experiment",
     "design_table",
+    "draw_region",
     "rehearse_motion",
     "rehearse_quickly",
     "trajectory_document",

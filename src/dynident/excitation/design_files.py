@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from dynident.array_types import FloatArray, IntArray
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.optimality_criteria import CriterionValues
 from dynident.excitation.design_result import Design
-from dynident.recordings.arrow_tables import table_column_to_numbers, table_from_arrays, to_header_row
+from dynident.file_output import write_atomically
+from dynident.recordings.arrow_tables import table_column_to_numbers, table_from_arrays, to_header_row, write_table
 
 _NANOSECONDS = 1_000_000_000
 
@@ -107,13 +109,14 @@ def write_design(design: Design, path: Path) -> None:
     """
     table = design_table(design)
     if path.suffix == ".parquet":
-        pq.write_table(table, path)
+        write_table(table, path)
     elif path.suffix == ".csv":
-        with path.open("wb") as stream:
-            stream.write(to_header_row(table.column_names))
-            values = np.column_stack([table_column_to_numbers(column) for column in table.columns])
-            # Times are decimal fractions; twelve digits keep positions far below any encoder's step.
-            np.savetxt(stream, values, fmt="%.12g", delimiter=",")
+        stream = BytesIO(to_header_row(table.column_names))
+        stream.seek(0, os.SEEK_END)
+        values = np.column_stack([table_column_to_numbers(column) for column in table.columns])
+        # Times are decimal fractions; twelve digits keep positions far below any encoder's step.
+        np.savetxt(stream, values, fmt="%.12g", delimiter=",")
+        write_atomically(path, stream.getvalue())
     else:
         raise DynidentError(f"cannot write a trajectory to {path.name}; use .csv or .parquet", pointer="format")
 

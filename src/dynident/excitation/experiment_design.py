@@ -15,6 +15,7 @@ from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_choice import check_criterion, check_criterion_targets
 from dynident.excitation.criteria.design_criterion import add_rivals, build_design_criterion
+from dynident.excitation.criteria.prediction_region import Region
 from dynident.excitation.design_observation_matrix import (
     DesignModel,
     build_design_model,
@@ -142,6 +143,7 @@ def design_experiment(
     earlier: Sequence[Recording] = (),
     checkpoints: Checkpoints | None = None,
     identified: IdentifiedModel | None = None,
+    region: Region | None = None,
 ) -> Design:
     """Design an experiment.
 
@@ -162,6 +164,8 @@ def design_experiment(
     identified : IdentifiedModel, optional
         The estimate of an identified model of the robot, by which the torque is predicted for its limits: friction and
         rotors count, and a margin from its uncertainty. Without it the torque is that of the description's inertias.
+    region : Region, optional
+        States whose torque is to be predicted, for the criterion "prediction"; by default all that the limits allow.
 
     Returns
     -------
@@ -207,6 +211,7 @@ def design_experiment(
         request.noise,
         one_equation=request.model in ("energy", "power"),
         earlier=build_earlier_rows(model, earlier, request) if earlier else None,
+        region=region,
     )
     task = DesignTask(request, model, design_criterion, limits, bounds, progress, checkpoints or NoCheckpoints())
     progress(0.0, f"{model.n_parameters} base parameters")

@@ -6,13 +6,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from dynident.advice.campaign import CampaignState
+from dynident.effects import EffectChoice
 from dynident.excitation import CriterionValues, Design
 from dynident.excitation.criteria.optimality_criteria import Baseline
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter
 from dynident.identification import Identification
 from dynident.motion import Margin
 from dynident.number_format import format_count, format_number, format_percent
-from dynident.presentation.labels import get_effect_title
+from dynident.presentation.labels import format_choice, get_effect_title
 from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
 from dynident.robot import Robot
 
@@ -172,3 +174,45 @@ def build_promises_table(design: Design, identification: Identification) -> Repo
     )
     columns = ("parameter", "promised", "achieved", "unit", "achieved / promised")
     return ReportedTable("Standard deviations", columns, tuple(rows), notes=(note,), name="promises")
+
+
+def build_campaign_table(state: CampaignState) -> ReportedTable:
+    """Return what each run of a campaign promised and brought, as errors of the joint that is worst.
+
+    Parameters
+    ----------
+    state : CampaignState
+        The campaign.
+    """
+    rows, seconds = [], 0.0
+    for run in state.runs:
+        seconds += run.seconds
+        worst = int(np.argmax(run.errors))
+        is_reached = bool(run.errors[worst] <= state.request.error)
+        rows.append(
+            (
+                Cell(run.name),
+                make_number_cell(seconds / 60.0, 3),
+                make_percent_cell(None if run.promised is None else float(run.promised.max())),
+                make_percent_cell(None if run.predicted is None else float(run.predicted.max())),
+                make_percent_cell(float(run.parameters.max())),
+                make_percent_cell(float(run.lacking.max())),
+                Cell(format_percent(float(run.errors[worst])), float(run.errors[worst]), "ok" if is_reached else None),
+                Cell(state.robot.joint_names[worst]),
+                Cell(_list_added(run.added, state.robot.joint_names)),
+            )
+        )
+    columns = (
+        "run", "robot time so far (min)", "promised", "error on this run before it was fitted", "from uncertainty",
+        "lacking in the model", "error", "worst joint", "effects added",
+    )  # fmt: skip
+    note = (
+        "Errors of the predicted torque, over its rms, of the worst joint over the region of the goal. From "
+        "uncertainty: with 95 % probability. Lacking: what the residual of the last run has above noise and "
+        "uncertainty. Error: both together, which the motion promised before it was made."
+    )
+    return ReportedTable("Runs of the campaign", columns, tuple(rows), notes=(note,), name="campaign")
+
+
+def _list_added(added: Sequence[EffectChoice], joints: Sequence[str]) -> str:
+    return "; ".join(format_choice(choice, joints) for choice in added) or "–"

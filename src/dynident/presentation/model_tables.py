@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from typing import TYPE_CHECKING, Protocol
 
-from dynident.effects import EffectChoice, get_effect
+from dynident.effects import Effect, EffectChoice, get_effect
 from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
 from dynident.identification.identified_models.correlated_and_essential_parameters import EssentialPath
@@ -26,6 +26,7 @@ from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, 
 if TYPE_CHECKING:
     # For type checkers alone: most commands compare nothing.
     from dynident.diagnosis import Comparison, Judgement, WorstInterval
+    from dynident.identification import CurrentModel
 
 
 class ErrorNumbers(Protocol):
@@ -366,3 +367,39 @@ def build_essential_tables(path: EssentialPath) -> Iterator[ReportedTable]:
     if rows:
         yield ReportedTable("Backward elimination", ("removed", "relative deviation", "p", "fit", "held out"), rows)
     yield build_parameter_table("Essential parameters", path.identification.parameters)
+
+
+def build_catalogue_table(effects: Iterable[Effect]) -> ReportedTable:
+    """Return the table of effects that a model can contain: what they are, their parameters, how they show."""
+    heads = ("effect", "what it is", "parameters", "what it leaves in the residual")
+    rows = []
+    for effect in effects:
+        parameters = (f"{item.name} ({item.unit})" if item.unit != "-" else item.name for item in effect.parameters)
+        rows.append(tuple(make_text_cells(effect.id, effect.title, ", ".join(parameters), effect.signature)))
+    return ReportedTable("", heads, tuple(rows), numbers_from=len(heads))
+
+
+def build_current_tables(models: Sequence[CurrentModel]) -> Iterator[ReportedTable]:
+    """Yield the errors of models of currents, one a joint, and the parameters of each."""
+    rows = []
+    for model in models:
+        errors: list[Cell] = []
+        for fit in (model.fit, model.held_out):
+            errors.append(make_number_cell(None if fit is None else fit.rms_total, 3))
+            errors.append(make_percent_cell(None if fit is None else fit.relative_total))
+        rows.append((Cell(model.joint), Cell(str(len(model.parameters))), *errors))
+    heads = ("joint", "parameters", "residual, A", "of the current", "held out, A", "of the current")
+    yield ReportedTable("The current of every joint", heads, tuple(rows))
+    for model in models:
+        parameters = tuple(
+            tuple(
+                make_text_cells(
+                    parameter.name,
+                    *format_estimate(parameter.value, 0.5 * (parameter.interval[1] - parameter.interval[0])),
+                    parameter.unit,
+                    PARAMETER_JUDGEMENTS[parameter.judgement].words,
+                )
+            )
+            for parameter in model.parameters
+        )
+        yield ReportedTable(model.joint, ("parameter", "value", "± 95 %", "unit", "judgement"), parameters)

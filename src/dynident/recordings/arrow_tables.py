@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
+from dynident.file_output import write_atomically
 from dynident.text_encoding import escape_surrogates
 
 READ_BYTES = 1 << 16
@@ -47,6 +48,17 @@ def to_csv(table: pa.Table, *, header: bool = True) -> bytes:
         # A text has a comma, a quote or a line break in it: then all texts are quoted.
         rows = _to_csv_rows(table, "needed")
     return to_header_row(table.column_names) + rows if header else rows
+
+
+def write_table(table: pa.Table, path: Path) -> None:
+    """Write a table as CSV, or as Parquet where the file ends so."""
+    if path.suffix.lower() == ".parquet":
+        # In memory first: the file is to appear complete, or not at all.
+        sink = pa.BufferOutputStream()
+        pq.write_table(table, sink)
+        write_atomically(path, sink.getvalue().to_pybytes())
+    else:
+        write_atomically(path, to_csv(table))
 
 
 def to_header_row(names: Sequence[str]) -> bytes:

@@ -23,6 +23,7 @@ from dynident.recordings.formats.text_streams import (
     squeeze_spaces,
 )
 from dynident.recordings.recording_metadata import RecordingError
+from dynident.text_encoding import decode_unmarked_text
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _ENGLISH = re.compile(r"^[+-]?\d{1,3}(?:,\d{3})+\.\d*$")
@@ -290,10 +291,12 @@ def _decode_text(start: bytes) -> tuple[str, str]:
     try:
         return start.decode("utf-8-sig"), "utf-8"
     except UnicodeDecodeError as error:
-        # The last character may be cut off; else it is what Windows writes in western Europe.
-        cut = error.start >= len(start) - 4
-        text = start[: error.start].decode("utf-8-sig") if cut else start.decode("cp1252", errors="replace")
-        return text, "utf-8"
+        # The last character may be cut off.
+        if error.start >= len(start) - 4:
+            return start[: error.start].decode("utf-8-sig"), "utf-8"
+        text, encoding = decode_unmarked_text(start)
+        # Names are read from here, and single bytes in cells break no number: only other letters have to be rewritten.
+        return text, "utf-8" if encoding == "cp1252" else encoding
 
 
 def _find_delimiter(text: str) -> str:
@@ -321,7 +324,7 @@ def _split_fields(line: str, delimiter: str) -> list[str]:
 
 
 def empty_repeated_names(text: str, dialect: Dialect) -> str:
-    """Return whole lines; those that repeat the names of the columns, as where runs were put end to end, are empty."""
+    """Return whole lines; those that repeat the names of the columns, as where runs are put end to end, are empty."""
     lines = text.splitlines(keepends=True)
     for number, line in enumerate(lines):
         # A row begins with a number mostly: most lines are passed by at their first character.
@@ -330,6 +333,13 @@ def empty_repeated_names(text: str, dialect: Dialect) -> str:
         fields = [_format_name(field) for field in _split_fields(line.strip(), dialect.delimiter)]
         if len(fields) != len(dialect.names):
             continue
+        # Rows below such a line are of other signals than their columns are called.
+        if fields != list(dialect.names) and sorted(fields) == sorted(dialect.names):
+            raise RecordingError(
+                f"The names of the columns stand again between the rows, in another order ({', '.join(fields[:4])}, "
+                "…): split the file there, and give its parts as two recordings.",
+                title="Unreadable file",
+            )
         # Units stand below the names there, too: such a line has no number either.
         if 2 * sum(map(str.__eq__, fields, dialect.names)) >= len(fields) or not any(map(_is_number, fields)):
             lines[number] = "\n"

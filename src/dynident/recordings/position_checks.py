@@ -34,6 +34,13 @@ WHOLE = 0.99
 MOST_TURNS = 20.0 * pi
 """rad, ten turns: more than joints with limits make; and as times a joint's limits more than degrees are of radians."""
 
+JUMP, AROUND, MOST_JUMPS = 0.005, 10, 3
+"""rad or m, rows around it, and so many in a recording: what a position that is counted anew jumps by."""
+
+ISOLATED, UNUSUAL = 5.0, 30.0
+"""Times the largest change from step to step around it, and times the usual one, that such a jump has at least: the
+speed of a joint does not change at once and back."""
+
 STEPS_NEEDED = 100
 STEPS_WANTED = 1000
 
@@ -69,6 +76,7 @@ def check_motion(
         _check_position_unit(recording, positions, layout, limits),
         _check_quantisation(recording, positions, layout),
         *_check_velocity(positions, layout),
+        *_check_jumps(positions, layout),
     ]
 
 
@@ -95,6 +103,47 @@ class _MeasuredPositions:
         step[1:-1] = np.where(inner[1:-1], self.t[2:] - self.t[:-2], 1.0)
         speed[1:-1] = (self.q[2:] - self.q[:-2]) / step[1:-1, None]
         return speed, inner
+
+
+def _check_jumps(positions: _MeasuredPositions, layout: Layout) -> list[Check]:
+    """Warn of a position that jumps between two rows and stays there, while the other joints go on."""
+    steps = np.diff(positions.q, axis=0)
+    # Four rows in a row: of what was left out between two of them nothing is known.
+    passed = np.diff(positions.t)
+    joined = positions.joined[1:] & (passed < 1.5 * np.median(passed))
+    inner = np.flatnonzero(joined[:-2] & joined[1:-1] & joined[2:]) + 1
+    if len(inner) < 2 * AROUND:
+        return []
+    # A joint that stops at once changes its step, too, but on one side of it alone.
+    changes = np.minimum(np.abs(steps[inner] - steps[inner - 1]), np.abs(steps[inner] - steps[inner + 1]))
+    resolution = np.where(steps != 0.0, np.abs(steps), np.inf).min(axis=0)
+    usual = np.maximum(np.quantile(changes, 0.99, axis=0), np.where(np.isfinite(resolution), resolution, 0.0))
+    jumps = changes > np.maximum(JUMP, UNUSUAL * usual)
+    checks = []
+    for joint in np.flatnonzero(jumps.any(axis=0)):
+        places = [place for place in np.flatnonzero(jumps[:, joint]) if _is_isolated(changes[:, joint], int(place))]
+        rows = inner[places]
+        # Of lost rows all joints jump; what goes and comes back is a corrupted interval, and no other zero.
+        others = np.delete(jumps, joint, axis=1)[places]
+        if not 1 <= len(rows) <= MOST_JUMPS or others.any() or np.ptp(np.sign(steps[rows, joint])) > 0:
+            continue
+        row, source = int(rows[0]), layout.q[joint].source
+        size = steps[row, joint] - 0.5 * (steps[row - 1, joint] + steps[row + 1, joint])
+        detail = (
+            f"{source} jumps by {size:.3g} between rows {positions.row[row]} and {positions.row[row + 1]} "
+            f"(t = {positions.t[row + 1]:.6g} s) and stays there, while the other joints go on: the encoder was set to "
+            "zero anew, or lost counts. Use the seconds on one side alone (windows), or give them as two recordings."
+        )
+        checks.append(
+            Check("position_jump", "warning", detail, source, int(positions.row[row + 1]), float(positions.t[row + 1]))
+        )
+    return checks
+
+
+def _is_isolated(changes: FloatArray, place: int) -> bool:
+    """Tell whether a change is far larger than those around it."""
+    around = np.concatenate([changes[max(place - AROUND, 0) : max(place - 1, 0)], changes[place + 2 : place + AROUND]])
+    return bool(changes[place] >= ISOLATED * around.max(initial=0.0))
 
 
 def _check_length(recording: Recording, layout: Layout) -> Check:

@@ -21,6 +21,10 @@ SATURATED = 5e-3
 RUN, SHORTEST = 5, 0.01
 """Rows in a row, and s, at the extreme make a plateau: a smooth peak in whole counts stays there for a few ms."""
 
+WIDER = 0.2
+"""Rows that a rounded peak spends one digit below its top, over those at the top: 0.41 of a parabola, half of it where
+friction cuts one side off. A torque that is cut off comes there at its own speed."""
+
 AGAINST_DOUBT, AGAINST_CERTAIN = -2.0, -2.8
 """Joint evidence (standard errors) of a torque against its motion."""
 
@@ -159,6 +163,8 @@ def _mark_plateaus(tau: FloatArray, run: int) -> BoolArray:
     reach = float(np.ptp(tau))
     if reach == 0.0 or len(tau) < 10 * run:
         return marks
+    steps = np.abs(np.diff(tau))
+    resolution = float(np.min(steps, where=steps > 1e-9 * reach, initial=reach))
     for extreme in (float(tau.max()), float(tau.min())):
         # The same value exactly, or to the last digit: a peak of a measured signal is never flat so long.
         at = np.abs(tau - extreme) <= 1e-9 * reach
@@ -168,9 +174,19 @@ def _mark_plateaus(tau: FloatArray, run: int) -> BoolArray:
             # Around a plateau the signal changes from row to row; where it does not, torque is constant there, not
             # cut off.
             changing = np.count_nonzero(steps) > 0.2 * max(1, len(steps) - (end - start))
-            if end - start >= run and changing:
+            if end - start >= run and changing and not _is_coarse_peak(tau, start, end, resolution):
                 marks[start:end] = True
     return marks
+
+
+def _is_coarse_peak(tau: FloatArray, start: int, end: int, resolution: float) -> bool:
+    """Tell whether a run at an extreme is the rounded top of a smooth peak: one digit below it is as wide again."""
+    near = np.abs(tau - tau[start]) <= 1.5 * resolution
+    outside = np.flatnonzero(~near)
+    at = int(np.searchsorted(outside, start))
+    first = int(outside[at - 1]) + 1 if at else 0
+    last = int(outside[at]) if at < len(outside) else len(tau)
+    return last - first - (end - start) >= WIDER * (end - start)
 
 
 def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layout) -> Check:

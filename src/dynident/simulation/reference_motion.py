@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
@@ -125,3 +129,54 @@ def check_reference(reference: Reference, robot: Robot) -> None:
             pointer=f"/trajectory/t/{row}",
             title=_TITLE,
         )
+
+
+def read_reference(path: Path, robot: Robot) -> Reference:
+    """Read a motion from a table of t, q_<joint>… and optionally dq_<joint>… and ddq_<joint>….
+
+    Parameters
+    ----------
+    path : Path
+        A .csv or .parquet file, as a design is saved.
+    robot : Robot
+        The robot that shall make the motion.
+
+    Returns
+    -------
+    Reference
+        The motion; derivatives that the file lacks are those of a cubic spline through the positions.
+
+    Raises
+    ------
+    DynidentError
+        Where the file is no such table.
+    """
+    try:
+        table = pq.read_table(path) if path.suffix == ".parquet" else pacsv.read_csv(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DynidentError(f"{path.name} cannot be read: {error}", pointer=str(path), title=_TITLE) from error
+    t, q = _read_column(table, "t", path), _read_signal(table, "q", robot, path)
+    if len(t) < 4 or not np.all(np.diff(t) > 0):
+        raise DynidentError("t must increase and have at least four rows", pointer=f"{path}: t", title=_TITLE)
+    spline = CubicSpline(t, q)
+    derivatives = []
+    for order, kind in enumerate(("dq", "ddq"), start=1):
+        # Of all joints or of none: a spline for some of them would not fit the others.
+        present = all(f"{kind}_{name}" in table.column_names for name in robot.joint_names)
+        derivatives.append(_read_signal(table, kind, robot, path) if present else np.asarray(spline(t, order)))
+    return Reference(t, q, *derivatives)
+
+
+def _read_signal(table: pa.Table, kind: str, robot: Robot, path: Path) -> FloatArray:
+    return np.column_stack([_read_column(table, f"{kind}_{name}", path) for name in robot.joint_names])
+
+
+def _read_column(table: pa.Table, name: str, path: Path) -> FloatArray:
+    if name not in table.column_names:
+        raise DynidentError(
+            f"{path.name} has no column {name}; it has: {', '.join(table.column_names)}", pointer=name, title=_TITLE
+        )
+    column = table[name]
+    if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
+        raise DynidentError(f"column {name} of {path.name} does not hold numbers", pointer=name, title=_TITLE)
+    return np.asarray(column.to_numpy(), dtype=np.float64)

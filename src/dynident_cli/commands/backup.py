@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,8 +10,6 @@ import typer
 
 if TYPE_CHECKING:
     from dynident_service.storage.backup_and_restore import ArchiveSize
-    from dynident_service.storage.database import Database
-    from dynident_service.storage.object_store import ObjectStore
     from dynident_service.storage.repository_values import Resource
 
 
@@ -41,6 +37,7 @@ def doctor(
     """
     from dynident_service.readability_checks import StoredFilesReader, show_resource
     from dynident_service.storage import integrity_check as examination
+    from dynident_service.storage.backup_and_restore import open_storage
     from dynident_service.storage.database import migrate
 
     wrong: Counter[examination.Trouble] = Counter()
@@ -87,7 +84,7 @@ def backup(
 
     The service may run at the same time. If the folder has a backup already, only new files are copied.
     """
-    from dynident_service.storage.backup_and_restore import back_up
+    from dynident_service.storage.backup_and_restore import back_up, open_storage
 
     with open_storage(data_dir, must_exist=True) as (database, objects, _):
         _print_amount("written", back_up(database, objects, target))
@@ -98,6 +95,7 @@ def restore(
     data_dir: DataDir = None,
 ) -> None:
     """Read a backup into an empty data directory. Unfinished jobs are queued again."""
+    from dynident_service.storage.backup_and_restore import open_storage
     from dynident_service.storage.backup_and_restore import restore as read_back
 
     with open_storage(data_dir, must_exist=False) as (database, objects, scratch):
@@ -113,6 +111,7 @@ def export_robot(
 
     Another service can import its recordings, models, diagnoses and reports.
     """
+    from dynident_service.storage.backup_and_restore import open_storage
     from dynident_service.storage.robot_bundle import export_robot as write
 
     with open_storage(data_dir, must_exist=True) as (database, objects, _):
@@ -125,45 +124,13 @@ def import_robot(
 ) -> None:
     """Read an exported robot with all that belongs to it. Ids stay; existing resources do not change."""
     from dynident_service.readability_checks import check_stored_resource
+    from dynident_service.storage.backup_and_restore import open_storage
     from dynident_service.storage.robot_bundle import import_robot as read
 
     with open_storage(data_dir, must_exist=False) as (database, objects, scratch):
         robot_id, amount = read(database, objects, source, scratch, check_stored_resource)
         typer.echo(robot_id)
         _print_amount("imported", amount)
-
-
-@contextmanager
-def open_storage(
-    data_dir: Path | None, *, must_exist: bool, as_it_is: bool = False
-) -> Iterator[tuple[Database, ObjectStore, Path]]:
-    """Open what a service has stored, and a folder for what is read meanwhile; the database is brought up to date."""
-    from dynident.errors import DynidentError
-    from dynident_service.problems import ProblemError
-    from dynident_service.settings import load_settings
-    from dynident_service.storage.data_directory import prepare_data_directory, restrict_file_permissions
-    from dynident_service.storage.database import Database, migrate
-    from dynident_service.storage.object_store import ObjectStore
-
-    settings = load_settings() if data_dir is None else load_settings(data_dir=data_dir)
-    if must_exist and not settings.database_url and not settings.data_dir.is_dir():
-        detail = (
-            f"there is no folder {settings.data_dir}; give the data directory of the service (--data-dir, "
-            "DYNIDENT_DATA_DIR)"
-        )
-        raise DynidentError(detail, pointer="--data-dir")
-    with restrict_file_permissions():
-        prepare_data_directory(settings.data_dir)
-        database = Database(settings.database)
-        try:
-            # Older tables are migrated first; only a check of damaged data leaves them as they are.
-            if not as_it_is:
-                migrate(database)
-            yield database, ObjectStore(settings.objects, settings.cache_dir), settings.uploads_dir
-        except ProblemError as error:
-            raise DynidentError(error.problem.detail or "", title=error.problem.title) from error
-        finally:
-            database.close()
 
 
 def _print_amount(done: str, amount: ArchiveSize) -> None:

@@ -25,14 +25,14 @@ def demo(
 
     The exit code is 1 if the effect is not named.
     """
-    from dynident_cli import argument_loading, terminal
+    from dynident_cli import argument_loading, command_output
     from dynident_cli.demo.demonstration import run_demonstration
     from dynident_cli.demo.scenario import Scenario
 
     scenario = Scenario.draw(argument_loading.load_robot_argument(robot), effect, joint, seed, quick)
-    console = terminal.message_console() if as_json else terminal.result_console()
+    console = command_output.message_console() if as_json else command_output.result_console()
     story = run_demonstration(scenario, out, console)
     if as_json:
-        terminal.print_json(story.to_document())
+        command_output.print_json(story.to_document())
     if not story.is_named_correctly:
         raise typer.Exit(1)

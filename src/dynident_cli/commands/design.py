@@ -10,7 +10,7 @@ import typer
 
 from dynident.excitation.design_request import DesignRequest
 from dynident.simulation.virtual_robot_request import Simulated
-from dynident_cli.input_checks_and_writes import READABLE_FOLDER
+from dynident_cli.input_checks import FILE_IN_FOLDER, READABLE_FOLDER
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Effects,
@@ -49,12 +49,16 @@ def simulate(
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FILE", help="The measurement to write, .csv or .parquet.")
+        Path,
+        typer.Option("--out", "-o", metavar="FILE", help="The measurement to write, .csv or .parquet."),
+        FILE_IN_FOLDER,
     ] = Path("measurement.csv"),
     as_json: Json = False,
 ) -> None:
     """Simulate recordings of a virtual robot on a trajectory."""
+    from dynident.file_output import TABLE_ENDINGS, check_ending
     from dynident.progress import scale_progress
+    from dynident.recordings.arrow_tables import write_table
     from dynident.simulation import (
         build_recording_table,
         build_simulation_request,
@@ -62,20 +66,13 @@ def simulate(
         resolve_true_effects,
     )
     from dynident.simulation import simulate as simulate_robot
-    from dynident_cli import (
-        argument_loading,
-        command_output,
-        csv_and_parquet_output,
-        design_and_simulation_files,
-        terminal,
-    )
-    from dynident_service.designs.adapters import describe_simulation
+    from dynident_cli import argument_loading, command_output, contract_documents, design_and_simulation_files
 
-    csv_and_parquet_output.check_ending(out)
+    check_ending(out, TABLE_ENDINGS)
     machine = argument_loading.load_robot_argument(robot, additions)
     request = request_options.build_request(Simulated)
     hidden = resolve_true_effects(design_and_simulation_files.parse_acting_effects(effects), machine)
-    with terminal.show_progress_bar("simulate") as progress:
+    with command_output.show_progress_bar("simulate") as progress:
         reference = design_and_simulation_files.load_reference(
             trajectory, machine, request.seed, scale_progress(progress, 0.0, 0.2)
         )
@@ -85,7 +82,7 @@ def simulate(
             replace(simulation, effects=replace_usual_effects(simulation.effects, hidden)),
             scale_progress(progress, 0.2, 1.0),
         )
-    csv_and_parquet_output.write_table(build_recording_table(measurement), out)
+    write_table(build_recording_table(measurement), out)
     rows = [
         [joint.name, f"{measurement.noise[j]:.3g} {joint.effort_unit}", f"{measurement.tracking_error[j]:.2g}"]
         for j, joint in enumerate(machine.joints)
@@ -93,15 +90,15 @@ def simulate(
     columns = ("joint", "torque noise, standard deviation", "largest distance from the trajectory (rad or m)")
     command_output.print_result(
         as_json,
-        lambda: describe_simulation(measurement, rate),
-        lambda console: console.print(terminal.build_table("", columns, rows)),
+        lambda: contract_documents.describe_simulation(measurement, rate),
+        lambda console: console.print(command_output.build_table("", columns, rows)),
         f"{measurement.n_samples} samples at {rate:g} Hz written to {out}",
     )
 
 
 @dataclass(frozen=True)
-class DesignFiles:
-    """Files that a design reads."""
+class SafetyFiles:
+    """Files of what a motion must keep to."""
 
     limits: Annotated[
         SomeFile,
@@ -135,6 +132,12 @@ class DesignFiles:
             help="If no surroundings are stated, assume a floor through the base of an upright arm.",
         ),
     ] = True
+
+
+@dataclass(frozen=True)
+class DesignFiles(SafetyFiles):
+    """Files that a design reads."""
+
     diagnosis: Annotated[
         SomeFile,
         file_option(
@@ -162,7 +165,9 @@ def design(
     files: DesignFiles,
     reading: RobotTimedReading,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2).")
+        Path,
+        typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2)."),
+        FILE_IN_FOLDER,
     ] = Path("trajectory.csv"),
     as_json: Json = False,
 ) -> None:
@@ -170,37 +175,38 @@ def design(
 
     The options for columns, units, windows, checks and drive gains apply to the measurements of --earlier.
     """
+    from dynident.api.model_identification import load_model
+    from dynident.api.motion_design import TRAJECTORY_ENDINGS, DesignedMotion
     from dynident.excitation import design_experiment
-    from dynident_cli import argument_loading, command_output, csv_and_parquet_output, terminal
+    from dynident.file_output import check_ending
+    from dynident_cli import argument_loading, command_output, contract_documents
     from dynident_cli.design_and_simulation_files import (
         choose_mesh_folders,
-        load_limits,
         load_proposed_design,
-        load_surroundings,
         print_warnings,
         show_design,
     )
-    from dynident_service.designs.adapters import describe_design
 
     # Before the design, which takes minutes.
-    csv_and_parquet_output.check_ending(out, csv_and_parquet_output.TRAJECTORY_ENDINGS)
+    check_ending(out, TRAJECTORY_ENDINGS)
     machine = argument_loading.load_robot_argument(robot, reading)
     typed_request = request_options.build_request(
         DesignRequest, effects=argument_loading.read_effects(effects, machine) or None
     )
     request = replace(
         typed_request if files.diagnosis is None else load_proposed_design(files.diagnosis),
-        limits=load_limits(files.limits),
+        limits=contract_documents.load_limits(files.limits),
         torque_margin=typed_request.torque_margin,
-        surroundings=load_surroundings(
+        surroundings=contract_documents.load_surroundings(
             files.surroundings, choose_mesh_folders(machine, robot, files.meshes), floor=files.floor
         ),
     )
-    identified = None if files.identified is None else argument_loading.load_model(files.identified).estimate
+    identified = None if files.identified is None else load_model(files.identified).identification.estimate
     with argument_loading.read_recordings("design", files.earlier or [], machine, reading, share=0.1) as data:
-        experiment = design_experiment(machine, request, data.progress, data.recordings, identified=identified)
-    csv_and_parquet_output.write_trajectory(experiment, out)
-    described, message = lambda: describe_design(experiment), f"trajectory written to {out}"
+        recordings, _, progress = data
+        experiment = design_experiment(machine, request, progress, recordings.recordings, identified=identified)
+    DesignedMotion(machine, experiment).save(out)
+    described, message = lambda: contract_documents.describe_design(experiment), f"trajectory written to {out}"
     command_output.print_result(as_json, described, lambda console: show_design(console, experiment, machine), message)
     # On stderr, so that they are seen where the result goes into a file or as JSON to a script.
-    print_warnings(terminal.message_console(), experiment)
+    print_warnings(command_output.message_console(), experiment)

@@ -1,4 +1,4 @@
-"""`dynident diagnose`, `changes` (two sets of recordings) and `series` (many days)."""
+"""`dynident compare`, `diagnose`, `changes` (two sets of recordings) and `series` (many days)."""
 
 from __future__ import annotations
 
@@ -10,12 +10,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dynident.diagnosis.diagnosis_request import DiagnosisChoices
-from dynident.text_encoding import encode_text
-from dynident_cli.input_checks_and_writes import READABLE_FILE
+from dynident_cli.input_checks import READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues
-from dynident_cli.shared_options import Json, Measurements, ModelArgument, OutputOptions, Reading, file_option
+from dynident_cli.shared_options import (
+    Json,
+    Measurements,
+    ModelArgument,
+    Out,
+    OutputOptions,
+    Reading,
+    file_option,
+    repeatable_file_option,
+)
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from dynident.diagnosis import Diagnosis
     from dynident.effects import EffectChoice
 
@@ -49,38 +59,30 @@ def series(
 
     The other days are compared with the first one; motions may differ from day to day.
     """
-    from dynident.diagnosis.monitoring import days_to_bytes
-    from dynident.diagnosis.monitoring import monitor_days as series_of
-    from dynident.progress import scale_progress
-    from dynident.reports.figures.changes import draw_parameter_tracks
-    from dynident_cli import (
-        argument_loading,
-        command_output,
-        csv_and_parquet_output,
-        input_checks_and_writes,
-        printed_results,
-        terminal,
-    )
-    from dynident_cli.argument_loading import load_continued_days
-    from dynident_service.diagnoses.adapters import describe_series
+    from dynident.api.changes_over_time import series as follow_days
+    from dynident.api.model_identification import load_model
+    from dynident.file_output import TABLE_ENDINGS, check_ending
+    from dynident_cli import argument_loading, command_output, contract_documents, printed_results
 
-    identification = argument_loading.load_model(model)
+    identified = load_model(model)
     if out is not None:
-        csv_and_parquet_output.check_ending(out)
-    with terminal.show_progress_bar("compare the days") as progress:
-        measure, measured = load_continued_days(identification, days, reading, keep, scale_progress(progress, 0.0, 0.5))
-        monitored = series_of(measure, measured, scale_progress(progress, 0.5, 1.0))
-    if keep is not None:
-        input_checks_and_writes.write_atomically(keep, days_to_bytes(measure, measured))
+        check_ending(out, TABLE_ENDINGS)
+    with argument_loading.read_recordings("compare the days", days, identified.robot, reading, share=0.3) as data:
+        recordings, _, progress = data
+        followed = follow_days(identified, list(recordings), keep=keep, progress=progress)
     if figure is not None:
-        input_checks_and_writes.write_atomically(figure, encode_text(str(draw_parameter_tracks(monitored))))
+        followed.plot().save(figure)
     if out is not None:
-        csv_and_parquet_output.write_table(csv_and_parquet_output.build_courses_table(monitored), out)
-    outputs = ((keep, f"{len(measured)} days stored in"), (figure, "plot written to"), (out, "parameters written to"))
+        followed.save(out)
+    outputs = (
+        (keep, f"{len(followed.days)} days stored in"),
+        (figure, "plot written to"),
+        (out, "parameters written to"),
+    )
     command_output.print_result(
         as_json,
-        lambda: describe_series(monitored),
-        lambda console: printed_results.show_series(console, monitored, identification.model.robot),
+        lambda: contract_documents.describe_series(followed.series),
+        lambda console: printed_results.show_series(console, followed.series, identified.robot),
         *(f"{label} {path}" for path, label in outputs if path is not None),
     )
 
@@ -96,20 +98,19 @@ def changes(
 
     The motions may differ. --out writes the diagnosis with the changes as JSON.
     """
-    from dynident.diagnosis import diagnose
-    from dynident_cli import argument_loading, command_output, printed_results
-    from dynident_service.diagnoses.adapters import describe_diagnosis
+    from dynident.api.changes_over_time import changes as find_changes
+    from dynident.api.model_identification import load_model
+    from dynident_cli import argument_loading, command_output, contract_documents, printed_results
 
-    identification = argument_loading.load_model(model)
-    robot = identification.model.robot
-    with argument_loading.read_recordings("compare the days", [*before, *after], robot, reading, share=0.3) as data:
-        # All files are read together, so that equal names are told apart.
-        earlier, later = data.recordings[: len(before)], data.recordings[len(before) :]
-        diagnosis = diagnose(identification, later, baseline=earlier, progress=data.progress)
+    identified = load_model(model)
+    robot = identified.robot
+    with argument_loading.read_recordings("compare the days", before, robot, reading, after, share=0.3) as data:
+        earlier, later, progress = data
+        diagnosis = find_changes(identified, before=earlier, after=later, progress=progress).diagnosis
     command_output.write_result(
         result,
         "diagnosis",
-        lambda: describe_diagnosis(diagnosis, robot.name),
+        lambda: contract_documents.describe_diagnosis(diagnosis, robot),
         lambda console: printed_results.show_changes(console, diagnosis, robot),
     )
 
@@ -144,37 +145,33 @@ def diagnose(
 
     Give the measurements that the model was identified from. --out writes the diagnosis as JSON.
     """
-    from dynident.diagnosis import examine
-    from dynident_cli import argument_loading, command_output, option_parsers, printed_results
-    from dynident_service.diagnoses.adapters import describe_diagnosis
+    from dynident.api.model_diagnosis import diagnose as diagnose_model
+    from dynident.api.model_identification import load_model
+    from dynident_cli import argument_loading, command_output, contract_documents, option_parsers, printed_results
 
-    identification = argument_loading.load_model(model)
-    robot = identification.model.robot
+    identified = load_model(model)
+    robot = identified.robot
     questions = [option_parsers.parse_effect_place(text, robot.joint_names) for text in why or ()]
     choices = request_options.build_request(DiagnosisChoices)
     with argument_loading.read_recordings("diagnose", measurements, robot, reading, share=0.3) as data:
-        examined = examine(
-            identification,
-            data.recordings,
+        recordings, _, progress = data
+        diagnosed = diagnose_model(
+            identified,
+            recordings,
             candidates=choices.candidates,
             most_effects=choices.max_effects,
             significance=choices.significance,
             hardware=choices.hardware,
-            progress=data.progress,
+            progress=progress,
         )
-        if next_experiment or (next_experiment is None and (result.out is not None or result.as_json)):
-            from dynident.advice import advise
-
-            diagnosis: Diagnosis = advise(examined)
-            n_open = 0
-        else:
-            diagnosis = examined.diagnosis
-            n_open = len(examined.doubts)
+        advises = next_experiment or (next_experiment is None and (result.out is not None or result.as_json))
+        diagnosis: Diagnosis = diagnosed.advised_diagnosis if advises else diagnosed.diagnosis
+    n_open = 0 if advises else len(diagnosed.examination.doubts)
     extend_command = _write_extend_command(diagnosis.recommended, model, measurements, reading, result.out)
     command_output.write_result(
         result,
         "diagnosis",
-        lambda: describe_diagnosis(diagnosis, robot.name),
+        lambda: contract_documents.describe_diagnosis(diagnosis, robot),
         lambda console: printed_results.show_diagnosis(console, diagnosis, robot, extend_command, questions, n_open),
     )
 
@@ -191,6 +188,55 @@ def _write_extend_command(
         added = ["--diagnosis", "FILE" if out is None else str(out)]
     else:
         added = ["--effects", ",".join(map(format_effect, recommended))]
-    input_checks_and_writes = [str(path) for path in (model, *measurements)]
-    command = shlex.join(["dynident", "extend", *input_checks_and_writes, *list_option_words(reading), *added])
+    input_checks = [str(path) for path in (model, *measurements)]
+    command = shlex.join(["dynident", "extend", *input_checks, *list_option_words(reading), *added])
     return command if "FILE" not in added else f"{command} (FILE: diagnose again with --out FILE)"
+
+
+def compare(
+    model: ModelArgument,
+    measurement: Annotated[
+        Path, typer.Argument(metavar="MEASUREMENT", help="CSV or Parquet file.", show_default=False), READABLE_FILE
+    ],
+    reading: Reading,
+    learnt: Annotated[
+        list[Path],
+        repeatable_file_option(
+            "--learnt",
+            help="Recording that the model was identified from; may be repeated. Shows whether MEASUREMENT only "
+            "repeats its motion.",
+        ),
+        READABLE_FILE,
+    ],
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Compare predicted with measured torque.
+
+    --out writes the signals as .csv or .parquet.
+    """
+    from dynident.api.model_identification import load_model
+    from dynident.api.torque_comparison import compare as compare_model
+    from dynident.file_output import TABLE_ENDINGS, check_ending
+    from dynident_cli import argument_loading, command_output, contract_documents, printed_results
+
+    identified = load_model(model)
+    if out is not None:
+        check_ending(out, TABLE_ENDINGS)
+    with argument_loading.read_recordings("compare", [measurement], identified.robot, reading, learnt) as data:
+        recordings, others, progress = data
+        (compared,) = compare_model(identified, recordings, learnt=others or None, progress=progress)
+    if out is not None:
+        compared.save(out)
+
+    def print_comparison(console: Console) -> None:
+        printed_results.show_measurements(console, recordings[:0], recordings)
+        printed_results.show_comparison(console, compared.name, compared.comparison, compared.judgement)
+
+    messages = () if out is None else (f"signals written to {out}",)
+    command_output.print_result(
+        as_json,
+        lambda: contract_documents.describe_comparison(compared, learnt=bool(learnt)),
+        print_comparison,
+        *messages,
+    )

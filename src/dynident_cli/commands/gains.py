@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from dynident.errors import DynidentError
 from dynident.identification.loads.drive_gain_request import KnownLoad
-from dynident_cli.input_checks_and_writes import READABLE_FILE
+from dynident_cli.input_checks import READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Effects,
@@ -26,8 +25,7 @@ from dynident_cli.shared_options import (
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dynident.identification import CurrentModel
-    from dynident_cli.argument_loading import LoadedRecording
+    from dynident.api.recording_collection import Recordings
 
 
 def currents(
@@ -44,9 +42,8 @@ def currents(
     """
     from dynident.identification import identify_currents
     from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS
-    from dynident_cli import argument_loading, command_output, printed_results
-    from dynident_service.drive_gains.wire_types import CurrentModelsResult
-    from dynident_service.shared.field_by_field import to_view as in_contract
+    from dynident.presentation.model_tables import build_current_tables
+    from dynident_cli import argument_loading, command_output, contract_documents, printed_results
 
     machine = argument_loading.load_robot_argument(robot, reading)
     unknown = all(drive.gain is None for drive in machine.drives)
@@ -55,62 +52,29 @@ def currents(
         machine = argument_loading.with_gains(machine, ",".join("1" * machine.n))
     chosen_effects = argument_loading.read_effects(effects, machine) or PLAIN_EFFECTS
     with argument_loading.read_recordings("currents", measurements, machine, reading, validation) as data:
-        training, held_out = data.recordings, data.other_recordings
-        models = identify_currents(machine, training, held_out, effects=chosen_effects, progress=data.progress)
-    checked = (
-        (_without_scale_checks(data.loaded), _without_scale_checks(data.others))
-        if unknown
-        else (data.loaded, data.others)
-    )
+        training, held_out, progress = data
+        models = identify_currents(
+            machine, training.recordings, held_out.recordings, effects=chosen_effects, progress=progress
+        )
+    checked = [_without_scale_checks(items) if unknown else items for items in (training, held_out)]
 
     def print_models(console: Console) -> None:
         printed_results.show_measurements(console, *checked)
-        _print_current_models(console, models)
+        command_output.print_tables(console, build_current_tables(models))
 
     command_output.write_result(
-        result, "parameters", lambda: in_contract(CurrentModelsResult, None, joints=models), print_models
+        result, "parameters", lambda: contract_documents.describe_currents(models), print_models
     )
 
 
-def _without_scale_checks(measurements: Sequence[LoadedRecording]) -> list[LoadedRecording]:
+def _without_scale_checks(recordings: Recordings) -> Recordings:
     """Return recordings without the check of the torque's scale, which currents in place of torques have to fail."""
-    return [
-        replace(measurement, checks=tuple(check for check in measurement.checks if check.name != "torque_scale"))
-        for measurement in measurements
-    ]
-
-
-def _print_current_models(console: Console, models: Sequence[CurrentModel]) -> None:
-    from dynident.number_format import format_estimate, format_number, format_percent
-    from dynident.presentation.labels import PARAMETER_JUDGEMENTS
-    from dynident_cli import terminal
-
-    rows = [
-        [
-            model.joint,
-            str(len(model.parameters)),
-            format_number(model.fit.rms_total, 3),
-            format_percent(model.fit.relative_total),
-            "–" if model.held_out is None else format_number(model.held_out.rms_total, 3),
-            "–" if model.held_out is None else format_percent(model.held_out.relative_total),
-        ]
-        for model in models
-    ]
-    heads = ("joint", "parameters", "residual, A", "of the current", "held out, A", "of the current")
-    console.print(terminal.build_table("The current of every joint", heads, rows))
-    for model in models:
-        parameter_rows = [
-            [
-                p.name,
-                *format_estimate(p.value, 0.5 * (p.interval[1] - p.interval[0])),
-                p.unit,
-                PARAMETER_JUDGEMENTS[p.judgement].words,
-            ]
-            for p in model.parameters
-        ]
-        console.print(
-            terminal.build_table(model.joint, ("parameter", "value", "± 95 %", "unit", "judgement"), parameter_rows)
+    return type(recordings)(
+        tuple(
+            replace(item, checks=tuple(check for check in item.checks if check.name != "torque_scale"))
+            for item in recordings
         )
+    )
 
 
 def gains(
@@ -145,8 +109,7 @@ def gains(
     """
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import scale_progress
-    from dynident_cli import argument_loading, command_output, terminal
-    from dynident_service.validations.adapters import build_gain_tables, describe_gains
+    from dynident_cli import argument_loading, command_output, contract_documents
 
     if weigh_unloaded and not weigh:
         raise DynidentError("there is no load to weigh; give --weigh, too", pointer="--weigh-unloaded")
@@ -157,22 +120,22 @@ def gains(
     # All files are read in one go, and are told apart by their places afterwards.
     others = [*loaded, *weigh, *weigh_unloaded]
     with argument_loading.read_recordings("gains", measurements, machine, reading, others, share=0.6) as data:
-        unloaded, rest = data.recordings, data.other_recordings
+        unloaded, rest, progress = data[0].recordings, data[1].recordings, data[2]
         heavy = [
             replace(recording, payload=load.override_payload(recording.payload)) for recording in rest[: len(loaded)]
         ]
-        drive_gains = identify_gains(machine, unloaded, heavy, progress=scale_progress(data.progress, 0.0, 0.75))
+        drive_gains = identify_gains(machine, unloaded, heavy, progress=scale_progress(progress, 0.0, 0.75))
         other, bare = rest[len(loaded) :][: len(weigh)], rest[len(loaded) + len(weigh) :]
         loads = [
             (recording.name, payload_mass(machine, bare or unloaded, recording, gains=drive_gains))
             for recording in other
         ]
-        data.progress(1.0, "solved")
-    described = describe_gains(machine, drive_gains, [(name, name, load) for name, load in loads])
+        progress(1.0, "solved")
+    described, tables = contract_documents.describe_gains(machine, drive_gains, loads)
     gains_text = ",".join(f"{value:.4g}" for value in drive_gains.values)
 
     def print_gains(console: Console) -> None:
-        terminal.print_tables(console, build_gain_tables(described))
+        command_output.print_tables(console, tables)
         console.print(f"To identify with them: --drive-gains {gains_text}", soft_wrap=True)
         for warning in drive_gains.warnings:
             console.print(f"! {warning}")

@@ -1,7 +1,8 @@
-"""`dynident effects`, `identify`, `extend`, `remove`, `essential` and `ladder`."""
+"""`dynident inspect`, `effects`, `identify`, `extend`, `remove`, `essential` and `ladder`."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,15 +12,19 @@ import typer
 from dynident.identification.identification_choices import EssentialChoices, IdentificationChoices
 from dynident.recordings.recording_metadata import Filters
 from dynident.schema.fields import get_description
-from dynident_cli.input_checks_and_writes import READABLE_FILE
+from dynident.text_encoding import encode_text
+from dynident_cli.input_checks import KNOWN_ROBOT, READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Effects,
     Json,
     Measurements,
     ModelArgument,
+    Out,
     OutputOptions,
+    Rate,
     Reading,
+    RobotAdditions,
     RobotArgument,
     RobotReading,
     SomeFile,
@@ -29,36 +34,21 @@ from dynident_cli.shared_options import (
 )
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
     from rich.console import Console
+
+    from dynident.identification.column_inference import Inspection
 
 
 def effects(as_json: Json = False) -> None:
     """List the effects that a model can contain."""
     from dynident.effects import CATALOGUE
-    from dynident_cli import command_output, terminal
+    from dynident.presentation.model_tables import build_catalogue_table
+    from dynident_cli import command_output, contract_documents
 
-    rows = [
-        [
-            effect.id,
-            effect.title,
-            ", ".join(
-                f"{parameter.name} ({parameter.unit})" if parameter.unit != "-" else parameter.name
-                for parameter in effect.parameters
-            ),
-            effect.signature,
-        ]
-        for effect in CATALOGUE.values()
-    ]
-    columns = ("effect", "what it is", "parameters", "what it leaves in the residual")
-    table = terminal.build_table("", columns, rows, right_from=len(columns))
-
-    def describe_catalogue() -> BaseModel:
-        from dynident_service.shared.field_by_field import show_catalogue
-
-        return show_catalogue()
-
-    command_output.print_result(as_json, describe_catalogue, lambda console: console.print(table))
+    table = build_catalogue_table(CATALOGUE.values())
+    command_output.print_result(
+        as_json, contract_documents.describe_catalogue, lambda console: command_output.print_tables(console, [table])
+    )
 
 
 def ladder(
@@ -71,31 +61,24 @@ def ladder(
     as_json: Json = False,
 ) -> None:
     """Show the steps that led to a model, with their errors. The step that predicts held-out data best is marked."""
+    from dynident.api.model_identification import load_model
     from dynident.errors import DynidentError
-    from dynident_cli import argument_loading, command_output, printed_results
-    from dynident_service.identifications.ladders import build_steps, compare_ladders
-    from dynident_service.identifications.wire_types import Lineage
+    from dynident_cli import command_output, contract_documents, printed_results
 
-    identification = argument_loading.load_model(model)
-    other = None if against is None else argument_loading.load_model(against)
-    if other is not None and other.model.robot.joint_names != identification.model.robot.joint_names:
+    named = model.stem, load_model(model)
+    other = None if against is None else (against.stem, load_model(against))
+    if other is not None and other[1].robot.joint_names != named[1].robot.joint_names:
         raise DynidentError(f"{against} is a model of another robot", pointer="--against", title="Another robot")
 
-    def describe_ladder() -> Lineage:
-        own = build_steps(identification, model.stem)
-        if other is None or against is None:
-            return Lineage(items=own)
-        data_sets = (step.data for top in (identification, other) for step in top.ladder())
-        data = {(data_set.measurement_names, data_set.validation_names) for data_set in data_sets}
-        return compare_ladders(own, build_steps(other, against.stem, (identification, model.stem)), len(data) == 1)
-
     def print_ladder(console: Console) -> None:
-        if other is None or against is None:
-            printed_results.show_ladder(console, identification)
+        if other is None:
+            printed_results.show_ladder(console, named[1].identification)
         else:
-            printed_results.show_ladders(console, (model.stem, identification), (against.stem, other))
+            printed_results.show_ladders(
+                console, (named[0], named[1].identification), (other[0], other[1].identification)
+            )
 
-    command_output.print_result(as_json, describe_ladder, print_ladder)
+    command_output.print_result(as_json, lambda: contract_documents.describe_ladder(named, other), print_ladder)
 
 
 def essential(
@@ -107,18 +90,16 @@ def essential(
 
     --out writes the model with the essential parameters estimated again, the others at zero.
     """
+    from dynident.api.model_identification import load_model
     from dynident.identification import to_bytes
     from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
-    from dynident_cli import argument_loading, command_output, printed_results
-    from dynident_service.identifications.adapters import describe_essential
+    from dynident_cli import command_output, contract_documents, printed_results
 
-    path = essential_parameters(
-        argument_loading.load_model(model), request_options.build_request(EssentialChoices).ratio
-    )
+    path = essential_parameters(load_model(model).identification, request_options.build_request(EssentialChoices).ratio)
     command_output.write_result(
         result,
         "model",
-        lambda: describe_essential(path),
+        lambda: contract_documents.describe_essential(path),
         lambda console: printed_results.show_essential(console, path),
         lambda: to_bytes(path.identification),
     )
@@ -129,16 +110,15 @@ def remove(model: ModelArgument, effects: Effects, result: OutputOptions) -> Non
 
     No measurement is needed: the model's file holds the reduced data.
     """
+    from dynident.api.model_identification import load_model
     from dynident.errors import DynidentError
-    from dynident.identification import remove as remove_effects
     from dynident_cli import argument_loading, command_output
 
-    identification = argument_loading.load_model(model)
+    identified = load_model(model)
     removed = argument_loading.parse_unchecked_effects(effects)
     if not removed:
         raise DynidentError("the effects to remove are missing; give --effects", pointer="--effects")
-    reduced_model = remove_effects(identification, removed)
-    command_output.write_extended_model(result, reduced_model, model.stem, identification)
+    command_output.write_extended_model(result, identified.remove(*removed), model.stem, identified)
 
 
 def extend(
@@ -156,31 +136,31 @@ def extend(
 
     Give the measurements that the model was identified from. Ends with the verdict on the model, as `identify` does.
     """
+    from dynident.api.model_identification import load_model
     from dynident.errors import DynidentError
-    from dynident.identification import extend as extend_model
-    from dynident.verdict import verdict
-    from dynident_cli import argument_loading, command_output, printed_results
+    from dynident_cli import argument_loading, command_output, contract_documents, printed_results
 
-    identification = argument_loading.load_model(model)
-    robot = identification.model.robot
+    identified = load_model(model)
+    robot = identified.robot
     added = argument_loading.read_effects(effects, robot)
     if diagnosis is not None:
-        stored_diagnosis = argument_loading.load_diagnosis(diagnosis)
+        stored_diagnosis = contract_documents.load_diagnosis(diagnosis)
         added += stored_diagnosis.recommended
         if not added:
             why = f"Nothing was added, because the diagnosis recommends nothing. {stored_diagnosis.summary}"
-            command_output.write_unchanged_model(result, identification, why)
+            command_output.write_model(result, "the same model", identified, lambda console: console.print(why))
             return
     if not added:
         raise DynidentError(
             "the effects to add are missing; give --effects, or --diagnosis with a file", pointer="--effects"
         )
     with argument_loading.read_recordings("extend", measurements, robot, reading, validation) as data:
-        extended = extend_model(identification, added, data.recordings, data.other_recordings, data.progress)
-        checks = {item.recording.name: item.checks for item in (*data.loaded, *data.others)}
-        model_verdict = verdict(extended, data.recordings, data.other_recordings, checks)
-    command_output.write_extended_model(result, extended, model.stem, identification, model_verdict)
-    if model_verdict.stop is not None:
+        recordings, held_out, progress = data
+        whole = replace(identified.with_data(recordings), validation=held_out)
+        extended = whole.extend(*added, progress=progress)
+        verdict = extended.verdict()
+    command_output.write_extended_model(result, extended, model.stem, identified, verdict)
+    if verdict.stop is not None:
         raise typer.Exit(printed_results.EXIT_STOPPED)
 
 
@@ -223,49 +203,107 @@ def identify(
     result: OutputOptions,
 ) -> None:
     """Identify the base parameters of a robot."""
+    from dynident.api.model_identification import identify as identify_model
     from dynident.effects import DEFAULT_EFFECTS
-    from dynident.identification import identify as identify_model
-    from dynident.identification import to_bytes
-    from dynident.recordings import preprocessing_from_request
-    from dynident.verdict import verdict
     from dynident_cli import argument_loading, command_output, option_parsers, printed_results
 
     machine = argument_loading.load_robot_argument(robot, reading)
     chosen_effects = argument_loading.read_effects(further.effects, machine) or DEFAULT_EFFECTS
     # Options are read before the recordings: a mistake shows at once.
-    unfiltered = request_options.build_request(IdentificationChoices, effects=chosen_effects)
-    everything = [*measurements, *further.friction]
+    choices = request_options.build_request(IdentificationChoices, effects=chosen_effects)
+    filters = option_parsers.parse_filters(further.preprocessing)
     with argument_loading.read_recordings(
-        "identify", everything, machine, reading, further.validation, further.friction
+        "identify", [*measurements, *further.friction], machine, reading, further.validation, further.friction
     ) as data:
-        preprocessing = option_parsers.parse_preprocessing(further.preprocessing)
-        recordings, held_out = data.recordings, data.other_recordings
-        filters = None if preprocessing == "auto" else preprocessing_from_request(preprocessing, recordings)
-        choices = replace(unfiltered, preprocessing=filters)
-        identification = identify_model(machine, recordings, held_out, choices, data.progress)
-        checks = {item.recording.name: item.checks for item in (*data.loaded, *data.others)}
-        model_verdict = verdict(identification, recordings, held_out, checks)
-
-    def describe_result() -> dict[str, object]:
-        from dynident_service.identifications.adapters import describe_identification, show_verdict
-        from dynident_service.measurements.adapters import show_checks
-        from dynident_service.shared.wire_types import to_plain_json
-
-        return {
-            **to_plain_json(describe_identification(identification, None)),
-            "verdict": to_plain_json(show_verdict(model_verdict)),
-            "measurements": [
-                {"name": item.recording.name, "checks": [to_plain_json(check) for check in show_checks(item.checks)]}
-                for item in [*data.loaded, *data.others]
-            ],
-        }
+        recordings, held_out, progress = data
+        model = identify_model(
+            machine, recordings, validation=held_out, choices=choices, filters=filters, progress=progress
+        )
+        verdict = model.verdict()
 
     def print_result(console: Console) -> None:
-        printed_results.show_measurements(console, data.loaded, data.others)
-        printed_results.show_identification(console, identification)
-        printed_results.show_verdict(console, model_verdict)
+        printed_results.show_measurements(console, recordings, held_out)
+        printed_results.show_identification(console, model.identification)
+        printed_results.show_verdict(console, verdict)
 
-    command_output.write_result(result, "model", describe_result, print_result, lambda: to_bytes(identification))
+    everything = (*recordings, *held_out)
+    command_output.write_model(result, "model", model, print_result, verdict=verdict, recordings=everything)
     # The model is written all the same: a script sees by the exit code that it must not be used.
-    if model_verdict.stop is not None:
+    if verdict.stop is not None:
         raise typer.Exit(printed_results.EXIT_STOPPED)
+
+
+_MOST_COLUMNS = 60
+"""Columns that are listed of a file: robots record less, and files that are no recordings may have thousands."""
+
+
+def inspect(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="A recording, as a robot or a logger wrote it.", show_default=False),
+        READABLE_FILE,
+    ],
+    additions: RobotAdditions,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            "--robot", "-r", metavar="ROBOT", help="The robot of the recording; without it, columns are only listed."
+        ),
+        KNOWN_ROBOT,
+    ] = None,
+    rate: Rate = None,
+    out: Out = None,
+    as_proposed: Annotated[
+        bool, typer.Option("--as-proposed/--no-as-proposed", help="Fail if a question is open, and write nothing.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Find out what the columns of a file are.
+
+    The answer has reasons, and the questions that you must answer before you can use the file.
+
+    --out writes the proposal as JSON, for `dynident identify --metadata`.
+    """
+    from dynident.file_output import write_atomically
+    from dynident.identification.column_inference import inspect_file
+    from dynident_cli import argument_loading, command_output, contract_documents, metadata_files
+
+    machine = None if robot is None else argument_loading.load_robot_argument(robot, additions)
+    inspection = inspect_file(file, machine, rate)
+    if inspection.proposal is not None:
+        # An open question ends the command here, before anything is written.
+        if as_proposed:
+            metadata_files.accept_proposal(file, inspection, has_gains=True)
+        if out is not None:
+            document = json.dumps(metadata_files.proposal_document(inspection, rate), indent=2, ensure_ascii=False)
+            write_atomically(out, encode_text(f"{document}\n"))
+    messages = () if out is None or inspection.proposal is None else (f"proposal written to {out}",)
+    command_output.print_result(
+        as_json,
+        lambda: contract_documents.describe_inspection(inspection),
+        lambda console: _print_inspection(console, inspection),
+        *messages,
+    )
+
+
+def _print_inspection(console: Console, inspection: Inspection) -> None:
+    from dynident.errors import word_remedies
+    from dynident.presentation.recording_tables import build_guess_table
+    from dynident_cli import command_output, metadata_files
+    from dynident_cli.request_options import write_option
+
+    console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows inspected")
+    if inspection.proposal is None:
+        rest = f" and {len(inspection.columns) - _MOST_COLUMNS} more" if len(inspection.columns) > _MOST_COLUMNS else ""
+        console.print(f"{', '.join(inspection.columns[:_MOST_COLUMNS])}{rest}", soft_wrap=True)
+        console.print("To find out what the columns are, give the robot: --robot ROBOT.")
+        return
+    command_output.print_tables(console, [build_guess_table(inspection.proposal.guesses, write_option)])
+    for question in inspection.proposal.questions:
+        choices = f" ({', '.join(question.choices[:8])})" if question.choices else ""
+        detail = word_remedies(question.detail, question.remedies, write_option)
+        console.print(f"? {question.field}: {detail}{choices}", soft_wrap=True)
+        if answer := metadata_files.describe_answer(question):
+            console.print(f"    → {answer}", soft_wrap=True, markup=False)
+    if not inspection.proposal.questions:
+        console.print("No question is open: identify with --as-proposed.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +10,7 @@ import typer
 
 from dynident.export.export_request import ENDINGS, FORMATS, ExportChoices
 from dynident.reports.report_request import MEDIA_TYPES, ReportChoices
-from dynident.text_encoding import encode_text
+from dynident_cli.input_checks import FILE_IN_FOLDER
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Json,
@@ -46,36 +46,30 @@ def report(
     out: Annotated[
         Path,
         typer.Option("--out", "-o", metavar="FILE", help="The HTML file to write, or a PDF if the name ends in .pdf."),
+        FILE_IN_FOLDER,
     ] = Path("report.html"),
     as_json: Json = False,
 ) -> None:
     """Write a report about a model: one HTML file, or a PDF."""
-    from dynident.identification import check_same_recordings
-    from dynident.progress import scale_progress
-    from dynident.reports import html_report, render_pdf
-    from dynident_cli import argument_loading, command_output, input_checks_and_writes
-    from dynident_cli.command_output import build_reported_runs
-    from dynident_cli.commands.validate import load_validation
-    from dynident_service.validations.adapters import build_reported_validation
+    from dynident.api.model_identification import load_model
+    from dynident.api.model_report import report as write_report
+    from dynident_cli import argument_loading, command_output, contract_documents
 
-    prints = out.suffix.lower() == ".pdf"
-    choices = request_options.build_request(ReportChoices, format="pdf" if prints else "html")
-    identification = argument_loading.load_model(model)
-    diagnosis = argument_loading.load_diagnosis(extras.diagnosis) if extras.diagnosis is not None else None
-    joints = identification.model.robot.joint_names
-    validations = [build_reported_validation(load_validation(path), joints) for path in extras.validated or []]
+    choices = request_options.build_request(ReportChoices, format="pdf" if out.suffix.lower() == ".pdf" else "html")
+    identified = load_model(model)
+    diagnosis = contract_documents.load_diagnosis(extras.diagnosis) if extras.diagnosis is not None else None
+    joints = identified.robot.joint_names
+    validations = [contract_documents.load_reported_validation(path, joints) for path in extras.validated or []]
     with argument_loading.read_recordings(
-        "report", measurements, identification.model.robot, reading, validation, share=0.4
+        "report", measurements, identified.robot, reading, validation, share=0.4
     ) as data:
-        # Other recordings would be shown as those that the model was identified from.
-        check_same_recordings(identification, data.recordings)
-        runs = build_reported_runs(identification, data.loaded, data.others, scale_progress(data.progress, 0.0, 0.5))
-        data.progress(0.5, "drawing")
-        page = html_report(identification, runs, diagnosis=diagnosis, validations=validations, title=choices.name)
-        content = render_pdf(page) if prints else encode_text(page)
-    input_checks_and_writes.write_atomically(out, content)
-    document = {"path": str(out), "size": len(content), "media_type": MEDIA_TYPES[choices.format]}
-    message = f"report written to {out} ({len(content) / 1e6:.2f} MB)"
+        recordings, held_out, progress = data
+        whole = replace(identified.with_data(recordings), validation=held_out)
+        page = write_report(whole, diagnosis=diagnosis, validations=validations, title=choices.name, progress=progress)
+        page.save(out)
+    size = out.stat().st_size
+    document = {"path": str(out), "size": size, "media_type": MEDIA_TYPES[choices.format]}
+    message = f"report written to {out} ({size / 1e6:.2f} MB)"
     command_output.print_result(as_json, lambda: document, lambda _: None, message)
 
 
@@ -85,6 +79,7 @@ def export(
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="File to write; named after the robot by default."),
+        FILE_IN_FOLDER,
     ] = None,
     format: Annotated[
         str, typer.Option("--format", "-f", help=f"{FORMATS.format_help()}; by default from the ending of --out.")
@@ -92,17 +87,19 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write a model as URDF, MJCF, C, C++, CasADi or JSON."""
+    from dynident.api.model_identification import load_model
     from dynident.errors import DynidentError
     from dynident.export import export_model
+    from dynident.file_output import write_atomically
     from dynident.verdict import explain_stop
-    from dynident_cli import argument_loading, command_output, input_checks_and_writes
+    from dynident_cli import command_output
 
     format_name = format or ENDINGS.get(out.suffix.lower() if out is not None else "", "")
     if not format_name:
         detail = f"the format is missing; give --format, or --out with one of the endings {', '.join(ENDINGS)}"
         raise DynidentError(detail, pointer="--format", title="No such format")
     choices = request_options.build_request(ExportChoices)
-    identification = argument_loading.load_model(model)
+    identification = load_model(model).identification
     reason = explain_stop(identification)
     if reason and not choices.anyway:
         raise DynidentError(f"{reason}. To write it anyway, add --anyway", pointer=str(model), title="Not fit for use")
@@ -112,7 +109,7 @@ def export(
         detail = error.detail.replace("(nearest)", "(--nearest)")
         raise DynidentError(detail, pointer="--format", title=error.title) from error
     path = Path(file.name) if out is None else out
-    input_checks_and_writes.write_atomically(path, file.content)
+    write_atomically(path, file.content)
     document = {"path": str(path), "size": len(file.content), "media_type": file.media_type, "notes": list(file.notes)}
     notes, message = (f"note: {note}" for note in file.notes), f"{format_name} written to {path}"
     command_output.print_result(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dynident_cli.input_checks_and_writes import READABLE_FOLDER
+from dynident_cli.input_checks import READABLE_FOLDER
 
 
 def serve(

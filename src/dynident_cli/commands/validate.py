@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dynident.validation.validation_request import TRIALS, Stated, build_trial
-from dynident_cli.input_checks_and_writes import READABLE_FILE
+from dynident_cli.input_checks import READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues, find_option
 from dynident_cli.shared_options import (
     ModelArgument,
@@ -22,13 +21,9 @@ from dynident_cli.shared_options import (
 )
 
 if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.progress import Progress
-    from dynident.recordings import Recording
     from dynident.schema.fields import NamedValues
     from dynident.validation import Method
     from dynident.validation.validation_request import Trial
-    from dynident_service.validations.wire_types import ValidationResult
 
 
 @dataclass(frozen=True)
@@ -72,10 +67,12 @@ def validate(
     The result is pass, fail or not evaluated, with the reason; the exit code is 1 after fail.
     --out writes the result as JSON.
     """
+    from dynident.api.model_identification import load_model
     from dynident.errors import DynidentError
-    from dynident_cli import argument_loading, command_output, printed_results
+    from dynident.validation.validation_request import Methods, ValidationData
+    from dynident_cli import argument_loading, command_output, contract_documents, printed_results
 
-    identification = argument_loading.load_model(model)
+    identification = load_model(model).identification
     options: Any = request_options.build_request(Stated, methods=parse_methods(further.methods or []))
     try:
         trial = build_trial(
@@ -90,11 +87,15 @@ def validate(
     check_recording_counts(trial, len(paths), len(others))
     robot = identification.model.robot
     with argument_loading.read_recordings("validate", paths, robot, reading, others, share=0.3) as data:
-        outcome = run_validation(identification, trial, data.recordings, data.other_recordings, data.progress)
+        recordings, held_out, progress = data
+        # Methods are tried on what was held out; what is given first is what they learn from.
+        tested, rest = (held_out, recordings) if isinstance(trial, Methods) else (recordings, held_out)
+        judged = trial.judge(ValidationData(identification, tested.recordings, rest.recordings, progress))
+    outcome = contract_documents.describe_validation(trial, judged, tested.names)
     command_output.write_result(
         result,
         "result",
-        lambda: outcome,
+        lambda: contract_documents.to_document(outcome),
         lambda console: printed_results.show_validation(console, outcome, robot),
     )
     if outcome.verdict == "fail":
@@ -102,27 +103,6 @@ def validate(
 
 
 _TITLE = "Unusable option"
-
-
-def load_validation(path: Path) -> ValidationResult:
-    """Read what `dynident validate --out` wrote.
-
-    Raises
-    ------
-    DynidentError
-        Where the file is not there or holds no validation.
-    """
-    from pydantic import ValidationError
-
-    from dynident.errors import DynidentError
-    from dynident_cli.input_checks_and_writes import read_text
-    from dynident_service.validations.wire_types import ValidationResult
-
-    try:
-        return ValidationResult.model_validate_json(read_text(path))
-    except ValidationError as error:
-        detail = f"{path.name} does not contain a validation; give a file that `dynident validate --out` wrote"
-        raise DynidentError(detail, pointer="--validated", title="Unusable file") from error
 
 
 def check_recording_counts(trial: Trial, n_measurements: int, n_held_out: int) -> None:
@@ -142,23 +122,6 @@ def check_recording_counts(trial: Trial, n_measurements: int, n_held_out: int) -
         )
     if n_held_out and kind not in ("methods", "payload"):
         raise DynidentError(f"{kind} takes no --validation", pointer="--validation", title=_TITLE)
-
-
-def run_validation(
-    identification: Identification,
-    trial: Trial,
-    recordings: Sequence[Recording],
-    held_out: Sequence[Recording],
-    progress: Progress,
-) -> ValidationResult:
-    """Make a validation."""
-    from dynident.validation.validation_request import Methods, ValidationData
-    from dynident_service.validations.adapters import describe_validation
-
-    # Methods are tried on what was held out; what is given first is what they learn from.
-    tested, others = (held_out, recordings) if isinstance(trial, Methods) else (recordings, held_out)
-    outcome = trial.judge(ValidationData(identification, tested, others, progress))
-    return describe_validation(trial, outcome, [recording.name for recording in tested])
 
 
 def parse_methods(arguments: list[str]) -> tuple[Method, ...] | None:

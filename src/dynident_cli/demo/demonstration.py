@@ -12,13 +12,12 @@ from rich.console import Console
 
 from dynident.effects import get_effect
 from dynident.errors import DynidentError
-from dynident.identification import to_bytes
 from dynident.number_format import format_number, format_percent
 from dynident.presentation.diagnosis_tables import EVIDENCE, build_candidate_table, describe_rivals
 from dynident.presentation.ladder_tables import build_ladder_joint_table, build_ladder_table, list_steps
 from dynident.progress import scale_progress
 from dynident.robot import Robot
-from dynident.text_encoding import encode_text
+from dynident_cli.command_output import build_table, print_tables, show_progress_bar
 from dynident_cli.demo.scenario import Scenario
 from dynident_cli.demo.user_steps import (
     Analysis,
@@ -28,8 +27,6 @@ from dynident_cli.demo.user_steps import (
     record_runs,
     write_hidden_effect,
 )
-from dynident_cli.input_checks_and_writes import write_atomically
-from dynident_cli.terminal import build_table, print_tables, show_progress_bar
 
 _SHOWN_CANDIDATES = 5
 # A residual below this multiple of the noise floor cannot be told from noise.
@@ -279,9 +276,9 @@ def run_demonstration(scenario: Scenario, folder: Path, console: Console) -> Out
         runs = record_runs(scenario, designs, folder, scale_progress(progress, 0.5, 1.0))
     print_experiment(console, runs, time.monotonic() - begun)
     analysis = _analyse_files(scenario, runs)
-    write_atomically(folder / "first_model.npz", to_bytes(analysis.first))
-    write_atomically(folder / "model.npz", to_bytes(analysis.last))
-    write_atomically(folder / "report.html", encode_text(analysis.report))
+    analysis.model.ladder[0].save(folder / "first_model.npz")
+    analysis.model.save(folder / "model.npz")
+    analysis.report.save(folder / "report.html")
     outcome = Outcome(scenario, analysis, folder, time.monotonic() - begun)
     print_findings(console, scenario.robot, analysis)
     print_hidden_effect(console, scenario, analysis, outcome.is_named_correctly, outcome.joints)

@@ -9,40 +9,37 @@ from pathlib import Path
 
 import numpy as np
 
-from dynident.advice import AdvisedDiagnosis, advise
+import dynident as dy
+from dynident.advice import AdvisedDiagnosis
+from dynident.api.model import Model
+from dynident.api.model_report import Report
+from dynident.api.motion_design import DesignedMotion
 from dynident.array_types import FloatArray
-from dynident.diagnosis import Comparison, Diagnosis, compare, examine
+from dynident.diagnosis import Comparison
 from dynident.effects.usual_effect_sizes import get_largest_torque
 from dynident.excitation import Design, DesignRequest, design_experiment
-from dynident.identification import Identification, extend, identify
+from dynident.file_output import write_atomically
+from dynident.identification import Identification
 from dynident.progress import Progress, scale_progress
-from dynident.recordings import Recording
-from dynident.reports import html_report
+from dynident.recordings.arrow_tables import write_table
 from dynident.robot import Robot
-from dynident.simulation import (
-    Reference,
-    Sensors,
-    VirtualRobot,
-    build_recording_table,
-)
-from dynident_cli.argument_loading import LoadedRecording, extract_recordings, load_recordings
-from dynident_cli.command_output import build_reported_runs
-from dynident_cli.csv_and_parquet_output import write_table, write_trajectory
+from dynident.simulation import Reference, Sensors, VirtualRobot, build_recording_table
 from dynident_cli.demo.scenario import Scenario
-from dynident_cli.input_checks_and_writes import write_atomically
-from dynident_cli.shared_options import Reading
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """The results of all steps; `ladder` holds the models from the first to the last."""
+    """The results of all steps; the model has everything that the diagnosis recommends."""
 
-    training: tuple[LoadedRecording, ...]
-    held_out: tuple[LoadedRecording, ...]
     comparison: Comparison
     diagnosis: AdvisedDiagnosis
-    ladder: tuple[Identification, ...]
-    report: str
+    model: Model
+    report: Report
+
+    @property
+    def ladder(self) -> tuple[Identification, ...]:
+        """The models from the first to the last."""
+        return tuple(self.model.identification.ladder())
 
     @property
     def first(self) -> Identification:
@@ -51,8 +48,8 @@ class Analysis:
 
     @property
     def last(self) -> Identification:
-        """The model with everything that the diagnosis recommends."""
-        return self.ladder[-1]
+        """The model with everything that was added."""
+        return self.model.identification
 
     def compute_floor_ratio(self, model: Identification) -> FloatArray:
         """Return the held-out residual of a model over the noise floor, joint by joint, where joints move.
@@ -94,34 +91,24 @@ def analyse_recordings(
     -------
     Analysis
     """
-    with load_recordings(training, robot, Reading(), scale_progress(progress, 0.0, 0.1), held_out) as (
-        training_data,
-        held_out_data,
-    ):
-        recordings, validation = extract_recordings(training_data), extract_recordings(held_out_data)
-        # As any user would, with the usual effects and without a choice.
-        first = identify(robot, recordings, validation, progress=scale_progress(progress, 0.1, 0.2))
-        comparison = compare(first, validation[0])
-        diagnosis = advise(examine(first, recordings, progress=scale_progress(progress, 0.2, 0.7)))
-        ladder = _build_ladder(first, diagnosis, recordings, validation, scale_progress(progress, 0.7, 0.85))
-        runs = build_reported_runs(ladder[-1], training_data, held_out_data, scale_progress(progress, 0.85, 0.9))
-        progress(0.9, "writing the report")
-        report = html_report(ladder[-1], runs, diagnosis=diagnosis, design=design, title=f"Demonstration: {robot.name}")
-        return Analysis(tuple(training_data), tuple(held_out_data), comparison, diagnosis, tuple(ladder), report)
-
-
-def _build_ladder(
-    first: Identification,
-    diagnosis: Diagnosis,
-    recordings: Sequence[Recording],
-    validation: Sequence[Recording],
-    progress: Progress,
-) -> list[Identification]:
-    models = [first]
+    runs = dy.read_recordings(*training, *held_out, robot=robot, progress=scale_progress(progress, 0.0, 0.1))
+    recordings, validation = runs[: len(training)], runs[len(training) :]
+    # As any user would, with the usual effects and without a choice.
+    model = dy.identify(robot, recordings, validation=validation, progress=scale_progress(progress, 0.1, 0.2))
+    comparison = dy.compare(model, validation[:1])[0].comparison
+    diagnosis = dy.diagnose(model, progress=scale_progress(progress, 0.2, 0.7))
     for index, choice in enumerate(diagnosis.recommended):
-        progress(index / len(diagnosis.recommended), f"adding {choice.effect}")
-        models.append(extend(models[-1], [choice], recordings, validation))
-    return models
+        progress(0.7 + 0.15 * index / len(diagnosis.recommended), f"adding {choice.effect}")
+        model = model.extend(choice)
+    progress(0.85, "writing the report")
+    report = dy.report(
+        model,
+        diagnosis=diagnosis,
+        design=DesignedMotion(robot, design),
+        title=f"Demonstration: {robot.name}",
+        progress=scale_progress(progress, 0.85, 1.0),
+    )
+    return Analysis(comparison, diagnosis.advised_diagnosis, model, report)
 
 
 # Random motions from point to point, the best of which is taken: each takes a second to find.
@@ -206,7 +193,7 @@ def record_runs(scenario: Scenario, designs: Sequence[Design], folder: Path, pro
             temperature = scenario.compute_temperature(reference.t)
             reference = replace(reference, temperature=np.repeat(temperature[:, None], scenario.robot.n, axis=1))
         recording = virtual.measure(reference, sensors, run=course.name, seed=seed, progress=share)
-        write_trajectory(design, folder / f"trajectory_{course.name}.csv")
+        DesignedMotion(scenario.robot, design).save(folder / f"trajectory_{course.name}.csv")
         write_table(build_recording_table(recording), folder / f"{course.name}.csv")
         runs.append(MeasuredRun(folder / f"{course.name}.csv", design, recording.n_samples))
         done += design.duration

@@ -25,6 +25,11 @@ NAMES = OneOf(
     Choice("a_optimal", "A-optimal", "The sum of the variances."),
     Choice("e_optimal", "E-optimal", "The largest variance."),
     Choice("parameters", "chosen parameters", "The variances of the named parameters."),
+    Choice(
+        "prediction",
+        "predicted torque",
+        "The variance of the predicted torque over all that the limits allow, or over a stated region.",
+    ),
     Choice("separation", "separation", "Distinguishes effects from the rest of the model and from each other."),
 )
 # Smallest weight and a-priori value: one that is smaller is zero but for rounding.

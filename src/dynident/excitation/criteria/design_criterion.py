@@ -21,6 +21,7 @@ from dynident.excitation.criteria.optimality_criteria import (
     compute_true_values,
 )
 from dynident.excitation.criteria.parameter_variances import ParameterSelection
+from dynident.excitation.criteria.prediction_region import Region, compute_moments, draw_region
 from dynident.excitation.design_observation_matrix import DesignModel
 from dynident.robot.json_fields import join_names, make_pointer
 
@@ -146,6 +147,7 @@ def build_design_criterion(
     *,
     one_equation: bool = False,
     earlier: FloatArray | None = None,
+    region: Region | None = None,
 ) -> DesignCriterion:
     """Return the measure of motions for a criterion on a model.
 
@@ -161,6 +163,8 @@ def build_design_criterion(
         Whether a sample has one row, not one a joint; the joints' noise then has no part in the criterion.
     earlier : (r, b), optional
         Rows besides W / √N that stand for the information of earlier runs.
+    region : Region, optional
+        States whose torque is to be predicted, for the criterion "prediction"; by default states within the limits.
 
     Returns
     -------
@@ -175,6 +179,9 @@ def build_design_criterion(
     a_priori, assumed = find_a_priori_values(model, choice)
     notes = assumed if choice.name == "weighted" else ()
     deciding = select_parameters(model, choice, noise)
+    if choice.name == "prediction":
+        states = region or draw_region(model.robot)
+        deciding = replace(deciding, moments=compute_moments(model, states).sum(axis=0))
     if one_equation:
         # The row of a sample is a sum over all joints, which the noise of a single joint cannot weigh.
         deciding = replace(deciding, row_weights=np.ones(1))

@@ -213,6 +213,7 @@ def build_smooth_criterion(
         "weighted": build_weighted_criterion(a_priori),
         "parameters": build_variance_criterion(scope, a_priori),
         "separation": build_variance_criterion(scope, a_priori),
+        "prediction": build_variance_criterion(scope, a_priori),
     }
     return criteria[choice.name]
 
@@ -342,7 +343,7 @@ def _compute_chosen_value(
     if choice.name == "weighted":
         of_weighted = np.linalg.svd(w * a_priori, compute_uv=False)
         return _divide_or_infinite(float(of_weighted[0]), float(of_weighted[-1]))
-    if choice.name in ("parameters", "separation"):
+    if choice.name in ("parameters", "separation", "prediction"):
         return sum_variances(deciding, a_priori, w)
     if choice.name == "d_optimal":
         return -log_determinant

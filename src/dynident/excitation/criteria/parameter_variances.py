@@ -148,10 +148,14 @@ class ParameterSelection:
         Indices of parameters; each group counts as one.
     row_weights : (n,)
         1 / noise of every joint.
+    moments : (b, b), optional
+        Mean of wᵀw over the rows w of the states whose torque is to be predicted. With it the variance of that torque
+        counts, tr(M⁻¹ moments), instead of the groups (I-optimality; Atkinson and Donev 1992).
     """
 
     groups: tuple[tuple[int, ...], ...]
     row_weights: FloatArray
+    moments: FloatArray | None = None
 
     @classmethod
     def select_all(cls, n_parameters: int) -> ParameterSelection:
@@ -168,6 +172,8 @@ def build_variance_criterion(
 ) -> Callable[[FloatArray], tuple[float, FloatArray]]:
     """Return the criterion: log of the (geometric mean over groups of the) sum of variances over a_priori² (b,).
 
+    With moments in the selection it is the log of the variance of the predicted torque.
+
     Parameters
     ----------
     deciding : ParameterSelection
@@ -179,8 +185,12 @@ def build_variance_criterion(
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
         rows = deciding.weight_rows(w)
         inverse = _invert_information(rows)
-        value, slope = _sum_groups(deciding.groups, np.diag(inverse), a_priori)
         # d(M⁻¹) = -M⁻¹ dM M⁻¹ with dM = dWᵀ W + Wᵀ dW
+        if deciding.moments is not None:
+            spread = inverse @ deciding.moments
+            total = float(np.trace(spread))
+            return float(np.log(total)), deciding.weight_rows(-2.0 / total * rows @ (spread @ inverse))
+        value, slope = _sum_groups(deciding.groups, np.diag(inverse), a_priori)
         of_rows = -2.0 * rows @ (inverse * slope) @ inverse
         return value, deciding.weight_rows(of_rows)
 
@@ -199,10 +209,13 @@ def sum_variances(deciding: ParameterSelection, a_priori: FloatArray, w: FloatAr
     w : (r, b)
         Rows of W.
     """
-    variances = compute_inverse_diagonal(deciding.weight_rows(w)).variances
+    rows = deciding.weight_rows(w)
+    variances = compute_inverse_diagonal(rows).variances
     indices = [k for group in deciding.groups for k in group]
     if not np.isfinite(variances[indices]).all():
         return np.inf
+    if deciding.moments is not None:
+        return float(np.trace(_invert_information(rows) @ deciding.moments))
     return float(np.exp(_sum_groups(deciding.groups, variances, a_priori)[0]))
 
 

@@ -250,6 +250,8 @@ def group_columns(
     joint_names: Sequence[str],
     followers: Sequence[str] = (),
     alive: BoolArray | None = None,
+    links: Sequence[str] = (),
+    clocks: Collection[int] = (),
 ) -> tuple[list[ColumnGroup], list[int], list[int]]:
     """Group columns that differ by the joint alone.
 
@@ -261,6 +263,10 @@ def group_columns(
         Joints that are driven, and those that follow them.
     alive : (columns,) of bool, optional
         Which columns hold changing numbers: those counted behind the last joint that do not are empty places.
+    links : sequence of str
+        Links that the joints move, by joint: some viewers name columns by them.
+    clocks : collection of int
+        Columns that run forward evenly: counted before the joints they are none of them.
 
     Returns
     -------
@@ -274,18 +280,20 @@ def group_columns(
     for index, column in enumerate(named):
         if index in in_ours:
             continue
-        hit = _match_joint_name(column.words, (*joint_names, *followers))
+        hit, reason = _match_joint_name(column.words, (*joint_names, *followers)), "the joint name"
+        if hit is None and all(links):
+            hit, reason = _match_joint_name(column.words, links), "the name of the link that the joint moves"
         if hit is not None and hit[0] >= len(joint_names):
             following.append(index)
         elif hit is not None:
             joint, stem = hit
             by_stem.setdefault(stem, {}).setdefault(joint, index)
-            reasons[stem] = "the column name contains the joint name"
+            reasons[stem] = f"the column name contains {reason}"
     # Columns of a stem that some joints lack are free for the numbers again.
     used = {index for group in by_stem.values() if len(group) == len(joint_names) for index in group.values()}
     # Names of all joints or none: a stem that some joints lack is left to the numbers.
     by_stem = {stem: group for stem, group in by_stem.items() if len(group) == len(joint_names)}
-    numbered, why = _group_by_number(named, used | in_ours | set(following), len(joint_names), alive)
+    numbered, why = _group_by_number(named, used | in_ours | set(following), len(joint_names), alive, clocks)
     by_stem |= numbered
     reasons |= why
     used = {index for group in by_stem.values() for index in group.values()} | in_ours | set(following)
@@ -341,35 +349,6 @@ def find_incomplete_groups(
         for stem, members in by_stem.items()
         if (n / 2 if stem in numbered else 1) < len(members) < n
     ]
-
-
-def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
-    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them.
-
-    Parameters
-    ----------
-    named : sequence of ColumnName
-        What the names of all columns say.
-    n : int
-        Number of the robot's joints.
-
-    Returns
-    -------
-    str
-        A sentence with a space before it; "" where there are none.
-    """
-    counted: dict[tuple[str, ...], list[ColumnName]] = {}
-    for column in named:
-        if len(column.numbers) == 1:
-            counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
-    for members in counted.values():
-        numbers = sorted(column.numbers[0] for column in members)
-        if len(members) > n and numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1):
-            return (
-                f" {members[0].name} … {members[-1].name} are {len(members)} columns, but the robot has {n} joints: "
-                "which columns belong to the joints?"
-            )
-    return ""
 
 
 def infer_by_elimination(
@@ -434,7 +413,7 @@ def _match_joint_name(words: tuple[str, ...], joint_names: Sequence[str]) -> tup
 
 
 def _group_by_number(
-    named: Sequence[ColumnName], used: set[int], n: int, alive: BoolArray | None
+    named: Sequence[ColumnName], used: set[int], n: int, alive: BoolArray | None, clocks: Collection[int]
 ) -> tuple[dict[tuple[str, ...], dict[int, int]], dict[tuple[str, ...], str]]:
     """Group columns whose names differ by one number that counts all joints, from 0, from 1, or all from another."""
     stems: dict[tuple[str, ...], dict[int, int]] = {}
@@ -445,6 +424,19 @@ def _group_by_number(
             if word.isdigit():
                 stem = (*column.words[:place], "#", *column.words[place + 1 :])
                 stems.setdefault(stem, {}).setdefault(int(word), index)
+    for members in stems.values():
+        # Files without names begin with counters and times, which are numbered with the joints.
+        counters = [number for number, index in members.items() if index in clocks]
+        if counters and len(members) == n + len(counters):
+            for number in counters:
+                del members[number]
+    # What is counted behind the joints and never has a torque, while its position moves, is a gripper.
+    idle = {
+        number
+        for members in stems.values()
+        for number, index in members.items()
+        if alive is not None and not alive[index] and named[index].signal in _EFFORTS
+    }
     by_stem: dict[tuple[str, ...], dict[int, int]] = {}
     reasons: dict[tuple[str, ...], str] = {}
     # Stems with most numbers first: a name may hold several numbers, and only one of them counts the joints.
@@ -453,13 +445,15 @@ def _group_by_number(
         if last - first + 1 != len(members) or len(members) < n or used & set(members.values()):
             continue
         behind = [index for number, index in members.items() if number >= first + n]
-        # As many as joints, or more of which none behind the joints ever changes: places of joints it does not have.
-        if behind and (first > 1 or alive is None or alive[behind].any()):
+        # As many as joints, or more of which none behind the joints ever has a torque: places of joints it does not
+        # have.
+        moves = behind and (alive is None or alive[behind].any())
+        if behind and (first > 1 or (moves and not idle >= set(range(first + n, last + 1)))):
             continue
         by_stem[stem] = {number - first: index for number, index in members.items() if number < first + n}
         reasons[stem] = f"the joints are counted from {first} in the names"
         if behind:
-            reasons[stem] += f"; the {len(behind)} behind them never change"
+            reasons[stem] += f"; the {len(behind)} behind them never {'have a torque' if moves else 'change'}"
         used = used | set(members.values())
     pendant, why = _group_by_pendant_names(named, used, n)
     return by_stem | pendant, reasons | why

@@ -40,7 +40,7 @@ _WORDS: dict[Signal, frozenset[str]] = {
 }
 _OTHER = _split_words(
     "tcp cartesian cart force fx fy fz quaternion quat digital analog io status mode state_id safety voltage volt "
-    "power payload gripper error err residual bits"
+    "power payload gripper error err residual bits cos sin cosine sine"
 )
 _COMMANDED = _split_words(
     "d cmd command commanded commands target des desired ref reference set setpoint sp soll goal nominal planned "
@@ -81,12 +81,16 @@ _MAKER_WORDS = {
     "current_as_torque": "gravity compensated torque", "actuator_force": "actuator effort",
     "qfrc_bias": "computed torque", "qfrc_passive": "computed torque", "qfrc_constraint": "computed torque",
     "qfrc_inverse": "computed torque", "pos_estimate": "position turns", "vel_estimate": "velocity turns s",
+    "6064h": "actual position", "606Ch": "actual velocity", "6077h": "actual torque permille",
+    "6078h": "actual current permille", "0x6064": "actual position", "0x606C": "actual velocity",
+    "0x6077": "actual torque permille", "0x6078": "actual current permille",
     "qOut_": "commanded position ", "alphaOut_": "commanded velocity ", "tauOut_": "commanded torque ",
 }  # fmt: skip
 """What makers' own words for signals mean: of KUKA's RobotSensorInterface (the axes E1 to E6 are not the robot's), and
 of Universal Robots' RTDE, whose currents as torques are without the load of gravity; of MuJoCo, whose actuators' forces
-are torques where joints turn, and whose other generalised forces are computed; of ODrive, which counts turns; and of
-mc_rtc, whose Out goes to the robot."""
+are torques where joints turn, and whose other generalised forces are computed; of ODrive, which counts turns; of
+mc_rtc, whose Out goes to the robot; and the objects of drives on CANopen and EtherCAT (CiA 402), in 1/1000 of the rated
+torque and current."""
 
 _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
     (
@@ -319,3 +323,54 @@ def _classify_signal(plain: list[str]) -> Signal | None:
     if kind is None and "index" in plain:
         return "other"
     return kind
+
+
+def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
+    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+    n : int
+        Number of the robot's joints.
+
+    Returns
+    -------
+    str
+        A sentence with a space before it; "" where there are none.
+    """
+    counted: dict[tuple[str, ...], list[ColumnName]] = {}
+    for column in named:
+        if len(column.numbers) == 1:
+            counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
+    for members in counted.values():
+        numbers = sorted(column.numbers[0] for column in members)
+        if len(members) > n and numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1):
+            return (
+                f" {members[0].name} … {members[-1].name} are {len(members)} columns, but the robot has {n} joints: "
+                "which columns belong to the joints?"
+            )
+    return ""
+
+
+def describe_waves(named: Sequence[ColumnName]) -> str:
+    """Describe columns that are sines and cosines of angles, as benchmarks of learning have them.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+
+    Returns
+    -------
+    str
+        A sentence with a space before it; "" where there are none.
+    """
+    waves = [name.name for name in named if {"cos", "sin", "cosine", "sine"} & set(name.words)]
+    if not waves:
+        return ""
+    return (
+        f" {', '.join(waves[:4])}, … are sines and cosines: write the angles, "
+        "numpy.unwrap(numpy.arctan2(sin, cos), axis=0)."
+    )

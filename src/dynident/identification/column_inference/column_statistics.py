@@ -129,6 +129,22 @@ def mask_outliers(sample: Sample, times: Sequence[int]) -> Sample:
     return replace(sample, values=np.where(far, np.nan, values)) if far.any() else sample
 
 
+def restore_masked(masked: FloatArray, values: FloatArray) -> FloatArray:
+    """Return values with the numbers that were masked: the steps of an import name outliers themselves.
+
+    Parameters
+    ----------
+    masked : (m, c)
+        Values with NaN where a number was masked, and perhaps further columns behind.
+    values : (m, k)
+        As the file has them.
+    """
+    restored = np.array(masked)
+    own = restored[:, : values.shape[1]]
+    own[:] = np.where(np.isnan(own), values, own)
+    return restored
+
+
 _FEWEST_ROWS = 200
 _FEW, _FAR = 1.0, 20.0
 """Per cent of the numbers at either end that may be corrupted, and how many spans of the others these lie outside them:

@@ -35,8 +35,9 @@ ROW_CHECKS = (
     "rows_left_out",
     "missing_values",
     "saturation",
+    "position_jump",
 )
-"""Checks of rows and time whose warnings are told of a file that can be used."""
+"""Checks of rows, time and steps whose warnings are told of a file that can be used."""
 
 
 @dataclass(frozen=True, eq=False)

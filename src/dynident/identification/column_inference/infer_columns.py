@@ -12,13 +12,13 @@ from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import (
     ColumnGroup,
     ask_for_missing_joints,
-    describe_further_joints,
     find_columns_of_other_joints,
     find_torque_of_most_joints,
     group_columns,
     group_few_joints,
     infer_by_elimination,
 )
+from dynident.identification.column_inference.column_names import describe_further_joints, describe_waves
 from dynident.identification.column_inference.column_statistics import (
     SLOPE,
     Sample,
@@ -26,7 +26,9 @@ from dynident.identification.column_inference.column_statistics import (
     drop_empty_rows,
     fill_gaps,
     find_changing_columns,
+    find_clock_columns,
     mask_outliers,
+    restore_masked,
 )
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits, condition_sample
 from dynident.identification.column_inference.metadata_proposal import Proposal, Question
@@ -56,7 +58,6 @@ from dynident.identification.column_inference.unnamed_columns import (
 )
 from dynident.identification.recording_faults.description_fit import find_description_units
 from dynident.recordings.columns_to_signals import NOT_RECORDED
-from dynident.recordings.conditioning.signed_registers import decode_registers
 from dynident.recordings.recording_metadata import EffortKind
 from dynident.recordings.units import MOMENTS, find_conversion
 from dynident.robot import Robot
@@ -99,7 +100,8 @@ class _ColumnInference(WorkingProposal):
     def run(self) -> Proposal:
         """Guess time, groups of columns, positions, efforts and units, in this order."""
         times = [index for index, name in enumerate(self.column_names) if name.signal == "t"]
-        self.sample = mask_outliers(drop_empty_rows(self.sample, times), times)
+        whole = drop_empty_rows(self.sample, times)
+        self.sample = mask_outliers(whole, times)
         sample, n = self.sample, self.robot.n
         self.of_poses = are_columns_poses(self)
         self.alive = find_changing_columns(sample.values)
@@ -129,7 +131,10 @@ class _ColumnInference(WorkingProposal):
         places = [index for index in range(len(self.column_names)) if index != clock.column]
         followers = () if self.robot.linkage is None else self.robot.linkage.passive
         names = [self.robot.tree.joint_names[j] for j in followers]
-        local, rest, following = group_columns(others, self.robot.joint_names, names, self.alive[places])
+        links = [joint.link for joint in self.robot.joints]
+        running = set(find_clock_columns(self.values))
+        clocks = [place for place, index in enumerate(places) if index in running]
+        local, rest, following = group_columns(others, self.robot.joint_names, names, self.alive[places], links, clocks)
         if following:
             unused = ", ".join(others[index].name for index in following)
             self.add_guess("columns", unused, 0.9, "not used: of passive joints, which follow from the driven joints")
@@ -144,8 +149,8 @@ class _ColumnInference(WorkingProposal):
         if position is None or effort is None:
             return self._finish(kind)
         # Registers and empty columns are corrected first, as the import will do it.
-        self._read_signs(position, "q")
-        self._read_signs(effort, "tau")
+        self.read_signs(position, "q")
+        self.read_signs(effort, "tau")
         self._mark_unrecorded_torques(effort)
         q = self._convert_positions(position, effort)
         if self.of_poses:
@@ -153,7 +158,8 @@ class _ColumnInference(WorkingProposal):
                 guess_efforts_at_poses(self, self.fits, self.values[:, list(effort.columns)], effort, q, kind)
             )
         if q is not None:
-            rows = replace(self.sample, values=self.sample.values[good])
+            values = restore_masked(self.sample.values, whole.values)
+            rows = replace(self.sample, values=values[good])
             q, tau, put_right = condition_sample(self.fits, rows, position, effort, q)
             self.values[:, list(effort.columns)] = tau
             self._guess_rates(groups, position, q)
@@ -166,18 +172,6 @@ class _ColumnInference(WorkingProposal):
         if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
-
-    def _read_signs(self, group: ColumnGroup, kind: str) -> None:
-        """Read unsigned register values as signed ones, as an import does."""
-        columns = list(group.columns)
-        decoded, register = decode_registers(self.values[:, columns], self.t, kind)
-        if register is None:
-            return
-        self.values[:, columns] = decoded
-        self.sample = replace(self.sample, values=np.array(self.sample.values))
-        self.sample.values[:, columns] = register.decode(self.sample.values[:, columns])
-        detail = f"{self.name_columns(group)} are signed numbers read as unsigned: {register}. They are corrected."
-        self.add_guess("rows/registers", "corrected", 0.95, detail)
 
     def _mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
         """Treat torques that hold no number as not recorded, as an import does."""
@@ -272,6 +266,7 @@ class _ColumnInference(WorkingProposal):
                 f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more} If they "
                 f"are in another file, {TOGETHER}."
             )
+            detail += describe_waves(self.column_names)
             if any(group.signal == "dq" for group in groups):
                 detail += " Velocities alone do not suffice: the load of gravity depends on the positions."
             self.add_question("columns/q", detail, self.sample.names)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from dynident.identification.column_inference.dynamics_fits import DynamicsFits,
 from dynident.identification.column_inference.metadata_proposal import Guess, Question
 from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT
 from dynident.recordings.columns_to_signals import NOT_RECORDED
+from dynident.recordings.conditioning.signed_registers import decode_registers
 from dynident.recordings.recording_metadata import EffortKind
 from dynident.recordings.units import FACTORS, find_conversion
 from dynident.robot import Robot
@@ -45,6 +46,10 @@ class WorkingProposal:
         The guesses so far.
     questions : list of Question
         The questions so far.
+    t : (m,)
+        Times in s, once the clock is known.
+    values : (m, columns)
+        The rows that have a time.
     """
 
     sample: Sample
@@ -54,11 +59,14 @@ class WorkingProposal:
     units: dict[str, str] = field(default_factory=dict)
     guesses: list[Guess] = field(default_factory=list)
     questions: list[Question] = field(default_factory=list)
+    t: FloatArray = field(default_factory=lambda: np.zeros(0))
+    values: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @cached_property
     def column_names(self) -> list[ColumnName]:
         """Columns' names, taken apart into signal, joint and unit."""
-        return read_names(self.sample.names, self.sample.units, self.robot.joint_names)
+        links = [joint.link for joint in self.robot.joints if joint.link]
+        return read_names(self.sample.names, self.sample.units, [*self.robot.joint_names, *links])
 
     def add_guess(self, name: str, value: str, confidence: float, reason: str) -> None:
         """Add a guess, its confidence, and its reason.
@@ -89,6 +97,26 @@ class WorkingProposal:
             Answers that make sense; none where any may be right.
         """
         self.questions.append(Question(name, detail, choices))
+
+    def read_signs(self, group: ColumnGroup, kind: str) -> None:
+        """Read unsigned register values as signed ones, as an import does.
+
+        Parameters
+        ----------
+        group : ColumnGroup
+            The columns.
+        kind : str
+            "q" or "tau".
+        """
+        columns = list(group.columns)
+        decoded, register = decode_registers(self.values[:, columns], self.t, kind)
+        if register is None:
+            return
+        self.values[:, columns] = decoded
+        self.sample = replace(self.sample, values=np.array(self.sample.values))
+        self.sample.values[:, columns] = register.decode(self.sample.values[:, columns])
+        detail = f"{self.name_columns(group)} are signed numbers read as unsigned: {register}. They are corrected."
+        self.add_guess("rows/registers", "corrected", 0.95, detail)
 
     def take_unit(self, key: str, guess: of_units.UnitGuess, usual: str) -> None:
         """Take a guessed unit, and ask where it is not sure.

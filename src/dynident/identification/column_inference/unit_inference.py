@@ -20,6 +20,9 @@ from dynident.robot import Robot
 LEAST_MOTION = np.deg2rad(3.5)
 """rad: in every recording at least one joint moves that far."""
 
+HARDLY_MOVES = np.deg2rad(10.0)
+"""rad: angles said to be degrees that stay within this may be radians."""
+
 MOST_MOTION = 4.0 * np.pi * 1.05
 """rad: no joint moves further; two turns, and a little."""
 
@@ -231,7 +234,8 @@ def guess_position_unit(
     likely = [unit for unit in possible if get_factor("q", "revolute", unit) * reach >= LEAST_MOTION]
     if stated is not None and stated in FACTORS["q", "revolute"]:
         if stated in possible or _is_possible_unit(robot, turning, low, high, stated):
-            return UnitGuess(stated, 0.99, f"its name says {stated}, and the range of motion fits it")
+            fitting = UnitGuess(stated, 0.99, f"its name says {stated}, and the range of motion fits it")
+            return (_doubt_degrees(robot, q, tau, fits) if stated == "deg" and "rad" in likely else None) or fitting
         beyond = f"its name says {stated}, but that goes beyond the robot's limits"
         if stated == "rev":
             # One unit for all joints, or one for each where their gears differ.
@@ -272,6 +276,21 @@ def guess_position_unit(
         )
         return UnitGuess(usual[0], 0.9, f"{ranges}; the other usual unit is not plausible")
     return UnitGuess(usual[0] if usual else "rad", 0.4, "several units are possible")
+
+
+def _doubt_degrees(robot: Robot, q: FloatArray, tau: FloatArray | None, fits: DynamicsFits) -> UnitGuess | None:
+    """Return radians for angles that are called degrees, hardly move as such, and explain the torque as radians."""
+    turning = [index for index, joint in enumerate(robot.joints) if joint.kind == "revolute"]
+    reach = float(np.nanmax(np.nanmax(q[:, turning], axis=0) - np.nanmin(q[:, turning], axis=0)))
+    left = _compute_unexplained(robot, q, tau, fits, ("rad", "deg")) if np.deg2rad(reach) < HARDLY_MOVES else {}
+    if len(left) < 2 or left["deg"] <= CLEARLY * left["rad"]:
+        return None
+    shares = " and ".join(f"{format_percent(left[unit], decimals=0)} as {unit}" for unit in left)
+    reason = (
+        f"its name says deg, but then no joint moves by more than {reach:.2g} deg, and the robot's dynamics leave "
+        f"{shares} of the torque unexplained"
+    )
+    return UnitGuess("rad", 0.5, reason)
 
 
 def _find_wrapped_unit(q: FloatArray) -> UnitGuess | None:

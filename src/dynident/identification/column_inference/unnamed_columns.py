@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
@@ -83,6 +84,8 @@ def identify_unnamed_columns(
         # A torque may resemble a velocity by chance. So whole blocks of columns, with the median over the joints, are
         # preferred to single pairs.
         return _split_three_blocks(t, part, columns, n, np.median) or by_slope
+    if len(columns) == 4 * n:
+        return _split_four_blocks(t, part, columns, n)
     if len(columns) != 2 * n:
         return None
     # Positions are integrals of what torques cause, and much smoother.
@@ -144,6 +147,21 @@ def _split_three_blocks(
         return None
     q, dq, tau = (tuple(columns[index] for index in block) for block in best[1])
     return UnnamedColumns(q, dq, tau, "for the joints that move, one block of columns is the derivative of another")
+
+
+def _split_four_blocks(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) -> UnnamedColumns | None:
+    """Find positions, velocities, accelerations and torques side by side, by the slopes of the first two."""
+    correlation, _ = correlate_slopes(t, part)
+    best: tuple[float, list[list[int]]] | None = None
+    for blocks in _list_layouts(n, 4):
+        for first, second, third, rest in permutations(blocks):
+            correlated = float(min(np.median(correlation[first, second]), np.median(correlation[second, third])))
+            if correlated > SLOPE and (best is None or correlated > best[0]):
+                best = correlated, [first, second, rest]
+    if best is None:
+        return None
+    q, dq, tau = (tuple(columns[index] for index in block) for block in best[1])
+    return UnnamedColumns(q, dq, tau, "two blocks of columns are the first and second derivative of another")
 
 
 def _split_two_blocks(

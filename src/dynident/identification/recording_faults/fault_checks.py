@@ -42,6 +42,7 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
     HeldOutFits,
     filter_for_search,
     has_enough_rows,
+    report_torque_steps,
     thin_out,
 )
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
@@ -183,6 +184,7 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         if all(check.status == "ok" for check in findings):
             # A delay can only be estimated once all torques are in the same unit.
             findings = (*_check_delay(machine, *whole, tau, judges), *findings)
+        findings = (*report_torque_steps(motion, recording, tau, judges), *findings)
         # Gravity that was taken out would make masses look wrong, so it is reported first.
         findings = (*_report_compensated(machine, motion, tau), *findings)
     return DynamicsCheck((*passed, *findings, *described), as_is)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +46,8 @@ from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY_IN_ALL_BLOCKS,
     HeldOutFit,
     UnexplainedTorque,
+    find_drives_off,
+    find_joints_with_friction,
 )
 from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot
@@ -73,11 +76,6 @@ order or a sign looked wrong, with what was planted at most 0.5. What comes of i
 
 CURED = 0.3
 """Of what is left without a fault on an average joint: where it is more, something else is wrong."""
-
-_OFF = 0.09
-"""Share of the other joints' friction below which a joint's torque has none: its drive is off, and nothing is told of
-its sign or size. Of an arm with a free motor it was up to 0.062; of drives that are on at least 0.13, in motions of
-hardly more than one frequency, and 0.19 otherwise. This is half way between, in logarithms."""
 
 WORST_EXPLAINED = 0.15
 """Share of the torque of the joint that is explained worst, below which nothing else about the robot is looked for."""
@@ -218,11 +216,13 @@ class _FaultStep(NamedTuple):
 
 def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: UnexplainedTorque) -> _FaultStep | None:
     """Return the fault without which least of a motion is unexplained; None where no fault is clear."""
+    frictions = judge.measure_frictions(motion)
     sizes = _TorqueEvidence(
         compute_described_load(robot, motion),
-        judge.measure_frictions(motion),
+        frictions,
         _find_excess(judge, robot, motion),
-        find_driving_joints(motion),
+        # Work comes back from gravity in motions that do not end where they began: friction, which is fitted, does not.
+        find_driving_joints(motion) | find_joints_with_friction(frictions),
     )
     # A torque that never changes was not recorded, so nobody exchanged it.
     has_torque = np.ptp(motion.tau, axis=0) > 0
@@ -232,7 +232,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         ),
         *list_possible_faults(now.moving, find_parallel_axes(robot), has_torque, find_revolute_joints(robot)),
     ]
-    off = _find_drives_off(sizes.frictions)
+    off = find_drives_off(sizes.frictions)
     possible = [
         fault for fault in among if fault.own_joints not in off and _is_possible_fault(fault, robot, motion, sizes)
     ]
@@ -257,6 +257,9 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         near = trials.measure_below(unexplained.score + ALIKE)
         best, unexplained = _choose_among_alike((best, unexplained), near, described)
         alike = [fault for fault, _ in near if fault != best]
+        pair = _find_turned_pair(best, unexplained, judge, motion) if best.kind == "joint turned" else None
+        if pair is not None and not described.refutes(pair[0]):
+            return _FaultStep(pair[0], (), pair[1])
         if best.kind == "torque scaled":
             # A power of ten was tried; the masses may say a gain in between.
             best = replace(best, factor=refine_factor_by_masses(robot, motion, best.joints, best.factor))
@@ -329,6 +332,13 @@ def _find_fault_by_masses(trials: _Trials, now: UnexplainedTorque, described: De
     return None
 
 
+def _find_turned_pair(single: ColumnFault, left: UnexplainedTorque, judge: HeldOutFit, motion: Motion) -> _Trial | None:
+    """Return two turned joints that explain clearly more than a single one: of two, a third may seem to be turned."""
+    faults = [ColumnFault(single.kind, pair) for pair in combinations(np.flatnonzero(left.moving).tolist(), 2)]
+    pair = next(_Trials(judge, motion, faults, most=left.score).iterate_below(left.score), None)
+    return pair if pair is not None and left.is_surely_above(pair[1]) else None
+
+
 def _choose_among_alike(best: _Trial, near: Sequence[_Trial], described: DescriptionFit) -> _Trial:
     """Return which of the faults that a fit cannot tell apart to name: always the same one of the same cause.
 
@@ -354,14 +364,6 @@ def _choose_among_alike(best: _Trial, near: Sequence[_Trial], described: Descrip
 
 def _is_distinguished(best: ColumnFault, other: ColumnFault, described: DescriptionFit) -> bool:
     return described.refutes(other) or described.prefers(best, other)
-
-
-def _find_drives_off(frictions: FloatArray) -> set[tuple[int, ...]]:
-    """Return the joints, one by one, whose torque has no friction beside the others', of frictions (blocks, n)."""
-    size = np.abs(np.median(frictions, axis=0))
-    others = [np.delete(size, joint) for joint in range(len(size))]
-    usual = [float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0 for sizes in others]
-    return {(joint,) for joint in range(len(size)) if size[joint] < _OFF * usual[joint]}
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,8 @@
-"""Filter and thin out a recording to the rows that faults are searched on (2,500)."""
+"""Filter and thin out a recording to the rows that faults are searched on (2,500), and report steps in time there."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from math import floor
@@ -21,6 +22,7 @@ from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.nonparametric_fit import shorten_recording
 from dynident.recordings.preprocessing import LEAST_HARMONICS, OVERSAMPLING, find_motion_band
 from dynident.recordings.recording import SampleBlock
+from dynident.recordings.recording_metadata import Check
 from dynident.regressors.dynamic_model_rows import filter_in_parallel
 from dynident.robot.robot_model import Robot
 
@@ -156,6 +158,41 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion
         narrow
         if unexplained.compute_summed_fall_to(judges.plain_fit.measure_unexplained(thin_out(narrow[0]))) >= CLEARLY
         else wide
+    )
+
+
+def report_torque_steps(
+    motion: Motion, recording: Recording, tau: Sequence[str], judges: HeldOutFits
+) -> tuple[Check, ...]:
+    """Report torques that step once and stay so, as where a sensor is zeroed anew during a recording.
+
+    Parameters
+    ----------
+    motion : Motion
+        Filtered rows of the recording.
+    recording : Recording
+        The recording.
+    tau : names
+        What the user calls the columns of torques.
+    judges : HeldOutFits
+        Fits of the robot.
+    """
+    steps = judges.plain_fit.find_torque_steps(motion)
+    if not steps:
+        return ()
+    largest = max(steps, key=lambda step: step.explained)
+    t = recording.find_time_at_share(largest.row / len(motion.q))
+    names = ", ".join(f"{tau[step.joint]} ({recording.joint_names[step.joint]}, by {step.size:.3g})" for step in steps)
+    return (
+        Check(
+            "torque_step",
+            "warning",
+            f"Torques step once, and stay so: {names}, at about t = {t:.4g} s. That is {largest.explained:.0%} of what "
+            f"is unexplained of {tau[largest.joint]}. A sensor was zeroed anew there, or a load was taken up or put "
+            "down: use the seconds on one side alone (windows), or give them as two recordings.",
+            tau[largest.joint],
+            time=t,
+        ),
     )
 
 

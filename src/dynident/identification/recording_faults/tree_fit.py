@@ -51,6 +51,46 @@ _QUIET = 1e-12
 """Share of the largest squared torque that the noise of every joint has at least."""
 
 
+@dataclass(frozen=True)
+class TorqueStep:
+    """A constant torque that a joint has from one instant on.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    row : int
+        First row of the motion that has it.
+    size : float
+        N m or N.
+    explained, drift_explained : float
+        Share of the squared rest that the step explains, and that a drift explains, steady or as a drive warms up.
+    """
+
+    joint: int
+    row: int
+    size: float
+    explained: float
+    drift_explained: float
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it is most of what is unexplained, and no drift."""
+        return self.explained >= _MOST_OF_REST and 1.0 - self.drift_explained >= _BEYOND_DRIFT * (1.0 - self.explained)
+
+
+_MOST_OF_REST, _BEYOND_DRIFT = 0.7, 1.15
+"""Share of the squared rest that a step has to explain, and how many times what it leaves a drift has to leave. Of
+untouched recordings a step explains at most 0.64 of it, beside a drift that explains more."""
+
+_WARMING = (0.1, 0.3)
+"""Time constants of drives that warm up, over the length of the motion."""
+
+_INDEPENDENT, _NOTHING_LEFT, _FEWEST_OF_STEP, _INSTANTS = 1e-8, 0.01, 200, 160
+"""Of singular values and squares, what counts as none; the share of a torque that is as good as explained; rows, and
+instants that are tried."""
+
+
 @dataclass(frozen=True, eq=False)
 class _MotionRows:
     """W of a motion where each joint moves: inner products (blocks + 1, n, c, c) of each block, and last of all.
@@ -258,6 +298,29 @@ class TreeFit:
             whole = grams.inner[-1, k]
             frictions[:, k] = values[:-1, friction] @ whole[sign, friction] / max(whole[sign, sign], 1.0)
         return TreeSolution(own, squares, grams.measured[-1], np.array(against), frictions)
+
+    def find_torque_steps(self, motion: Motion) -> list[TorqueStep]:
+        """Return the step of each joint's torque at one instant that explains most of what its own columns leave."""
+        own, steps = self._select(motion), []
+        for joint, (at, rows) in enumerate(self._get_rows(motion, own).of_joints):
+            tau = own.tau[at, joint]
+            m = len(tau)
+            basis, sizes, _ = np.linalg.svd(np.column_stack([rows, np.ones(m)]), full_matrices=False)
+            basis = basis[:, sizes > _INDEPENDENT * sizes[0]]
+            rest = tau - basis @ (basis.T @ tau)
+            if m < _FEWEST_OF_STEP or rest @ rest <= _NOTHING_LEFT**2 * (tau @ tau):
+                continue
+            places = np.unique(np.linspace(0.1 * m, 0.9 * m, _INSTANTS).astype(int))
+            way = np.linspace(0.0, 1.0, m)
+            drifts = np.column_stack([way, *(np.exp(-way / constant) for constant in _WARMING)])
+            trials = np.column_stack([np.arange(m)[:, None] >= places, drifts])
+            trials = trials - basis @ (basis.T @ trials)
+            squares, along = np.einsum("ij,ij->j", trials, trials), rest @ trials
+            explained = along**2 / np.maximum(squares, _INDEPENDENT * m) / (rest @ rest)
+            best, drift = int(np.argmax(explained[: len(places)])), float(explained[len(places) :].max())
+            size = float(along[best] / squares[best])
+            steps.append(TorqueStep(self.joints[joint], int(at[places[best]]), size, float(explained[best]), drift))
+        return steps
 
     def solve_sum(self, motion: Motion, parts: Sequence[TreeFit], factors: Sequence[float]) -> TreeSolution:
         """Solve with W of the first of some fits, and of each other one so many times what it differs by from that."""

@@ -21,6 +21,7 @@ from dynident.effects import (
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.tree_fit import (
     BLOCKS,
+    TorqueStep,
     TreeFit,
     TreeSolution,
     find_moving_joints,
@@ -209,6 +210,16 @@ class HeldOutFit:
             float(fine_inside.mean()),
         )
 
+    def find_torque_steps(self, motion: Motion) -> list[TorqueStep]:
+        """Return the torques that step once, most of what is unexplained of them, as where a sensor is zeroed anew.
+
+        Parameters
+        ----------
+        motion : Motion
+            Filtered rows of the recording.
+        """
+        return [step for tree in self._trees for step in tree.find_torque_steps(motion) if step.is_clear]
+
     def measure_frictions(self, motion: Motion) -> FloatArray:
         """Return the mean friction torque of each joint (blocks, n), from the other blocks; NaN where it stands.
 
@@ -318,3 +329,39 @@ def compute_log_shares(squares: FloatArray, measured: FloatArray, least: float =
     squares = np.maximum(squares, 0.0)
     shares = np.sqrt(np.divide(squares, measured, out=np.full(squares.shape, _MOST**2), where=np.asarray(measured) > 0))
     return np.asarray(np.log(np.clip(shares, least, _MOST)))
+
+
+_OFF = 0.09
+"""Share of the other joints' friction below which a joint's torque has none: its drive is off, and nothing is told of
+its sign or size. Of an arm with a free motor it was up to 0.062; of drives that are on at least 0.13, in motions of
+hardly more than one frequency, and 0.19 otherwise. This is half way between, in logarithms."""
+
+_KNOWN = 3.0
+"""Standard errors from which on friction is surely not zero."""
+
+
+def find_drives_off(frictions: FloatArray) -> set[tuple[int, ...]]:
+    """Return the joints, one by one, whose torque has no friction beside the others'.
+
+    Parameters
+    ----------
+    frictions : (blocks, n)
+        Mean friction torques, each without a block of time.
+    """
+    size = np.abs(np.median(frictions, axis=0))
+    others = [np.delete(size, joint) for joint in range(len(size))]
+    usual = [float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0 for sizes in others]
+    return {(joint,) for joint in range(len(size)) if size[joint] < _OFF * usual[joint]}
+
+
+def find_joints_with_friction(frictions: FloatArray) -> BoolArray:
+    """Return the joints (n,) whose torque surely overcomes friction.
+
+    Parameters
+    ----------
+    frictions : (blocks, n)
+        Mean friction torques, each without a block of time.
+    """
+    # Each is that without a block of time: their scatter is the jackknife's standard error.
+    error = np.sqrt(len(frictions) - 1) * frictions.std(axis=0)
+    return np.asarray((frictions.mean(axis=0) > 0.0) & (frictions.mean(axis=0) >= _KNOWN * error))

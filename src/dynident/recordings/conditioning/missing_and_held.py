@@ -5,6 +5,8 @@ Holds the longest hold (0.2 s) and the most missing rows (30 %).
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from dynident.array_types import FloatArray, IntArray
@@ -80,21 +82,45 @@ LONGEST_HOLD = 0.2
 MOST_RESTS = 0.5
 """Share of a window's changes that have to come after a hold."""
 
+REGULAR = 0.8
+"""Share of the holds of one kind of signal that have to last as long as their mean, to the row: a slower bus holds its
+values so, coarse digits do not."""
+
+
+@dataclass
+class _Held:
+    """Columns that may hold their values together, the rows that do, and how many new values and rows there are."""
+
+    columns: IntArray
+    rows: ChangedRows = field(default_factory=ChangedRows)
+    n_changes: int = 0
+    n_rows: int = 0
+
 
 class HeldSamples:
-    """Interpolates between the true samples in place of repeated ones."""
+    """Interpolates between the true samples in place of repeated ones: of all signals, or of one kind on a slow bus."""
 
     name = "held_samples"
 
     def __init__(self, signals: Signals) -> None:
         self._signals = signals
-        self._found = ChangedRows()
-        self._n_changes = 0
-        self._n_rows = 0
+        needed, smooth = signals.needed, signals.smooth
+        torques = needed & np.isin(np.arange(len(needed)), list(signals.position))
+        self._held = {
+            "positions and torques": _Held(np.flatnonzero(needed)),
+            "torques": _Held(np.flatnonzero(torques)),
+            "positions": _Held(np.flatnonzero(needed & smooth)),
+        }
 
     def apply(self, window: Window) -> None:
-        """Replace repeated samples in a window in which all signals come in holds."""
-        needed = np.flatnonzero(self._signals.needed)
+        """Replace repeated samples in a window in which all signals, or all of one kind, come in holds."""
+        for held in self._held.values():
+            if self._replace_repeated(window, held):
+                return
+
+    def _replace_repeated(self, window: Window, held: _Held) -> bool:
+        """Replace the repeated samples of some columns, and return whether there are any."""
+        needed = held.columns
         values = window.values[:, needed]
         same = np.zeros(len(values), dtype=bool)
         # Rows that repeat the stamp, too, are left out elsewhere.
@@ -106,7 +132,12 @@ class HeldSamples:
         # Single repeated rows happen in any log of a coarse encoder: only a log whose changes mostly follow a hold is
         # one of held samples.
         if not len(starts) or np.count_nonzero(short) < MOST_RESTS * changes:
-            return
+            return False
+        if len(needed) < np.count_nonzero(self._signals.needed):
+            lengths = np.diff(np.flatnonzero(~same))
+            lengths = lengths[lengths <= longest + 1]
+            if np.mean(np.abs(lengths - lengths.mean()) < 1.0) < REGULAR:
+                return False
         # What stays the same for longer is a robot that stands, whose samples are true ones.
         for start, stop in zip(starts[~short], stops[~short], strict=True):
             same[start:stop] = False
@@ -118,23 +149,25 @@ class HeldSamples:
             unbridged = np.isnan(x)
             x[unbridged] = values[unbridged, np.flatnonzero(needed == column)[0]]
         own = window.select_own_rows(np.flatnonzero(same))
-        self._n_rows += window.own.stop - window.own.start
-        self._n_changes += window.own.stop - window.own.start - len(own)
-        self._found.add(int(needed[0]), own, window.t[own - 1 - window.first_row])
+        held.n_rows += window.own.stop - window.own.start
+        held.n_changes += window.own.stop - window.own.start - len(own)
+        held.rows.add(int(needed[0]), own, window.t[own - 1 - window.first_row])
+        return True
 
     def checks(self) -> list[Check]:
         """Report at which rate samples really come."""
-        rows = self._found
-        if not rows.n:
-            return [Check(self.name, "ok", "No signal repeats its old value between new samples.")]
         rate = 1.0 / self._signals.step
-        detail = (
-            f"In {rows.n} rows all positions and torques repeat the row before: the file has {rate:.4g} rows a "
-            f"second, but new values come only about {rate * self._n_changes / self._n_rows:.3g} times a second. The "
-            "signals are interpolated between the new values; faster changes are lost. Log at the rate of the source. "
-            "If the rows are right"
-        )
-        return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
+        for what, held in self._held.items():
+            if not held.rows.n:
+                continue
+            detail = (
+                f"In {held.rows.n} rows all {what} repeat the row before: the file has {rate:.4g} rows a second, but "
+                f"new values come only about {rate * held.n_changes / held.n_rows:.3g} times a second. The signals "
+                "are interpolated between the new values; faster changes are lost. Log at the rate of the source. If "
+                "the rows are right"
+            )
+            return [held.rows.warn_of_correction(self.name, detail, self._signals.sources)]
+        return [Check(self.name, "ok", "No signal repeats its old value between new samples.")]
 
 
 LONGEST_BRIDGE, FEWEST_ROWS = 0.03, 3

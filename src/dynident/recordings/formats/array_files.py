@@ -217,13 +217,14 @@ class ArrayFileSource(FileSource):
     def __init__(self, arrays: Sequence[StoredArray], words: Sequence[tuple[str, ...]] = ()) -> None:
         self._places: dict[str, _ArrayColumn] = {}
         self.stated_rate = _find_stated_rate(arrays)
+        deep = next((array for array in arrays if len(array.shape) > 2), None)
         arrays = [
             array
             for array in arrays
             if 1 <= len(array.shape) <= 2 and min(array.shape) > 0 and max(array.shape) >= FEWEST_ROWS
         ]
         if not arrays:
-            raise RecordingError("The file contains no arrays of numbers with rows.", title=TITLE)
+            raise RecordingError(_describe_no_arrays(deep), title=TITLE)
         # Arrays do not say which of their axes is time: it is the length that they share.
         self._length = _find_length(arrays)
         # The common group is stripped of names before arrays of other lengths, settings mostly, are left out.
@@ -256,6 +257,16 @@ class ArrayFileSource(FileSource):
                     whole = blocks[id(place.stored)] = _read_rows(place, first, last)
                 values.append(from_numbers(np.asarray(whole[:, place.index], dtype=np.float64)))
             yield pa.RecordBatch.from_arrays(values, names=columns)
+
+
+def _describe_no_arrays(deep: StoredArray | None) -> str:
+    """Return why a file without usable arrays cannot be read; `deep` is an array of more than two axes."""
+    if deep is None:
+        return "The file contains no arrays of numbers with rows."
+    return (
+        f"The array {deep.name} has {len(deep.shape)} axes ({' x '.join(map(str, deep.shape))}): save an array of rows "
+        "x joints for each signal, np.savez('run.npz', t=t, q=q, tau=tau)."
+    )
 
 
 def _read_rows(place: _ArrayColumn, first: int, last: int) -> FloatArray:

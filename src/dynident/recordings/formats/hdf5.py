@@ -287,19 +287,25 @@ def _list_arrays(name: str, item: Any) -> list[StoredArray]:
 
 
 def _whole_array(name: str, item: Any) -> StoredArray:
-    # Columns of one row, as MATLAB keeps a vector, are vectors.
+    # Columns of one row, as MATLAB keeps a vector, are vectors; so are pages of one row tables.
+    axes = [axis for axis, size in enumerate(item.shape) if size > 1] or [0]
     flat = item.ndim == 2 and 1 in item.shape
+    paged = item.ndim > 2 and len(axes) <= 2
+    shape = tuple(item.shape[axis] for axis in axes) if flat or paged else tuple(item.shape) or (1,)
 
     def read(first: int, last: int, axis: int) -> FloatArray:
         if not item.shape:
             part = np.atleast_1d(item[()])
-        elif flat:
-            part = item[first:last, 0] if item.shape[1] == 1 else item[0, first:last]
+        elif flat or paged:
+            place: list[int | slice] = [slice(None) if at in axes else 0 for at in range(item.ndim)]
+            place[axes[axis]] = slice(first, last)
+            part = item[tuple(place)]
+            part = part if axis == 0 else part.T
         else:
             part = item[first:last] if axis == 0 else item[:, first:last].T
         return np.asarray(part, dtype=np.float64)
 
-    return StoredArray(name, (max(item.shape),) if flat else tuple(item.shape) or (1,), read)
+    return StoredArray(name, shape, read)
 
 
 def _field_array(name: str, field: str, item: Any) -> StoredArray:

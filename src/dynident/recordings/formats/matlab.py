@@ -22,8 +22,10 @@ from dynident.recordings.recording_metadata import RecordingError
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """How numbers are stored, by the code of their element; MATLAB keeps whole numbers in fewer bytes."""
 _MATRIX, _COMPRESSED = 14, 15
-_STRUCTURE, _NUMERIC, _COMPLEX = 2, range(6, 16), 0x800
+_CELLS, _STRUCTURE, _NUMERIC, _COMPLEX = 1, 2, range(6, 16), 0x800
 """Classes of a matrix: cells, objects, text and sparse ones are neither."""
+_MOST_CELLS = 64
+"""Cells that may be joints."""
 _HEADER = 128
 _READ_BYTES = 2**16
 
@@ -171,6 +173,8 @@ class _MatrixReader:
             yield from self._read_array(name, shape, self.read_element(own_name.following))
         elif kind == _STRUCTURE and math.prod(shape) == 1:
             yield from self._read_fields(name, own_name.following, depth + 1)
+        elif kind == _CELLS:
+            yield from self._read_cells(name, own_name.following, math.prod(shape), element.start + element.size, depth)
 
     def _read_array(self, name: str, shape: tuple[int, ...], numbers: _Element) -> Iterator[StoredArray]:
         kind = np.dtype(self._order + _KINDS[numbers.code]) if numbers.code in _KINDS else None
@@ -181,6 +185,17 @@ class _MatrixReader:
         if min(shape) < 0 or kind.itemsize * math.prod(shape) != numbers.size:
             raise ValueError(f"the size of {name} does not match how many numbers it has")
         yield ArrayPlace(self._file, numbers.start, kind, shape, by_columns=True).to_array(name)
+
+    def _read_cells(self, name: str, at: int, count: int, end: int, depth: int) -> Iterator[StoredArray]:
+        """Yield the arrays in cells, q{1} and so on, numbered in their order."""
+        if not 0 <= count <= _MOST_CELLS:
+            return  # of episodes or texts, not of joints
+        for number in range(1, count + 1):
+            if at >= end:
+                raise ValueError(f"{name} ends before its cell {number}")
+            cell = self.read_element(at)
+            yield from self.read_matrix(cell, f"{name}{number}", depth + 1)
+            at = cell.following
 
     def _read_fields(self, name: str, at: int, depth: int) -> Iterator[StoredArray]:
         longest = self.read_element(at)

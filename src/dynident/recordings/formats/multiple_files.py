@@ -162,12 +162,12 @@ class JoinedFiles(FileSource):
 
 def _make_parts(files: Sequence[Named]) -> list[_FilePart]:
     """Return the files with unique column names: one that several files have gets the file's name in front."""
-    own = [_name_columns(name, source) for name, source in files]
+    stems = _name_apart([file for file, _ in files])
+    own = [_name_columns(stem, source) for stem, (_, source) in zip(stems, files, strict=True)]
     times = [next(filter(is_time_name, names), None) for names in own]
     called = [name for names, time in zip(own, times, strict=True) for name in names if name != time]
     parts: list[_FilePart] = []
-    for names, time, (file, source) in zip(own, times, files, strict=True):
-        stem = PurePosixPath(file).stem
+    for names, time, stem, (file, source) in zip(own, times, stems, files, strict=True):
         columns = {
             name if called.count(name) == 1 else f"{stem}.{name}": column
             for name, column in names.items()
@@ -182,11 +182,20 @@ def _make_parts(files: Sequence[Named]) -> list[_FilePart]:
     return parts
 
 
-def _name_columns(file: str, source: FileSource) -> dict[str, str]:
+def _name_apart(files: Sequence[str]) -> list[str]:
+    """Return the names of files without their endings; files of one name, encoders/data.log, have their folder's."""
+    paths = [PurePosixPath(file) for file in files]
+    stems = [path.stem for path in paths]
+    return [
+        path.stem if stems.count(path.stem) == 1 or path.parent.name in ("", "..") else path.parent.name
+        for path in paths
+    ]
+
+
+def _name_columns(stem: str, source: FileSource) -> dict[str, str]:
     """Return the file's columns by their names; a file without a line of names is called after itself."""
     if source.names != list(make_counted_names("column", len(source.names))):
         return {name: name for name in source.names}
-    stem = PurePosixPath(file).stem
     called = (stem,) if len(source.names) == 1 else make_counted_names(stem, len(source.names))
     return dict(zip(called, source.names, strict=True))
 
@@ -225,7 +234,7 @@ def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[Te
         For files that are no text, or cannot be joined.
     """
     if len(paths) > 1:
-        return JoinedFiles([(file.name, open_text(TextContent(file))) for file in paths])
+        return JoinedFiles([(file.as_posix(), open_text(TextContent(file))) for file in paths])
     try:
         members = _list_members(path)
     except RecordingError:

@@ -66,6 +66,7 @@ _NOT_READ = (
     (b"CDF\x01", "a NetCDF file of version 3: write it anew as NetCDF 4, or as Parquet or CSV."),
     (b"CDF\x02", "a NetCDF file of version 3: write it anew as NetCDF 4, or as Parquet or CSV."),
     (b"7z\xbc\xaf", "an archive (.7z): unpack it, and give the file in it."),
+    (b"\xfd7zXZ", "compressed with xz: unpack it (xz -d), or compress it with gzip or zstd."),
     (b"Rar!", "an archive (.rar): unpack it, and give the file in it."),
     (b"RDX2\n", "data of R: write the table with write.csv(…, row.names = FALSE)."),
     (b"RDX3\n", "data of R: write the table with write.csv(…, row.names = FALSE)."),
@@ -87,6 +88,10 @@ _TEXTS_NOT_READ = (
     (
         rb"^\s*\{'",
         "a printout of Python, in single quotes: write json.dumps(record) a line, or a table (CSV).",
+    ),
+    (
+        rb"^[^\s,]+(?:,[^\s,=]+=[^\s,]+)+ [^\s,=]+=[^\s,]+(?:,[^\s,=]+=[^\s,]+)* \d{10,19}\s",
+        "InfluxDB's line protocol: query it with pivot(…), one row for each moment, and write that as CSV.",
     ),
     (
         rb"^(?:%[^\n]*\n|\s)*[A-Za-z]\w* *= *\[",

@@ -1,4 +1,4 @@
-"""Figure of a designed trajectory: joints within their limits, velocity over position, path of the tool."""
+"""Figures of a designed trajectory (joints within their limits, path of the tool) and of a campaign of several."""
 
 from __future__ import annotations
 
@@ -9,10 +9,20 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from dynident.advice.campaign import CampaignState
 from dynident.array_types import FloatArray
 from dynident.excitation import Design
 from dynident.reports.figures.signals_over_time import find_extremes
-from dynident.reports.figures.svg import Margins, make_panels, set_panel_title, shorten_name, to_svg
+from dynident.reports.figures.svg import (
+    FLOOR,
+    PREDICTED,
+    RESIDUAL,
+    Margins,
+    make_panels,
+    set_panel_title,
+    shorten_name,
+    to_svg,
+)
 from dynident.robot import Robot
 from dynident.robot.forward_kinematics import tool_path
 
@@ -152,3 +162,49 @@ def _draw_tool_path(from_above: Axes, from_side: Axes, path: FloatArray) -> None
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel(label, fontsize=8)
         set_panel_title(axes, title)
+
+
+def draw_campaign(state: CampaignState) -> Markup:
+    """Draw the error of the worst joint over robot time: promised before each run, reached after it, and the goal.
+
+    Parameters
+    ----------
+    state : CampaignState
+        A campaign with at least one run.
+
+    Returns
+    -------
+    Markup
+        An inline SVG.
+    """
+    figure, grid = make_panels(1, 1, 3.2, margins=Margins(left=0.8, right=0.3))
+    axes = grid[0][0]
+    minutes = np.cumsum([run.seconds for run in state.runs]) / 60.0
+    reached = 100 * np.array([run.errors.max() for run in state.runs])
+    axes.plot(minutes, reached, color=RESIDUAL, marker="o", linewidth=1.6, label="reached")
+    promises = [
+        (m, 100 * run.promised.max()) for m, run in zip(minutes, state.runs, strict=True) if run.promised is not None
+    ]
+    if promises:
+        times, errors = zip(*promises, strict=True)
+        axes.plot(times, errors, color=PREDICTED, marker="s", linestyle="", fillstyle="none", label="promised")
+    goal = 100 * state.request.error
+    axes.axhline(goal, color=FLOOR, linewidth=1.2, linestyle=(0, (4, 3)), label="goal")
+    for time, error, run in zip(minutes, reached, state.runs, strict=True):
+        if run.is_changed:
+            words = ", ".join(dict.fromkeys(choice.effect for choice in run.added))
+            words = f"with {words}" if words else "no effect added"
+            axes.annotate(words, (time, error), (6, 8), textcoords="offset points", fontsize=8)
+    axes.set_yscale("log")
+    # Powers of ten would have to be read twice.
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:g}")
+    axes.set_xlim(0, 1.08 * max(float(minutes[-1]), 1e-3))
+    axes.set_xlabel("robot time (min)", fontsize=8.5)
+    axes.legend(fontsize=8, frameon=False)
+    set_panel_title(axes, "relative error of the predicted torque, worst joint (%)")
+    return to_svg(
+        figure,
+        f"Error of the predicted torque after each of {len(state.runs)} runs: "
+        f"{', '.join(f'{value:.3g} %' for value in reached)}; the goal is {goal:.3g} %.",
+    )

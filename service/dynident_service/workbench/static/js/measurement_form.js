@@ -28,6 +28,13 @@ export function measurementsTable(measurements) {
   return h("div", { class: "stored" }, table("Measurements of this robot", ["name", "role", "samples", "standstill per joint", "windows", "checks", "uploaded"], rows));
 }
 
+const ROLES = [["validation", /(^|[^a-z])(val|valid|validation|test|testing|held|holdout|heldout|eval|evaluation|verification)(?![a-z])/i], ["identification", /(^|[^a-z])(train|training|fit|fitting|ident|identification|exc|excitation|estimation)(?![a-z])/i], ["payload", /(^|[^a-z])(payload)(?![a-z])/i], ["friction", /(^|[^a-z])(friction)(?![a-z])/i]];
+
+/** What a recording is for by a word of its name; undefined where that says nothing. */
+function namedRole(name) {
+  return ROLES.find(([, words]) => words.test(name))?.[0];
+}
+
 /** Share of its time that each joint stands, in the robot's order. */
 function standing({ phases }) {
   return phases ? `${phases.standing.map((share) => (100 * share).toFixed(0)).join(", ")} %` : "–";
@@ -36,9 +43,13 @@ function standing({ phases }) {
 /** Where recordings are dropped; a card appears for each, with fields of the `metadata` that the contract has. `forms` are kept when another robot is chosen: what was filled in stays. */
 export function measurementForm(robot, { forms, metadata, chosen, onStored, onRobot, count, stored = () => [] }) {
   const hands = { metadata, chosen, onStored, onRobot };
-  const role = () => (count() + forms.childElementCount ? "validation" : "identification");
+  const role = (name, first = true) => namedRole(name) ?? (first && !(count() + forms.childElementCount) ? "identification" : "validation");
   const add = (files) => {
-    for (const file of files) forms.append(fileCard({ file, role: role() }, hands));
+    // Where the names say nothing, the longest file tells most of a robot's parameters.
+    const named = [...files].some((one) => namedRole(one.name) === "identification");
+    const longest = [...files].sort((one, other) => other.size - one.size)[0];
+    const roles = new Map([...files].map((one) => [one, role(one.name, one === longest && !named)]));
+    for (const [file, use] of roles) forms.append(fileCard({ file, role: use }, hands));
     forms.lastChild?.querySelector("input")?.focus();
   };
   for (const card of forms.querySelectorAll(":scope > form")) card.dispatchEvent(new Event("robot"));
@@ -53,7 +64,7 @@ export function measurementForm(robot, { forms, metadata, chosen, onStored, onRo
   });
   new MutationObserver(() => { several.hidden = cards().length < 2; }).observe(forms, { childList: true });
   several.hidden = cards().length < 2;
-  lookedAtBefore(earlier, robot, stored, (found) => forms.append(fileCard({ found, role: role() }, hands)));
+  lookedAtBefore(earlier, robot, stored, (found) => forms.append(fileCard({ found, role: role(found.proposed.name) }, hands)));
   return h("div", {},
     dropZone("Drop recordings here, or choose them:", { accept: FORMATS, multiple: true, id: "recordings" }, add),
     h("p", { class: "note" }, `CSV, Parquet, NumPy, MATLAB, HDF5, ROS bags, MCAP: dynident guesses the columns and their units, and shows them before anything is stored. Joints: ${robot.joints.map((one) => one.name).join(", ")}.`),

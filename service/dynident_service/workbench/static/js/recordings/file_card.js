@@ -181,7 +181,7 @@ function saidFields(called, known, role) {
   const delay = h("input", { name: "delay", type: "number", step: "any", placeholder: "0" });
   const element = h("div", { class: "fields" },
     field("Name", name, { pointer: "/metadata/name" }),
-    field("Role", roles, { pointer: "/metadata/role" }),
+    field("Role", roles, { pointer: "/metadata/role", hint: "Guessed from the file's name (train, fit, excitation; val, test, held); without such a word the longest file is fitted." }),
     load,
     field("Windows (s of t)", windows, { pointer: "/metadata/windows", hint: "The intervals to use; you can drag them after the file is stored." }),
     field("Delay of the torque (ms)", delay, { pointer: "/metadata/torque_delay" }),

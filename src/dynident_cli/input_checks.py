@@ -1,17 +1,17 @@
-"""Check input files before anything slow is imported; write output files atomically."""
+"""Check and read input files, before anything slow is imported."""
 
 from __future__ import annotations
 
 import json
 import os
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_origin, get_type_hints
 
 from dynident.errors import DynidentError
-from dynident.known_robots import locate_robot
+from dynident.file_output import check_folder_exists
+from dynident.known_robots import list_library_arms, locate_robot
 from dynident.recordings.file_names_and_digests import split_path
 
 
@@ -29,20 +29,7 @@ class InputCheck:
 
 
 def check_inputs(command: Callable[..., None], options: Mapping[str, object]) -> None:
-    """Check all options of a command that are marked with an `InputCheck`.
-
-    Parameters
-    ----------
-    command : callable
-        The command, whose annotations hold the markers.
-    options : mapping
-        The values that the command is called with.
-
-    Raises
-    ------
-    DynidentError
-        Where an option names a file, folder or robot that is missing.
-    """
+    """Check all options of a command that are marked with an `InputCheck`, by the values that it is called with."""
     for name, hint in get_type_hints(command, include_extras=True).items():
         if get_origin(hint) is Annotated:
             for marker in hint.__metadata__:
@@ -63,7 +50,8 @@ def check_readable(path: Path) -> None:
     # Files that are one recording are given together, as q.csv+dq.csv+tau.csv.
     for part in split_path(path):
         if not part.is_file():
-            raise DynidentError(f"there is no file {part}", pointer=str(path), title="No such file")
+            hint = "; this is a robot, which comes before the recordings" if str(part) in list_library_arms() else ""
+            raise DynidentError(f"there is no file {part}{hint}", pointer=str(path), title="No such file")
         if not os.access(part, os.R_OK):
             raise DynidentError(
                 f"{part} cannot be read; check its permissions", pointer=str(path), title="Unreadable file"
@@ -90,27 +78,6 @@ def read_text(path: Path) -> str:
         raise DynidentError(f"{path.name} is not a text file: {error}", pointer=str(path)) from error
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file atomically: it appears complete, or not at all."""
-    if not path.parent.is_dir():
-        raise DynidentError(f"there is no folder {path.parent}", pointer="--out", title="No such folder")
-    # In the same folder, so that the final rename stays on one file system and is atomic.
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as unfinished:
-        temporary = Path(unfinished.name)
-    try:
-        # Whoever reads the old file meanwhile reads all of it.
-        temporary.write_bytes(content)
-        # Temporary files are private (0600); this one is the user's and gets the permissions that the umask leaves.
-        # The umask can only be read by setting it.
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-
-
 def check_folder(path: Path) -> None:
     """Raise `DynidentError` where a folder is missing."""
     if not path.is_dir():
@@ -118,5 +85,6 @@ def check_folder(path: Path) -> None:
 
 
 READABLE_FILE = InputCheck(check_readable)
+FILE_IN_FOLDER = InputCheck(check_folder_exists)
 READABLE_FOLDER = InputCheck(check_folder)
 KNOWN_ROBOT = InputCheck(locate_robot)

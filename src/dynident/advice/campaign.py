@@ -1,0 +1,396 @@
+"""Campaigns: run after run until the torque is predicted well enough, with a promise before and a decision after each.
+
+`plan_run` designs the motion that tells most about the torque to be predicted; `add_run` takes its recording,
+identifies and diagnoses the model from all runs, and decides whether to go on. Holds how much slower the first run is,
+and the fewest runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.prediction_error import (
+    RegionRows,
+    compare_with_run,
+    compute_parameter_errors,
+    compute_region_rows,
+    predict_errors,
+)
+from dynident.array_types import FloatArray
+from dynident.diagnosis import diagnose
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.excitation import CriterionChoice, Design, design_experiment
+from dynident.excitation.criteria.prediction_region import Region, draw_region
+from dynident.identification import Identification, extend, identify
+from dynident.motion.limits.bounds import build_bounds
+from dynident.number_format import format_count, format_percent
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import Recording
+from dynident.robot import Limits, Robot
+
+DecisionCode = Literal["next_run", "reached", "not_reachable", "out_of_time"]
+FEWEST_RUNS = 2
+"""Runs before a goal counts as reached: the model has to have predicted a run that it was not fitted to."""
+# A run that leaves more than this multiple of the promised error is said to have brought less; and a goal is out of
+# reach only where repetitions of the last motion leave more than this multiple of it, since new motions bring more.
+_BROKEN_PROMISE = 1.3
+_MINUTE = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class CampaignRun:
+    """One run of a campaign, as it stood after its recording was taken in.
+
+    Parameters
+    ----------
+    name : str
+        Name of the recording.
+    seconds : float
+        Length of the recording, s.
+    promised : (n,) or None
+        Relative errors of each joint that its motion promised; None for a motion that the campaign did not plan.
+    predicted : (n,) or None
+        Relative errors of the torque of this run as the model before it predicted it; None for the first run.
+    parameters : (n,)
+        Relative errors over the region from uncertain parameters, with 95 % probability.
+    lacking : (n,)
+        Relative errors over the region from what the model lacks.
+    added : tuple of EffectChoice
+        Effects that the diagnosis of all runs so far added to those asked for.
+    is_changed : bool
+        Whether these are others than after the run before.
+    """
+
+    name: str
+    seconds: float
+    promised: FloatArray | None
+    predicted: FloatArray | None
+    parameters: FloatArray
+    lacking: FloatArray
+    added: tuple[EffectChoice, ...] = ()
+    is_changed: bool = False
+
+    @property
+    def errors(self) -> FloatArray:
+        """Relative errors (n,) of the predicted torque over the region, from both causes."""
+        return np.hypot(self.parameters, self.lacking)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What to do next, and why.
+
+    Parameters
+    ----------
+    code : {"next_run", "reached", "not_reachable", "out_of_time"}
+        What to do.
+    sentence : str
+        Why, in words for the user.
+    """
+
+    code: DecisionCode
+    sentence: str
+
+    @property
+    def is_end(self) -> bool:
+        """Whether the campaign is over."""
+        return self.code != "next_run"
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedRun:
+    """The next motion, and what it promises.
+
+    Parameters
+    ----------
+    design : Design
+        The motion.
+    promised : (n,) or None
+        Relative errors over the region once it is made, with what the model lacks; None before the first run.
+    """
+
+    design: Design
+    promised: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class CampaignState:
+    """A campaign between two runs.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    request : CampaignRequest
+        What is to be reached.
+    region : Region
+        States whose torque shall be predicted.
+    recordings : tuple of Recording
+        Recordings of all runs, in order.
+    runs : tuple of CampaignRun
+        What each of them brought.
+    identification : Identification or None
+        The model from all of them; None before the first.
+    decision : Decision
+        What to do next.
+    """
+
+    robot: Robot
+    request: CampaignRequest
+    region: Region
+    recordings: tuple[Recording, ...] = ()
+    runs: tuple[CampaignRun, ...] = ()
+    identification: Identification | None = None
+    decision: Decision = Decision("next_run", "Make the first run: nothing is known yet.")
+
+    @property
+    def seconds(self) -> float:
+        """Robot time so far, s."""
+        return sum(run.seconds for run in self.runs)
+
+    @property
+    def seconds_left(self) -> float:
+        """Robot time that is left, s."""
+        return _MINUTE * self.request.minutes - self.seconds
+
+
+def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None = None) -> CampaignState:
+    """Return a campaign before its first run.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as its description gives it.
+    request : CampaignRequest
+        What is to be reached, and what it may cost.
+    region : Region, optional
+        States whose torque shall be predicted; by default drawn within the robot's limits.
+
+    Raises
+    ------
+    DynidentError
+        For a design of another kind than motions of all joints, or limits that are not known.
+    """
+    design = request.design
+    if design.kind != "optimized" or design.model != "dynamic" or design.trajectory.joints:
+        raise DynidentError(
+            'a campaign plans motions of all joints, of the kind "optimized" for the dynamic model, since runs of '
+            "other kinds do not add up; leave kind, model and joints out of the design",
+            pointer="/design",
+        )
+    return CampaignState(robot, request, region or draw_region(robot, request.speed))
+
+
+def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> PlannedRun:
+    """Design the next motion of a campaign, and tell what it promises.
+
+    The first motion is slow, since nothing is known of the torque but the description. Each later one complements the
+    recordings so far: it lowers the variance of the torque that is to be predicted, within limits of torque that the
+    model so far keeps with its uncertainty.
+
+    Parameters
+    ----------
+    state : CampaignState
+        The campaign.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+
+    Returns
+    -------
+    PlannedRun
+        The motion, and the errors that it promises.
+
+    Raises
+    ------
+    DynidentError
+        Where there is no such motion; it names the limit in the way.
+    """
+    request, identification = state.request, state.identification
+    # Another seed for each run: a motion that is made again finds nothing that it could not show the first time.
+    design_request = replace(request.design, seed=request.design.seed + len(state.runs))
+    if identification is None:
+        effects = request.choices.effects
+        slow = _slow_down(state.robot, design_request.limits, request.first_speed)
+        return PlannedRun(
+            design_experiment(state.robot, replace(design_request, effects=effects, limits=slow), progress), None
+        )
+    noise = dict(zip(state.robot.joint_names, map(float, identification.noise), strict=True))
+    design = design_experiment(
+        state.robot,
+        replace(
+            design_request,
+            effects=identification.model.effects,
+            noise=noise,
+            criterion=CriterionChoice("prediction"),
+        ),
+        progress,
+        earlier=state.recordings,
+        identified=identification.estimate,
+        region=state.region,
+    )
+    rows = compute_region_rows(identification, state.region)
+    uncertain = predict_errors(identification, rows, design, state.seconds)
+    return PlannedRun(design, np.hypot(uncertain, state.runs[-1].lacking))
+
+
+def _slow_down(robot: Robot, limits: Mapping[str, Limits], share: float) -> dict[str, Limits]:
+    """Return limits with a share of the velocities, and of the accelerations that these reach in the same time."""
+    bounds = build_bounds(robot, limits)
+    return {
+        name: replace(
+            limits.get(name, Limits()),
+            velocity=share * float(bounds.velocity[j]),
+            acceleration=share * float(bounds.acceleration[j]),
+        )
+        for j, name in enumerate(robot.joint_names)
+    }
+
+
+def add_run(
+    state: CampaignState,
+    recording: Recording,
+    planned: PlannedRun | None = None,
+    progress: Progress = ignore_progress,
+) -> CampaignState:
+    """Take in the recording of a run: predict it, identify and diagnose from all runs, and decide.
+
+    Parameters
+    ----------
+    state : CampaignState
+        The campaign before the run.
+    recording : Recording
+        The recording, of a planned motion or of any other.
+    planned : PlannedRun, optional
+        The motion that was planned for it.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+
+    Returns
+    -------
+    CampaignState
+        The campaign with the run.
+
+    Raises
+    ------
+    DynidentError
+        For a recording that was added before, or that the model cannot be identified from.
+    """
+    if any(earlier.name == recording.name for earlier in state.recordings):
+        raise DynidentError(
+            f"{recording.name} is a run of this campaign already; each run needs a recording, and a name, of its own",
+            pointer="recording",
+        )
+    before = state.identification
+    # Before anything is fitted to it, the run tests the model: a prediction that nothing was chosen on.
+    predicted = None if before is None else compare_with_run(before, recording).predicted
+    recordings = (*state.recordings, recording)
+    # From the effects asked for each time: what one run alone suggested has to show in all of them.
+    identification = identify(state.robot, recordings, (), state.request.choices, scale_progress(progress, 0.0, 0.3))
+    diagnosis = diagnose(identification, recordings, progress=scale_progress(progress, 0.3, 0.9))
+    added = diagnosis.recommended
+    if added:
+        identification = extend(identification, added, recordings, (), scale_progress(progress, 0.9, 1.0))
+    rows = compute_region_rows(identification, state.region)
+    run = CampaignRun(
+        name=recording.name,
+        seconds=_measure_seconds(recording),
+        promised=None if planned is None else planned.promised,
+        predicted=predicted,
+        parameters=compute_parameter_errors(identification, rows),
+        lacking=compare_with_run(identification, recording).lacking / rows.torque,
+        added=added,
+        is_changed=_list_places(added) != _list_places(state.runs[-1].added if state.runs else ()),
+    )
+    extended = replace(state, recordings=recordings, runs=(*state.runs, run), identification=identification)
+    return replace(extended, decision=decide(extended, rows, planned))
+
+
+def _list_places(choices: Sequence[EffectChoice]) -> set[tuple[str, tuple[str, ...]]]:
+    """Return effects with their joints alone: shape constants are refined with every run."""
+    return {(choice.effect, choice.joints) for choice in choices}
+
+
+def _measure_seconds(recording: Recording) -> float:
+    return sum(segment.length * recording.period for segment in recording.segments)
+
+
+def decide(state: CampaignState, rows: RegionRows, planned: PlannedRun | None = None) -> Decision:
+    """Decide whether a campaign goes on.
+
+    Parameters
+    ----------
+    state : CampaignState
+        The campaign, its last run included.
+    rows : RegionRows
+        Rows of its model over the region.
+    planned : PlannedRun, optional
+        The motion of the last run; its repetition bounds what the time that is left can bring.
+
+    Returns
+    -------
+    Decision
+        What to do, and why.
+    """
+    assert state.identification is not None
+    run, goal, names = state.runs[-1], state.request.error, state.robot.joint_names
+    worst = int(np.argmax(run.errors))
+    reached = f"{format_percent(float(run.errors[worst]))} on {names[worst]}, the worst joint"
+    remarks = _describe_promise(run, names)
+    if run.is_changed and state.seconds_left > 0:
+        count = format_count(len(run.added), "effect")
+        words = f"The diagnosis now adds {count}, others than before; the next run tests the model."
+        return Decision("next_run", f"{words} Error: {reached}.{remarks}")
+    if (run.errors <= goal).all():
+        if len(state.runs) >= FEWEST_RUNS:
+            return Decision("reached", f"The goal of {format_percent(goal)} is reached: {reached}.{remarks}")
+        return Decision("next_run", f"The goal seems reached ({reached}); another run has to confirm it.{remarks}")
+    lacking = int(np.argmax(run.lacking))
+    if run.lacking[lacking] > goal and len(state.runs) >= FEWEST_RUNS:
+        return Decision(
+            "not_reachable",
+            f"The model lacks {format_percent(float(run.lacking[lacking]))} of the torque of {names[lacking]}, which "
+            f"no effect of the catalogue explains; more runs do not reach {format_percent(goal)}.{remarks}",
+        )
+    duration = state.request.design.trajectory.duration if planned is None else planned.design.duration
+    if state.seconds_left < duration:
+        return Decision(
+            "out_of_time",
+            f"Less than one run is left of {state.request.minutes:g} min; error: {reached}. Give more minutes or a "
+            f"larger error.{remarks}",
+        )
+    if planned is not None and len(state.runs) >= FEWEST_RUNS:
+        at_end = _predict_end(state, rows, planned)
+        if (at_end > _BROKEN_PROMISE * goal).any():
+            joint = int(np.argmax(at_end))
+            return Decision(
+                "not_reachable",
+                f"The time that is left brings {names[joint]} to {format_percent(float(at_end[joint]))}, not to "
+                f"{format_percent(goal)}; now it is {reached}. Give more minutes, wider limits or a larger error."
+                f"{remarks}",
+            )
+    return Decision("next_run", f"Error: {reached}; the goal is {format_percent(goal)}.{remarks}")
+
+
+def _predict_end(state: CampaignState, rows: RegionRows, planned: PlannedRun) -> FloatArray:
+    """Return the errors (n,) once the last motion was repeated for all the time that is left."""
+    assert state.identification is not None
+    repetitions = state.seconds_left / planned.design.duration
+    parameters = predict_errors(state.identification, rows, planned.design, state.seconds, repetitions)
+    return np.hypot(parameters, state.runs[-1].lacking)
+
+
+def _describe_promise(run: CampaignRun, names: tuple[str, ...]) -> str:
+    """Return a sentence where a run left the worst joint with a larger error than promised."""
+    if run.promised is None or run.is_changed or run.errors.max() <= _BROKEN_PROMISE * run.promised.max():
+        return ""
+    worst = int(np.argmax(run.errors))
+    return (
+        f" The run brought less than promised: {format_percent(float(run.errors[worst]))} on {names[worst]}, where "
+        f"{format_percent(float(run.promised.max()))} or less was promised."
+    )

@@ -1,0 +1,55 @@
+"""The request of a campaign: goal, robot time, what every motion must keep to; holds the default search time (8 s)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dynident.excitation.design_request import DesignRequest
+from dynident.identification.identification_choices import IdentificationChoices
+from dynident.schema.fields import Request, declare_field
+
+DEFAULT_SPEED = 0.5
+"""Share of the limits of velocity and acceleration up to which torque is to be predicted."""
+DESIGN_SECONDS = 8.0
+"""Time of the search for a motion, s, where neither it nor the number of starts is stated."""
+
+
+@dataclass(frozen=True)
+class CampaignRequest(Request):
+    """What a campaign is to reach, and what it may cost.
+
+    Parameters
+    ----------
+    error : float
+        Largest relative error of the predicted torque of any joint, with 95 % probability.
+    speed : float
+        Share of the velocity and acceleration limits up to which the torque is to be predicted.
+    minutes : float
+        Robot time of all runs together, min.
+    first_speed : float
+        Share of the velocity limits that the first run keeps to.
+    choices : IdentificationChoices
+        How the model is identified.
+    design : DesignRequest
+        What every motion must keep to: duration, rate, limits, surroundings, home.
+    """
+
+    error: float = declare_field(
+        "Largest relative error of the predicted torque of any joint",
+        default=0.05,
+        option="--error",
+        above=0,
+        at_most=1,
+    )
+    speed: float = declare_field(
+        "Share of the velocity and acceleration limits up to which the torque is to be predicted",
+        default=DEFAULT_SPEED,
+        above=0,
+        at_most=1,
+    )
+    minutes: float = declare_field("Robot time of all runs together", default=10.0, unit="min", above=0, at_most=10_000)
+    first_speed: float = declare_field(
+        "Share of the velocity limits that the first run keeps to", default=0.3, above=0, at_most=1
+    )
+    choices: IdentificationChoices = declare_field(made_by=IdentificationChoices)
+    design: DesignRequest = declare_field(made_by=lambda: DesignRequest(time_budget=DESIGN_SECONDS))

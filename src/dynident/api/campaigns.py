@@ -1,0 +1,249 @@
+"""`dynident.Campaign`: ask for the next motion, tell its recording, until the torque is predicted well enough."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.advice.campaign import CampaignState, Decision, PlannedRun, add_run, plan_run, start_campaign
+from dynident.advice.campaign_request import CampaignRequest
+from dynident.api.argument_checks import check_arguments, require
+from dynident.api.effect_arguments import check_effects, resolve_effects
+from dynident.api.figure import Figure, join_figures
+from dynident.api.model import NO_RECORDINGS, Model
+from dynident.api.motion_design import DesignedMotion
+from dynident.api.named_tables import Framed, Table, build_columns
+from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.excitation.criteria.prediction_region import collect_region
+from dynident.presentation.design_tables import build_campaign_table
+from dynident.progress import Progress, ignore_progress
+from dynident.robot import Robot
+from dynident.text_and_html_tables import join_html, render_paragraph
+
+
+class Campaign(Framed):
+    """Runs of a robot, one after the other, until its torque is predicted as well as asked for.
+
+    `ask` designs the next motion and promises what it will bring; `tell` takes its recording, identifies and diagnoses
+    the model from all runs, and decides. Effects that the diagnosis recommends are added.
+
+    `to_frame` has a row for each run: run (its name), minutes (robot time so far, min), promised, predicted,
+    parameters, lacking and error (of the worst joint, fractions; missing where there is none), added (effects in the
+    model beyond those asked for).
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, whose limits bound all motions.
+    error : float, optional
+        Largest relative error of the predicted torque of any joint, with 95 % probability: 0.05 is 5 %.
+    minutes : float, optional
+        Robot time of all runs together.
+    region : recordings, optional
+        Motions of the application, in which the torque shall be predicted; by default all that the limits allow, up
+        to half of the speeds.
+    effects : texts or choices, optional
+        Effects of the first model.
+    duration : float, optional
+        One period of a motion in s.
+    sampling_rate : float, optional
+        Rate of the samples in Hz.
+    request : CampaignRequest, optional
+        All options; the other arguments take precedence over it.
+
+    Examples
+    --------
+    >>> campaign = dy.Campaign(robot, error=0.03, minutes=5)
+    >>> while not campaign.decision.is_end:  # doctest: +SKIP
+    ...     campaign.ask().save("motion.csv")
+    ...     # move the robot along motion.csv and record it
+    ...     campaign.tell(dy.read_recordings("run.csv", robot=robot))
+    >>> campaign.decision.code
+    'next_run'
+    """
+
+    @check_arguments
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        error: float | None = None,
+        minutes: float | None = None,
+        region: SomeRecordings = (),
+        effects: str | EffectChoice | Iterable[str | EffectChoice] | None = None,
+        duration: float | None = None,
+        sampling_rate: float | None = None,
+        request: CampaignRequest | None = None,
+    ) -> None:
+        asked = request or CampaignRequest()
+        if error is not None:
+            asked = replace(asked, error=error)
+        if minutes is not None:
+            asked = replace(asked, minutes=minutes)
+        if effects is not None:
+            chosen = check_effects(resolve_effects(effects), robot)
+            asked = replace(asked, choices=replace(asked.choices, effects=chosen))
+        trajectory = asked.design.trajectory
+        if duration is not None:
+            trajectory = replace(trajectory, duration=duration)
+        if sampling_rate is not None:
+            trajectory = replace(trajectory, sampling_rate=sampling_rate)
+        asked = replace(asked, design=replace(asked.design, trajectory=trajectory))
+        motions = as_recordings(region).recordings
+        self._state = start_campaign(robot, asked, collect_region(motions) if motions else None)
+        self._planned: PlannedRun | None = None
+        self._recordings = NO_RECORDINGS
+
+    @property
+    def state(self) -> CampaignState:
+        """The campaign as the library has it."""
+        return self._state
+
+    @property
+    def decision(self) -> Decision:
+        """What to do next, and why; `decision.is_end` tells whether the campaign is over."""
+        return self._state.decision
+
+    @property
+    def model(self) -> Model:
+        """The model from all runs so far.
+
+        Raises
+        ------
+        DynidentError
+            Before the first run.
+        """
+        if self._state.identification is None:
+            raise DynidentError("there is no model before the first run: tell(…) its recording", title="No run yet")
+        return Model(self._state.identification, self._recordings)
+
+    @property
+    def promise(self) -> dict[str, float] | None:
+        """Relative error of each joint that the motion asked for last promises; None where nothing is promised."""
+        if self._planned is None or self._planned.promised is None:
+            return None
+        return dict(zip(self._state.robot.joint_names, map(float, self._planned.promised), strict=True))
+
+    def ask(self, *, progress: Progress = ignore_progress) -> DesignedMotion:
+        """Design the next motion.
+
+        Parameters
+        ----------
+        progress : function, optional
+            Called with the fraction done and a message.
+
+        Returns
+        -------
+        DesignedMotion
+            The motion from rest to rest. The first is slow, since nothing is known of the torque yet.
+
+        Raises
+        ------
+        DynidentError
+            Where the campaign is over, or no motion keeps the limits.
+        """
+        if self.decision.is_end:
+            raise DynidentError(f"the campaign is over: {self.decision.sentence}", title="Campaign over")
+        # Asked twice, the same motion: a search of several seconds is not made again.
+        if self._planned is None:
+            self._planned = plan_run(self._state, progress)
+        return DesignedMotion(self._state.robot, self._planned.design)
+
+    def tell(self, recording: SomeRecordings, *, progress: Progress = ignore_progress) -> Decision:
+        """Take in the recording of a run, of the motion asked for or of any other.
+
+        Parameters
+        ----------
+        recording : recording
+            One recording, as `read_recordings` gives it.
+        progress : function, optional
+            Called with the fraction done and a message.
+
+        Returns
+        -------
+        Decision
+            What to do next, and why.
+
+        Raises
+        ------
+        DynidentError
+            For another number of recordings, one that was added before, or one that no model can be identified from.
+        """
+        checked = as_recordings(recording)
+        require(len(checked) == 1, checked, "recording", "give the one recording of this run")
+        self._state = add_run(self._state, checked.recordings[0], self._planned, progress)
+        self._recordings = Recordings((*self._recordings, *checked))
+        self._planned = None
+        return self.decision
+
+    def plot(self) -> Figure:
+        """Draw the errors over robot time: promised, reached, and the goal.
+
+        Returns
+        -------
+        Figure
+            One panel.
+        """
+        from dynident.reports.figures.design import draw_campaign
+
+        return join_figures([draw_campaign(self._state)], f"campaign with {self._state.robot.name}")
+
+    def _columns(self) -> Table:
+        minutes = np.cumsum([run.seconds for run in self._state.runs]) / 60.0
+        rows = [
+            (
+                run.name,
+                float(time),
+                *(None if part is None else float(part.max()) for part in (run.promised, run.predicted)),
+                float(run.parameters.max()),
+                float(run.lacking.max()),
+                float(run.errors.max()),
+                ", ".join(choice.effect for choice in run.added),
+            )
+            for run, time in zip(self._state.runs, minutes, strict=True)
+        ]
+        return build_columns(
+            ("run", "minutes", "promised", "predicted", "parameters", "lacking", "error", "added"), rows
+        )
+
+    def __repr__(self) -> str:
+        table = build_campaign_table(self._state)
+        head = f"Campaign({self._state.robot.name}, {len(self._state.runs)} runs): {self.decision.sentence}"
+        return table.to_text(head) if self._state.runs else head
+
+    def _repr_html_(self) -> str:
+        table = build_campaign_table(self._state)
+        shown = (table.to_html(), *map(render_paragraph, table.notes)) if self._state.runs else ()
+        return join_html(render_paragraph(self.decision.sentence, strong=True), *shown)
+
+
+@check_arguments
+def run_campaign(
+    campaign: Campaign,
+    execute: Callable[[DesignedMotion], SomeRecordings],
+    *,
+    progress: Progress = ignore_progress,
+) -> Campaign:
+    """Run a campaign to its end.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The campaign, new or with runs.
+    execute : function
+        Moves the robot along a motion and returns the recording.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Campaign
+        The same campaign, at its end.
+    """
+    while not campaign.decision.is_end:
+        campaign.tell(execute(campaign.ask(progress=progress)), progress=progress)
+    return campaign

@@ -1,0 +1,123 @@
+"""States whose torque a model shall predict, and the moments of their rows, which weigh the parameters' covariance.
+
+Holds how many states stand for a region, and the share of the speed limits that they reach by default.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.excitation.design_observation_matrix import DesignModel
+from dynident.motion.limits.bounds import build_bounds
+from dynident.recordings import Recording, choose_preprocessing
+from dynident.recordings.recording import SampleBlock
+from dynident.regressors.dynamic_model_rows import filter_in_parallel
+from dynident.robot.robot_model import Robot
+
+N_STATES = 400
+"""States that stand for a region; the mean of rows over twice as many differs by a few per cent."""
+_SPEED = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """States in which the torque shall be predicted.
+
+    Parameters
+    ----------
+    q, dq, ddq : (m, n)
+        Positions, velocities and accelerations: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
+    """
+
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+
+    def __repr__(self) -> str:
+        return f"Region({len(self.q)} states)"
+
+
+def draw_region(robot: Robot, speed: float = _SPEED, seed: int = 0) -> Region:
+    """Draw states within the limits of a robot, evenly.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, whose limits of position, velocity and acceleration bound the states.
+    speed : float
+        Share of the limits of velocity and acceleration that the states reach.
+    seed : int
+        Seed of the draw.
+
+    Returns
+    -------
+    Region
+        The states.
+    """
+    bounds = build_bounds(robot, {})
+    rng = np.random.default_rng(seed)
+    size = (N_STATES, robot.n)
+    return Region(
+        rng.uniform(bounds.position_low, bounds.position_high, size),
+        speed * bounds.velocity * rng.uniform(-1.0, 1.0, size),
+        speed * bounds.acceleration * rng.uniform(-1.0, 1.0, size),
+    )
+
+
+def collect_region(recordings: Sequence[Recording]) -> Region:
+    """Return states of recorded motions, evenly over their time, filtered as for an identification.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Motions in which the torque shall be predicted: those of the application.
+
+    Returns
+    -------
+    Region
+        The states.
+    """
+    preprocessing = choose_preprocessing(recordings)
+    parts = [
+        states
+        for recording in recordings
+        for _, _, states in filter_in_parallel(recording, preprocessing, _stack_motion)
+    ]
+    states = np.concatenate(parts)
+    chosen = states[np.linspace(0, len(states) - 1, min(N_STATES, len(states))).astype(int)]
+    q, dq, ddq = np.split(chosen, 3, axis=1)
+    return Region(q, dq, ddq)
+
+
+def _stack_motion(block: SampleBlock) -> FloatArray:
+    return np.concatenate([block.q, block.dq, block.ddq], axis=1)
+
+
+def compute_moments(model: DesignModel, region: Region) -> FloatArray:
+    """Return for each joint the mean of wᵀw over the region's rows w, over the mean square of its torque.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of the design.
+    region : Region
+        The states.
+
+    Returns
+    -------
+    (n, b, b)
+        With the covariance C of the parameters, the trace of C times a joint's moments is the square of the relative
+        standard deviation of its predicted torque.
+    """
+    rows = model.observe(region.q, region.dq, region.ddq).reshape(len(region.q), model.robot.n, -1)
+    moments: FloatArray = np.einsum("mja,mjb->jab", rows, rows) / len(region.q)
+    if model.expected is None and model.robot.inertias is None:
+        return moments
+    torque = model.torque(region.q, region.dq, region.ddq)
+    squares = np.maximum((torque**2).mean(axis=0), np.finfo(float).tiny)
+    relative: FloatArray = moments / squares[:, None, None]
+    return relative

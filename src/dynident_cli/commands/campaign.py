@@ -1,0 +1,185 @@
+"""`dynident campaign`: motion after motion, until the torque is predicted as well as asked for."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dynident.advice.campaign_request import DESIGN_SECONDS, CampaignRequest
+from dynident.errors import DynidentError
+from dynident.excitation.design_request import DesignRequest
+from dynident_cli.commands.design import SafetyFiles
+from dynident_cli.request_options import RequestOptions, TypedValues
+from dynident_cli.shared_options import Effects, RobotArgument, RobotTimedReading, SomeFiles, file_option
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dynident.advice.campaign import PlannedRun
+    from dynident.progress import Progress
+    from dynident.recordings import Recording
+
+EXIT_MISSED = 3
+"""Exit code of a campaign that ended without reaching its goal."""
+_ENDINGS = (".csv", ".parquet", ".csv.gz", ".npz", ".mat", ".mcap", ".bag", ".jsonl")
+# Seconds between two looks for a recording, and how long its size must not have changed.
+_LOOK, _SETTLED = 0.5, 2.0
+# What a campaign decides itself, or has options of its own for.
+_DECIDED = (
+    *("kind", "effects", "criterion", "limits", "noise", "surroundings", "model"),
+    *("sets", "speeds", "amplitudes", "joints"),
+)
+
+
+@dataclass(frozen=True)
+class CampaignFiles(SafetyFiles):
+    """Files of a campaign, and how the robot is moved."""
+
+    region: Annotated[
+        SomeFiles,
+        file_option(
+            "--region",
+            help="Measurement of a motion of the application, in which the torque shall be predicted; may be repeated. "
+            "By default, all that the limits allow, up to --speed.",
+        ),
+    ] = None
+    folder: Annotated[
+        Path, typer.Option("--folder", metavar="FOLDER", help="Where motions, recordings and the model stand.")
+    ] = Path("campaign")
+    execute: Annotated[
+        str,
+        typer.Option(
+            "--execute",
+            metavar="COMMAND",
+            help="Command that moves the robot and records: {motion} and {recording} stand for the files. Without it, "
+            "the folder is watched for the recording.",
+        ),
+    ] = ""
+
+
+def campaign(
+    robot: RobotArgument,
+    effects: Effects,
+    goal: Annotated[TypedValues, RequestOptions(CampaignRequest, but=("choices", "design"))],
+    motion: Annotated[TypedValues, RequestOptions(DesignRequest, but=_DECIDED)],
+    files: CampaignFiles,
+    reading: RobotTimedReading,
+) -> None:
+    """Run a robot until its torque is predicted as well as asked for: design, record, identify, decide, again.
+
+    Run k moves along FOLDER/runK_motion.csv and is recorded as FOLDER/runK.csv (or another format). Recordings that
+    are there already are taken first, so that a campaign goes on where it was stopped. Exit code 3: the goal was not
+    reached.
+    """
+    from dynident.advice.campaign import add_run, plan_run, start_campaign
+    from dynident.excitation.criteria.prediction_region import collect_region
+    from dynident.identification import to_bytes
+    from dynident.presentation.design_tables import build_campaign_table
+    from dynident.progress import scale_progress
+    from dynident_cli import argument_loading, csv_and_parquet_output, terminal
+    from dynident_cli.design_and_simulation_files import (
+        choose_mesh_folders,
+        load_limits,
+        load_surroundings,
+        print_warnings,
+    )
+    from dynident_cli.input_checks_and_writes import write_atomically
+
+    machine = argument_loading.load_robot_argument(robot, reading)
+    request = goal.build_request(CampaignRequest)
+    surroundings = load_surroundings(
+        files.surroundings, choose_mesh_folders(machine, robot, files.meshes), floor=files.floor
+    )
+    design = replace(motion.build_request(DesignRequest), limits=load_limits(files.limits), surroundings=surroundings)
+    if design.time_budget is None and design.starts is None:
+        design = replace(design, time_budget=DESIGN_SECONDS)
+    chosen = argument_loading.read_effects(effects, machine)
+    choices = replace(request.choices, effects=chosen) if chosen else request.choices
+    folder = files.folder
+    folder.mkdir(parents=True, exist_ok=True)
+    console = terminal.message_console()
+    # Recordings stand in temporary folders, which have to stay until the campaign ends.
+    with ExitStack() as opened:
+
+        def load(paths: list[Path], progress: Progress) -> list[Recording]:
+            read = argument_loading.load_recordings(paths, machine, reading, progress)
+            return argument_loading.extract_recordings(opened.enter_context(read)[0])
+
+        with terminal.show_progress_bar("region") as progress:
+            states = collect_region(load(list(files.region), progress)) if files.region else None
+        state = start_campaign(machine, replace(request, choices=choices, design=design), states)
+        while not state.decision.is_end:
+            name, planned = f"run{len(state.runs) + 1}", None
+            recording = _find_recording(folder, name)
+            if recording is None:
+                path = folder / f"{name}_motion.csv"
+                with terminal.show_progress_bar(f"designing {name}") as progress:
+                    planned = plan_run(state, progress)
+                csv_and_parquet_output.write_trajectory(planned.design, path)
+                print_warnings(console, planned.design)
+                console.print(_describe_plan(planned, path))
+                recording = _record(console, files.execute, path, folder, name)
+            with terminal.show_progress_bar(name) as progress:
+                added = load([recording], scale_progress(progress, 0.0, 0.1))[0]
+                state = add_run(state, added, planned, scale_progress(progress, 0.1, 1.0))
+            assert state.identification is not None
+            write_atomically(folder / "model.npz", to_bytes(state.identification))
+            console.print(f"{name}: {state.decision.sentence}")
+    table = build_campaign_table(state)
+    results = terminal.result_console()
+    terminal.print_tables(results, [table])
+    for note in table.notes:
+        results.print(note, style="dim")
+    results.print(f"{state.decision.sentence} The model is {folder / 'model.npz'}.")
+    if state.decision.code != "reached":
+        raise typer.Exit(EXIT_MISSED)
+
+
+def _describe_plan(planned: PlannedRun, path: Path) -> str:
+    from dynident.number_format import format_number, format_percent
+
+    promise = (
+        "It is slow, since nothing is known of the torque yet."
+        if planned.promised is None
+        else f"It will leave an error of {format_percent(float(planned.promised.max()))} on the worst joint."
+    )
+    return f"{path}: the next motion, {format_number(planned.design.duration)} s. {promise}"
+
+
+def _find_recording(folder: Path, name: str) -> Path | None:
+    """Return the recording of a run, in whichever format; None where there is none yet."""
+    return next((path for ending in _ENDINGS if (path := folder / f"{name}{ending}").is_file()), None)
+
+
+def _record(console: Console, execute: str, motion: Path, folder: Path, name: str) -> Path:
+    """Have the robot moved, by a command or by hand, and return the recording."""
+    if execute:
+        recording = folder / f"{name}.csv"
+        # The words are split first: a path with spaces stays one argument.
+        command = [word.format(motion=motion, recording=recording) for word in shlex.split(execute)]
+        code = subprocess.run(command, check=False).returncode
+        recorded = _find_recording(folder, name)
+        if code or recorded is None:
+            result = f"ended with code {code}" if code else f"wrote no {recording}"
+            raise DynidentError(
+                f"the command {shlex.join(command)} {result}", pointer="--execute", title="No recording"
+            )
+        return recorded
+    console.print(f"Move the robot along {motion} and save the recording as {folder / name}.csv. Ctrl-C stops waiting.")
+    size, since = -1, time.monotonic()
+    while True:
+        recorded = _find_recording(folder, name)
+        now = -1 if recorded is None else recorded.stat().st_size
+        if now != size:
+            size, since = now, time.monotonic()
+        # A file that is still being written grows.
+        if recorded is not None and size > 0 and time.monotonic() - since >= _SETTLED:
+            return recorded
+        time.sleep(_LOOK)

@@ -1,0 +1,190 @@
+"""Campaigns: errors over a region against their definition, promises, decisions, and whole campaigns to their ends."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from support.oracles import pinocchio_torque
+from typer.testing import CliRunner
+
+import dynident as dy
+from dynident.advice.campaign import add_run, decide, plan_run, start_campaign
+from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.prediction_error import RegionRows, compute_region_rows, predict_errors
+from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
+from dynident.excitation.criteria.design_criterion import build_design_criterion
+from dynident.excitation.criteria.optimality_criteria import compute_true_values
+from dynident.excitation.criteria.prediction_region import Region, collect_region, draw_region
+from dynident.excitation.design_observation_matrix import build_design_model
+from dynident.simulation import (
+    Reference,
+    Sensors,
+    SimulationRequest,
+    build_typical_effect,
+    list_drive_effects,
+    simulate,
+    write_simulated_recording,
+)
+from dynident_cli.program_and_exit_codes import app
+
+ARM = dy.load_robot("scara")
+RATE = 100.0
+DESIGN = DesignRequest(
+    starts=1, random_trajectories=10, trajectory=TrajectoryRequest(duration=6.0, harmonics=3, sampling_rate=RATE)
+)
+REQUEST = CampaignRequest(error=0.02, minutes=2.0, design=DESIGN)
+
+
+def measured(design, seed: int, hidden: str = ""):
+    """What the virtual arm measures along a design."""
+    effects = list_drive_effects(ARM)
+    if hidden:
+        effects = (*effects, build_typical_effect(ARM, hidden, "elbow"))
+    motion = Reference(design.t, design.q, design.dq, design.ddq)
+    return simulate(ARM, SimulationRequest(motion, effects, sensors=Sensors(sampling_rate=200.0), seed=seed))
+
+
+def recorded(design, name: str, hidden: str = ""):
+    """The same as a recording."""
+    run = measured(design, int(name.removeprefix("run")), hidden)
+    data = {"t": run.t, "q": run.q, "tau": run.tau}
+    return replace(dy.read_recordings(data, robot=ARM)[0].recording, name=name)
+
+
+@cache
+def first_run():
+    """A campaign after its first run, the plan of that run, and the plan of the next."""
+    start = start_campaign(ARM, REQUEST)
+    plan = plan_run(start)
+    state = add_run(start, recorded(plan.design, "run1"), plan)
+    return plan, state, plan_run(state)
+
+
+def test_the_error_of_one_parameter_is_that_of_its_normal_distribution():
+    rows = RegionRows(np.array([[[4.0]]]), np.array([10.0]))
+    # The torque is 2 χ: with a standard deviation of 0.5 in χ its error stays below 1.96 · 2 · 0.5 in 95 of 100 cases.
+    assert rows.compute_errors(np.array([[0.25]]), 1e6) == pytest.approx([norm.ppf(0.975) / 10], rel=0.06)
+
+
+def test_the_criterion_is_the_variance_of_the_torque_over_the_region():
+    model = build_design_model(ARM, [dy.EffectChoice("rigid_body"), dy.EffectChoice("viscous")])
+    region = draw_region(ARM, seed=3)
+    criterion = build_design_criterion(model, CriterionChoice("prediction"), {}, region=region)
+    w = np.random.default_rng(0).standard_normal((60 * ARM.n, model.n_parameters))
+    rows = model.observe(region.q, region.dq, region.ddq)
+    variances = np.einsum("ra,ab,rb->r", rows, np.linalg.inv(w.T @ w / 60), rows).reshape(-1, ARM.n)
+    torque = pinocchio_torque(ARM, region.q, region.dq, region.ddq)
+    expected = (variances.mean(axis=0) / (torque**2).mean(axis=0)).sum()
+    values = compute_true_values(criterion.choice, w, 60, criterion.a_priori, criterion.deciding)
+    assert values.criterion == pytest.approx(expected, rel=1e-6)
+    smooth, gradient = criterion.smooth_criterion(w)
+    assert np.exp(smooth) == pytest.approx(60 * expected / 60**2, rel=1e-6)
+    direction = np.random.default_rng(1).standard_normal(w.shape)
+    ends = [criterion.smooth_criterion(w + s * direction)[0] for s in (1e-6, -1e-6)]
+    assert np.sum(gradient * direction) == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-4)
+
+
+def test_the_first_motion_is_slow_and_promises_nothing():
+    plan, _, following = first_run()
+    limits = np.array([joint.limits.velocity for joint in ARM.joints])
+    assert plan.promised is None
+    assert (np.abs(plan.design.dq).max(axis=0) <= 0.3 * limits + 1e-9).all()
+    assert (np.abs(following.design.dq).max(axis=0) > 0.3 * limits).any()
+
+
+def test_a_motion_that_is_made_for_ever_leaves_no_uncertainty_and_never_more_than_before():
+    _, state, following = first_run()
+    rows = compute_region_rows(state.identification, state.region)
+    errors = [predict_errors(state.identification, rows, following.design, state.seconds, k) for k in (0.0, 1.0, 1e9)]
+    assert errors[0] == pytest.approx(state.runs[-1].parameters, rel=1e-6)
+    assert (errors[1] < errors[0]).all()
+    assert errors[2].max() < 1e-3
+
+
+def test_a_design_for_the_prediction_predicts_better_than_one_for_the_condition_number():
+    _, state, following = first_run()
+    other = design_experiment(ARM, replace(DESIGN, effects=state.identification.model.effects, seed=1))
+    rows = compute_region_rows(state.identification, state.region)
+    own, rival = (
+        predict_errors(state.identification, rows, design, state.seconds) for design in (following.design, other)
+    )
+    assert own.max() < rival.max()
+
+
+def test_decisions_say_what_is_in_the_way():
+    _, state, following = first_run()
+    rows = compute_region_rows(state.identification, state.region)
+
+    def decided(**changes):
+        runs = changes.pop("runs", 2) * state.runs
+        run = replace(runs[-1], **{name: np.full(ARM.n, value) for name, value in changes.items() if name != "request"})
+        request = changes.get("request", REQUEST)
+        return decide(replace(state, runs=(*runs[:-1], run), request=request), rows, following)
+
+    assert decided(parameters=0.01, lacking=0.0).code == "reached"
+    assert decided(parameters=0.01, lacking=0.0, runs=1).code == "next_run"
+    assert decided(parameters=0.03, lacking=0.0).code == "next_run"
+    lacking = decided(parameters=0.001, lacking=0.05)
+    assert (lacking.code, "no effect of the catalogue" in lacking.sentence) == ("not_reachable", True)
+    assert decided(parameters=0.03, lacking=0.0, request=replace(REQUEST, minutes=0.05)).code == "out_of_time"
+    hopeless = decided(parameters=0.03, lacking=0.0, request=replace(REQUEST, error=1e-6, minutes=0.7))
+    assert (hopeless.code, "Give more minutes" in hopeless.sentence) == ("not_reachable", True)
+    broken = decided(parameters=0.5, lacking=0.0, promised=0.01)
+    assert "less than promised" in broken.sentence
+
+
+def test_a_run_is_told_once_and_only_motions_of_all_joints_add_up():
+    _, state, _ = first_run()
+    with pytest.raises(dy.DynidentError, match="run1 is a run of this campaign already"):
+        add_run(state, state.recordings[0])
+    with pytest.raises(dy.DynidentError, match="all joints"):
+        start_campaign(ARM, replace(REQUEST, design=replace(DESIGN, kind="reversals")))
+
+
+def test_the_region_of_recordings_holds_their_states():
+    _, state, _ = first_run()
+    region = collect_region(state.recordings)
+    assert isinstance(region, Region)
+    assert 200 < len(region.q) <= 400
+    assert (np.abs(region.dq).max(axis=0) <= 0.31 * np.array([joint.limits.velocity for joint in ARM.joints])).all()
+    assert region.q.shape == region.ddq.shape == (len(region.q), ARM.n)
+
+
+@pytest.mark.slow
+def test_a_campaign_finds_a_hidden_effect_on_its_way_to_the_goal():
+    campaign = dy.Campaign(ARM, error=0.03, request=REQUEST)
+    names = iter(f"run{k}" for k in range(1, 9))
+    dy.run_campaign(campaign, lambda motion: [recorded(motion.design, next(names), "joint_spring")])
+    assert campaign.decision.code == "reached"
+    assert any(choice.effect == "joint_spring" for choice in campaign.model.identification.model.effects)
+    frame = campaign.to_table()
+    assert frame["error"][-1] <= 0.03
+    assert [frame["promised"][0], frame["predicted"][0]] == [None, None]
+    assert re.search(r"run2.*%", repr(campaign))
+    assert "goal" in campaign.plot().svg
+    with pytest.raises(dy.DynidentError, match="the campaign is over"):
+        campaign.ask()
+
+
+@pytest.mark.slow
+def test_the_command_goes_on_from_its_folder_and_says_what_a_command_did_wrong(tmp_path):
+    plan, _, following = first_run()
+    for number, design in enumerate((plan.design, following.design), start=1):
+        write_simulated_recording(measured(design, number), tmp_path / f"run{number}.csv")
+    common = ["campaign", "scara", "--folder", str(tmp_path)]
+    done = CliRunner().invoke(app, [*common, "--error", "0.05"])
+    assert done.exit_code == 0, done.output
+    assert "is reached" in done.output
+    assert (tmp_path / "model.npz").is_file()
+    (tmp_path / "run2.csv").unlink()
+    fails = f'{sys.executable} -c "raise SystemExit(5)"'
+    failed = CliRunner().invoke(app, [*common, "--error", "0.02", "--starts", "1", "--execute", fails])
+    assert failed.exit_code == 2
+    assert "ended with code 5" in failed.output
+    assert (tmp_path / "run2_motion.csv").is_file()
