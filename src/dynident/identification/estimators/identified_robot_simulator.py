@@ -39,8 +39,7 @@ from dynident.simulation.virtual_robot import LONGEST_STEP
 
 # Share of the motion by which it may differ from the delayed command; above it the robot did not follow.
 _FOLLOWED = 0.05
-# Gauss-Newton steps for the delay: it is small, so that few are enough.
-_DELAY_ROUNDS = 3
+_DELAY_ROUNDS = 3  # Gauss-Newton steps for the delay: it is small, so that few are enough.
 
 
 @dataclass(frozen=True, eq=False)
