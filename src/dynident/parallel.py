@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from queue import Empty, Full, Queue
-from threading import Condition, Event, Thread, local
+from threading import Condition, Event, Lock, Thread, local
 from typing import Generic, Protocol, TypeVar
 
 from dynident.errors import Cancelled
@@ -239,6 +239,8 @@ MIN_PARALLEL_SIZE = 200_000
 
 _SWITCH_INTERVAL = 5e-4
 """Seconds for which a thread may keep Python's lock from another that comes back from what needs none."""
+# The interval is one for the process: what it was before, and an entry for each computation that has shortened it.
+_shortening, _intervals = Lock(), list[float]()
 _PROGRESS_INTERVAL = 0.1
 """Seconds between two looks at how far all are."""
 _RETRY_INTERVAL = 1.0
@@ -260,12 +262,18 @@ def count_processors() -> int:
 def _shorten_switch_interval() -> Iterator[None]:
     # With Python's usual interval of 5 ms a thread that returns from machine code would wait that long for the lock,
     # many times a second.
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(min(before, _SWITCH_INTERVAL))
+    with _shortening:
+        if not _intervals:
+            _intervals.append(sys.getswitchinterval())
+            sys.setswitchinterval(min(_intervals[0], _SWITCH_INTERVAL))
+        _intervals.append(_SWITCH_INTERVAL)
     try:
         yield
     finally:
-        sys.setswitchinterval(before)
+        with _shortening:
+            _intervals.pop()
+            if len(_intervals) == 1:
+                sys.setswitchinterval(_intervals.pop())
 
 
 def map_sequentially(

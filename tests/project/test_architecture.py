@@ -56,6 +56,18 @@ def test_imports_run_downward_only() -> None:
     assert run.returncode == 0, run.stdout + run.stderr
 
 
+def test_whoever_uses_casadi_loads_the_lock_around_it() -> None:
+    grimp = pytest.importorskip("grimp", reason="import-linter is not installed: pip install 'dynident[dev]'")
+    packages = ("dynident", "dynident_service", "dynident_cli")
+    options = {"include_external_packages": True, "exclude_type_checking_imports": True, "cache_dir": None}
+    graph = grimp.build_graph(*packages, **options)
+    users = graph.find_modules_that_directly_import("casadi")
+    lock = "dynident.expressions"
+    inside = {lock, *graph.find_descendants(lock)}
+    assert len(users) > 20
+    assert {user for user in users - inside if not any(graph.chain_exists(user, place) for place in inside)} == set()
+
+
 def test_no_function_takes_more_parameters_than_one_can_keep_in_mind() -> None:
     """Signatures that are made of a request, of commands and of the client's `**options`, stand in no module."""
     found = {}

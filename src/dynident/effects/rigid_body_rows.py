@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 import casadi as ca
 import numpy as np
 
+import dynident.expressions  # noqa: F401 - threads may use CasADi
 from dynident.array_types import FloatArray
 from dynident.robot.joint import Joint
 from dynident.robot.robot_model import Robot

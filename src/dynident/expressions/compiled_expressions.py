@@ -18,13 +18,13 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache, cached_property, lru_cache, wraps
 from hashlib import sha256
+from importlib import import_module
 from importlib.metadata import version
 from types import BuiltinFunctionType
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from casadi import _casadi
 from llvmlite import binding as llvm
 
 from dynident.array_types import FloatArray
@@ -44,15 +44,19 @@ _BUILD = threading.Lock()
 _CASADI = threading.RLock()
 _NUMERIC_FUNCTIONS = ("DM_", "GenDM_", "FunctionBuffer_", "_function_buffer_eval", "Linsol_", "Opti")
 """Beginnings of the names of CasADi's functions that compute with numbers, possibly for long."""
+_BOOKKEEPING = ("_swiginit", "_swigregister")
+"""Ends of the names of those that only join a Python object to its expression."""
 
 
 def _guard_casadi() -> None:
     """Let one thread at a time make, read or destroy CasADi's expressions, in this project's code and in a user's."""
     if "GIL_RELEASE" not in ca.CasadiMeta.swig_flags() or "__del__" in vars(ca.SX):
         return  # Python's own lock does it, or this function has run before
-    for name, function in list(vars(_casadi).items()):
-        if isinstance(function, BuiltinFunctionType) and not name.startswith(_NUMERIC_FUNCTIONS):
-            setattr(_casadi, name, _guard_call(function) if name == "Function_call" else _guard(function))
+    compiled = import_module("casadi._casadi")  # no part of CasADi's types
+    for name, function in list(vars(compiled).items()):
+        is_safe = name.startswith(_NUMERIC_FUNCTIONS) or name.endswith(_BOOKKEEPING)
+        if isinstance(function, BuiltinFunctionType) and not is_safe:
+            setattr(compiled, name, _guard_call(function) if name == "Function_call" else _guard(function))
 
     # The interpreter takes modules apart at its end, when a thread may have stopped while it held the lock.
     def destroy(self: Any, lock: threading.RLock = _CASADI, is_ending: Callable[[], bool] = sys.is_finalizing) -> None:
@@ -60,7 +64,8 @@ def _guard_casadi() -> None:
             with lock:
                 self.__dict__.pop("this", None)
 
-    for kind in (ca.SX, ca.MX, ca.Function, ca.CodeGenerator):
+    kinds: tuple[Any, ...] = (ca.SX, ca.MX, ca.Function, ca.CodeGenerator)
+    for kind in kinds:
         kind.__del__ = destroy
     if hasattr(os, "register_at_fork"):
         # A child process would wait for ever for a thread that it does not have.

@@ -9,6 +9,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
+import dynident.expressions  # noqa: F401 - threads may use CasADi
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.joint import Joint

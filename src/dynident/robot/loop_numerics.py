@@ -14,6 +14,7 @@ from typing import Protocol, TypeVar
 import casadi as ca
 import numpy as np
 
+import dynident.expressions  # noqa: F401 - threads may use CasADi
 from dynident.array_types import BoolArray, FloatArray
 
 _SAFE = 0.05
