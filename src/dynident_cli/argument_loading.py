@@ -95,18 +95,28 @@ def read_recordings(
     progress : callable
         Reports progress on the part of the bar that reading has left.
     """
-    # Options and metadata files are read before the first recording, which may take minutes.
-    everything = [*paths, *others]
-    metadata = _list_metadata(everything, robot, reading, friction)
-    files = [SourceFile(path, stated.name) for path, stated in zip(everything, metadata, strict=True)]
     with show_progress_bar(title) as progress:
-        part = scale_progress(progress, 0.0, share)
-        try:
-            recordings = read_files(files, robot, metadata, cure=reading.cure, write_remedy=write_option, progress=part)
-        except RecordingError as error:
-            _add_remedies(error, reading)
-            raise
+        everything = [*paths, *others]
+        recordings = load_recordings(everything, robot, reading, scale_progress(progress, 0.0, share), friction)
         yield recordings[: len(paths)], recordings[len(paths) :], scale_progress(progress, share, 1.0)
+
+
+def load_recordings(
+    paths: Sequence[Path],
+    robot: Robot,
+    reading: TimedReading,
+    progress: Progress,
+    friction: Collection[Path] = (),
+) -> Recordings:
+    """Read and check measurement files; see `read_recordings`."""
+    # Options and metadata files are read before the first recording, which may take minutes.
+    metadata = _list_metadata(paths, robot, reading, friction)
+    files = [SourceFile(path, stated.name) for path, stated in zip(paths, metadata, strict=True)]
+    try:
+        return read_files(files, robot, metadata, cure=reading.cure, write_remedy=write_option, progress=progress)
+    except RecordingError as error:
+        _add_remedies(error, reading)
+        raise
 
 
 def _list_metadata(

@@ -37,9 +37,11 @@ def print_error(error: DynidentError, as_json: bool, option_names: Collection[st
     # Many messages name the place already.
     where = f"{error.pointer}: " if error.pointer and error.pointer not in error.detail else ""
     # A place in a request is an option here; a path of a file may begin with a slash, too.
-    field = error.pointer.split("/")[1] if error.pointer.startswith("/") else ""
+    _, field, *keys = [*error.pointer.split("/"), ""] if error.pointer.startswith("/") else ["", ""]
     if field in option_names:
-        where = f"--{field.replace('_', '-')}: "
+        names = [key for key in keys if key and not key.isdigit()]
+        option = "--" + field.replace("_", "-")
+        where = f"{' '.join([option, *names])}: "
     detail = word_remedies(error.detail, error.remedies, write_option)
     print(f"dynident: {error.title}\n  {where}{detail}", file=sys.stderr)
     # A file may fail several checks; the first is the error itself.

@@ -128,7 +128,7 @@ def test_a_model_out_of_a_file_is_extended_once_it_has_its_data(
 def test_the_data_that_a_model_is_given_are_those_that_it_was_identified_from(
     model: dy.Model, runs: dy.Recordings
 ) -> None:
-    with pytest.raises(dy.DynidentError, match=r"identified from run1; these recordings are run2"):
+    with pytest.raises(dy.DynidentError, match=r"identified from \(run1\): run2 holds other samples"):
         model.with_data(runs[1:])
     with pytest.raises(dy.DynidentError, match=r"validated on run2; these recordings are run1"):
         model.with_data(runs[:1], runs[:1])

@@ -81,6 +81,15 @@ def test_every_verb_explains_itself() -> None:
         assert "<class" not in explained.out
 
 
+def test_the_overview_lists_every_verb_in_one_group_within_80_columns() -> None:
+    overview = dynident("--help").out.splitlines()
+    assert max(map(len, overview)) <= 80
+    begin = next(index for index, line in enumerate(overview) if line == "From files to a better model:")
+    listed = [line.split()[0] for line in overview[begin:] if line.startswith("  ")]
+    assert sorted(listed) == sorted(get_command(create_application("")).commands)  # type: ignore[attr-defined]
+    assert not any(line.endswith("...") for line in overview[begin:])
+
+
 def test_serve_hands_its_settings_to_the_service(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     given: list[Settings] = []
     monkeypatch.setattr("dynident_service.serve.serve", given.append)

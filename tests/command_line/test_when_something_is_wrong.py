@@ -83,11 +83,11 @@ CASES = {
     ),
     "a column that the file does not hold": (
         ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--columns", "q1=shoulder"],
-        ["/columns/q1", "shoulder"],
+        ["--columns q1", "shoulder"],
     ),
     "an unknown unit": (
         ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--units", "q1=furlong"],
-        ["/units/q1", "furlong", "deg"],
+        ["--units q1", "furlong", "deg"],
     ),
     "a cut-off beyond the Nyquist frequency": (
         ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--preprocessing", "position_cutoff=80"],
@@ -112,6 +112,15 @@ CASES = {
     "an unknown candidate": (
         ["diagnose", "{desk}/model.npz", "{desk}/run1.csv", "--candidates", "magic"],
         ["magic", "stribeck"],
+    ),
+    "the robot behind the recording": (["identify", "{desk}/run1.csv", "scara"], ["which comes before the recordings"]),
+    "a misspelt field of the filters": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--preprocessing", "torque_cutof=3"],
+        ["--preprocessing torque_cutof: ", "torque_cutoff"],
+    ),
+    "two files that cannot be used": (
+        ["identify", "scara", "{desk}/model.npz", "{desk}/arm.json"],
+        ["2 of 2 files cannot be used", "model.npz: ", "arm.json: "],
     ),
     "a folder that is not there": (
         ["identify", "{desk}/arm.json", "{desk}/run1.csv", "-o", "{desk}/nowhere/model.npz"],

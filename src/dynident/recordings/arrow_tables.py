@@ -51,7 +51,15 @@ def to_csv(table: pa.Table, *, header: bool = True) -> bytes:
 
 
 def write_table(table: pa.Table, path: Path) -> None:
-    """Write a table as CSV, or as Parquet where the file ends so."""
+    """Write a table as CSV, or as Parquet where the file ends so.
+
+    Parameters
+    ----------
+    table : pyarrow.Table
+        The columns to write.
+    path : path
+        The file, which appears complete or not at all.
+    """
     if path.suffix.lower() == ".parquet":
         # In memory first: the file is to appear complete, or not at all.
         sink = pa.BufferOutputStream()

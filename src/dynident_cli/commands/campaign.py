@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import subprocess
 import time
-from contextlib import ExitStack
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -72,25 +72,25 @@ def campaign(
     files: CampaignFiles,
     reading: RobotTimedReading,
 ) -> None:
-    """Run a robot until its torque is predicted as well as asked for: design, record, identify, decide, again.
+    """Design, record and identify until torque is predicted well.
 
     Run k moves along FOLDER/runK_motion.csv and is recorded as FOLDER/runK.csv (or another format). Recordings that
     are there already are taken first, so that a campaign goes on where it was stopped. Exit code 3: the goal was not
     reached.
     """
     from dynident.advice.campaign import add_run, plan_run, start_campaign
+    from dynident.api.motion_design import DesignedMotion
     from dynident.excitation.criteria.prediction_region import collect_region
+    from dynident.file_output import write_atomically
     from dynident.identification import to_bytes
     from dynident.presentation.design_tables import build_campaign_table
     from dynident.progress import scale_progress
-    from dynident_cli import argument_loading, csv_and_parquet_output, terminal
+    from dynident_cli import argument_loading, command_output
+    from dynident_cli.contract_documents import load_limits, load_surroundings
     from dynident_cli.design_and_simulation_files import (
         choose_mesh_folders,
-        load_limits,
-        load_surroundings,
         print_warnings,
     )
-    from dynident_cli.input_checks_and_writes import write_atomically
 
     machine = argument_loading.load_robot_argument(robot, reading)
     request = goal.build_request(CampaignRequest)
@@ -104,37 +104,34 @@ def campaign(
     choices = replace(request.choices, effects=chosen) if chosen else request.choices
     folder = files.folder
     folder.mkdir(parents=True, exist_ok=True)
-    console = terminal.message_console()
-    # Recordings stand in temporary folders, which have to stay until the campaign ends.
-    with ExitStack() as opened:
+    console = command_output.message_console()
 
-        def load(paths: list[Path], progress: Progress) -> list[Recording]:
-            read = argument_loading.load_recordings(paths, machine, reading, progress)
-            return argument_loading.extract_recordings(opened.enter_context(read)[0])
+    def load(paths: Sequence[Path], progress: Progress) -> Sequence[Recording]:
+        return argument_loading.load_recordings(paths, machine, reading, progress).recordings
 
-        with terminal.show_progress_bar("region") as progress:
-            states = collect_region(load(list(files.region), progress)) if files.region else None
-        state = start_campaign(machine, replace(request, choices=choices, design=design), states)
-        while not state.decision.is_end:
-            name, planned = f"run{len(state.runs) + 1}", None
-            recording = _find_recording(folder, name)
-            if recording is None:
-                path = folder / f"{name}_motion.csv"
-                with terminal.show_progress_bar(f"designing {name}") as progress:
-                    planned = plan_run(state, progress)
-                csv_and_parquet_output.write_trajectory(planned.design, path)
-                print_warnings(console, planned.design)
-                console.print(_describe_plan(planned, path))
-                recording = _record(console, files.execute, path, folder, name)
-            with terminal.show_progress_bar(name) as progress:
-                added = load([recording], scale_progress(progress, 0.0, 0.1))[0]
-                state = add_run(state, added, planned, scale_progress(progress, 0.1, 1.0))
-            assert state.identification is not None
-            write_atomically(folder / "model.npz", to_bytes(state.identification))
-            console.print(f"{name}: {state.decision.sentence}")
+    with command_output.show_progress_bar("region") as progress:
+        states = collect_region(load(files.region, progress)) if files.region else None
+    state = start_campaign(machine, replace(request, choices=choices, design=design), states)
+    while not state.decision.is_end:
+        name, planned = f"run{len(state.runs) + 1}", None
+        recording = _find_recording(folder, name)
+        if recording is None:
+            path = folder / f"{name}_motion.csv"
+            with command_output.show_progress_bar(f"designing {name}") as progress:
+                planned = plan_run(state, progress)
+            DesignedMotion(machine, planned.design).save(path)
+            print_warnings(console, planned.design)
+            console.print(_describe_plan(planned, path))
+            recording = _record(console, files.execute, path, folder, name)
+        with command_output.show_progress_bar(name) as progress:
+            added = load([recording], scale_progress(progress, 0.0, 0.1))[0]
+            state = add_run(state, added, planned, scale_progress(progress, 0.1, 1.0))
+        assert state.identification is not None
+        write_atomically(folder / "model.npz", to_bytes(state.identification))
+        console.print(f"{name}: {state.decision.sentence}")
     table = build_campaign_table(state)
-    results = terminal.result_console()
-    terminal.print_tables(results, [table])
+    results = command_output.result_console()
+    command_output.print_tables(results, [table])
     for note in table.notes:
         results.print(note, style="dim")
     results.print(f"{state.decision.sentence} The model is {folder / 'model.npz'}.")
