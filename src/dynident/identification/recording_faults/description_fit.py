@@ -187,8 +187,8 @@ def report_zeros_from_start(
     unexplained = fit.measure_unexplained(replace(motion, q=motion.q - zeros))
     if not as_is.is_surely_above(unexplained):
         return None
-    zeros_by_column = {f"q{joint + 1}": float(f"{zero:.4g}") for joint, zero in enumerate(zeros) if zero}
-    remedy = Remedy("zeros", zeros_by_column)
+    stated_zeros = {f"q{joint + 1}": float(f"{zero:.4g}") for joint, zero in enumerate(zeros) if zero}
+    remedy = Remedy("zeros", stated_zeros)
     others = [robot.joint_names[joint] for joint, zero in enumerate(zeros) if not zero]
     open_ones = f" Those of {', '.join(others)} do not show in these data." if others else ""
     detail = (
