@@ -201,7 +201,7 @@ def report_zeros_from_start(
     )
     # Zeros that do not show differ from recording to recording: a model of this one would fit no other.
     return Check(
-        ZERO, "error", detail, q[0], apply=None if others[1:] else Revision(zeros=zeros_by_column), remedies=(remedy,)
+        ZERO, "error", detail, q[0], apply=None if others[1:] else Revision(zeros=stated_zeros), remedies=(remedy,)
     )
 
 
