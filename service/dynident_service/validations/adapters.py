@@ -38,7 +38,7 @@ from dynident.validation import (
 )
 from dynident.validation.validation_request import Payload, Stated, Trial, build_trial
 from dynident_service.shared.field_by_field import show_errors, to_request, to_view
-from dynident_service.shared.wire_types import ErrorsView
+from dynident_service.shared.wire_types import DriftView, ErrorsView
 from dynident_service.validations import wire_types as wire
 from dynident_service.validations.wire_types import (
     BootstrapView,
@@ -283,7 +283,7 @@ def describe_validation(trial: Trial, outcome: TrialResult, measurement_ids: Seq
                 trial, outcome, methods=[_show_method(method, outcome.parameters) for method in outcome.results]
             )
         case DriftValidation():
-            drift = None if outcome.drift is None else to_view(wire.DriftView, outcome.drift)
+            drift = None if outcome.drift is None else to_view(DriftView, outcome.drift)
             return _build_result(trial, outcome, drift=drift)
         case FiltersBySimulation():
             return _build_result(trial, outcome, filters=to_view(wire.FiltersView, outcome))

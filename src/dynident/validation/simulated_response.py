@@ -182,10 +182,11 @@ def simulate_open_loop(
         return None
     # Spread over all motions in proportion to their lengths.
     chosen = np.unique(np.linspace(0, len(starts) - 1, min(len(starts), most)).astype(int))
-    outcomes = []
+    outcomes: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for index in chosen:
         progress(len(outcomes) / len(chosen), "simulating without a controller")
-        outcomes.append(_simulate_without_control(simulator, *starts[index], horizons))
+        motion, start = starts[index]
+        outcomes.append(_simulate_without_control(simulator, motion, start, horizons))
     position, velocity, way = (np.array(values) for values in zip(*outcomes, strict=True))
     return position, velocity, way
 

@@ -39,8 +39,7 @@ from dynident.simulation.virtual_robot import LONGEST_STEP
 
 # Share of the motion by which it may differ from the delayed command; above it the robot did not follow.
 _FOLLOWED = 0.05
-# Gauss-Newton steps for the delay: it is small, so that few are enough.
-_DELAY_ROUNDS = 3
+_DELAY_ROUNDS = 3  # Gauss-Newton steps for the delay: it is small, so that few are enough.
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +201,15 @@ def read_longest_piece(recording: Recording, preprocessing: Preprocessing, longe
 
 
 def read_pieces(recording: Recording, preprocessing: Preprocessing) -> tuple[RecordedMotion, ...]:
-    """Return every unbroken piece of used samples that has at least two of them, in the order of time."""
+    """Return every unbroken piece of used samples that has at least two of them, in the order of time.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    preprocessing : Preprocessing
+        Filters of the recordings.
+    """
     return tuple(
         _join_pieces(recording, segment, rows)
         for segment, rows in _iterate_pieces(recording, preprocessing)

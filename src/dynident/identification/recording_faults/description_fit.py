@@ -187,8 +187,8 @@ def report_zeros_from_start(
     unexplained = fit.measure_unexplained(replace(motion, q=motion.q - zeros))
     if not as_is.is_surely_above(unexplained):
         return None
-    zeros_by_column = {f"q{joint + 1}": float(f"{zero:.4g}") for joint, zero in enumerate(zeros) if zero}
-    remedy = Remedy("zeros", zeros_by_column)
+    stated_zeros = {f"q{joint + 1}": float(f"{zero:.4g}") for joint, zero in enumerate(zeros) if zero}
+    remedy = Remedy("zeros", stated_zeros)
     others = [robot.joint_names[joint] for joint, zero in enumerate(zeros) if not zero]
     open_ones = f" Those of {', '.join(others)} do not show in these data." if others else ""
     detail = (
@@ -200,7 +200,9 @@ def report_zeros_from_start(
         "its own; or log absolute positions."
     )
     # Zeros that do not show differ from recording to recording: a model of this one would fit no other.
-    return Check(ZERO, "error", detail, q[0], apply=None if others[1:] else Revision(zeros=told), remedies=(remedy,))
+    return Check(
+        ZERO, "error", detail, q[0], apply=None if others[1:] else Revision(zeros=stated_zeros), remedies=(remedy,)
+    )
 
 
 def _find_zeros(robot: Robot, motion: Motion, fit: HeldOutFit) -> FloatArray:
