@@ -74,7 +74,7 @@ def test_the_error_of_one_parameter_is_that_of_its_normal_distribution():
 
 def test_the_criterion_is_the_variance_of_the_torque_over_the_region():
     model = build_design_model(ARM, [dy.EffectChoice("rigid_body"), dy.EffectChoice("viscous")])
-    region = draw_region(ARM, seed=3)
+    region = draw_region(ARM, {}, seed=3)
     criterion = build_design_criterion(model, CriterionChoice("prediction"), {}, region=region)
     w = np.random.default_rng(0).standard_normal((60 * ARM.n, model.n_parameters))
     rows = model.observe(region.q, region.dq, region.ddq)
@@ -141,10 +141,37 @@ def test_decisions_say_what_is_in_the_way():
 
 def test_a_run_is_told_once_and_only_motions_of_all_joints_add_up():
     _, state, _ = first_run()
-    with pytest.raises(dy.DynidentError, match="run1 is a run of this campaign already"):
+    with pytest.raises(dy.DynidentError, match="run1 has the samples of an earlier run"):
         add_run(state, state.recordings[0])
     with pytest.raises(dy.DynidentError, match="all joints"):
         start_campaign(ARM, replace(REQUEST, design=replace(DESIGN, kind="reversals")))
+    with pytest.raises(dy.DynidentError, match="one run takes 6 s, and all together may take 3 s"):
+        start_campaign(ARM, replace(REQUEST, minutes=0.05))
+    warm = replace(REQUEST.choices, effects=(*REQUEST.choices.effects, dy.EffectChoice("temperature_friction")))
+    with pytest.raises(dy.DynidentError, match="temperature_friction depends on more than the motion"):
+        start_campaign(ARM, replace(REQUEST, choices=warm))
+    with pytest.raises(dy.DynidentError, match="before the first run"):
+        dy.Campaign(ARM).plot()
+
+
+def test_states_and_the_slow_motion_keep_to_the_limits_of_the_campaign():
+    limits = {"elbow": dy.Limits(position=(-0.1, 0.1), velocity=0.5)}
+    region = draw_region(ARM, limits, 1.0)
+    assert np.abs(region.q[:, 1]).max() <= 0.1
+    assert np.abs(region.dq[:, 1]).max() <= 0.5
+    state = start_campaign(ARM, replace(REQUEST, design=replace(DESIGN, limits=limits)))
+    assert np.abs(state.region.q[:, 1]).max() <= 0.1
+    design = plan_run(state).design
+    assert np.abs(design.dq[:, 1]).max() <= 0.15 + 1e-9
+
+
+def test_a_joint_that_the_region_never_loads_is_judged_by_its_noise():
+    _, state, following = first_run()
+    still = Region(*(np.zeros((20, ARM.n)) for _ in range(3)))
+    rows = compute_region_rows(state.identification, still)
+    errors = predict_errors(state.identification, rows, following.design, state.seconds)
+    assert np.isfinite(errors).all()
+    assert (rows.torque >= state.identification.noise).all()
 
 
 def test_the_region_of_recordings_holds_their_states():

@@ -283,6 +283,14 @@ def test_torques_that_step_once_are_told_with_the_time(tmp_path: Path, after: fl
         assert "torque_step" not in {check.name for check in drifting.checks}
 
 
+@pytest.mark.parametrize("joint", [0, 3])
+def test_a_joint_that_stands_exactly_still_is_read(tmp_path: Path, joint: int) -> None:
+    given = log("scara", 4, duration=8.0)
+    q = given.q.copy()
+    q[:, joint] = 0.1
+    assert "joint_motion" in {check.name for check in read(given.robot, tmp_path, given.columns(q=q)).checks}
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [

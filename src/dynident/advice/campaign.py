@@ -1,8 +1,7 @@
 """Campaigns: run after run until the torque is predicted well enough, with a promise before and a decision after each.
 
 `plan_run` designs the motion that tells most about the torque to be predicted; `add_run` takes its recording,
-identifies and diagnoses the model from all runs, and decides whether to go on. Holds how much slower the first run is,
-and the fewest runs.
+identifies and diagnoses the model from all runs, and decides whether to go on. Holds the fewest runs (2).
 """
 
 from __future__ import annotations
@@ -23,15 +22,17 @@ from dynident.advice.prediction_error import (
 )
 from dynident.array_types import FloatArray
 from dynident.diagnosis import diagnose
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, Design, design_experiment
 from dynident.excitation.criteria.prediction_region import Region, draw_region
+from dynident.excitation.experiments.design_task import compute_planned_seconds
 from dynident.identification import Identification, extend, identify
 from dynident.motion.limits.bounds import build_bounds
 from dynident.number_format import format_count, format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
+from dynident.recordings.sample_hashes import SampleHashes
 from dynident.robot import Limits, Robot
 
 DecisionCode = Literal["next_run", "reached", "not_reachable", "out_of_time"]
@@ -40,6 +41,7 @@ FEWEST_RUNS = 2
 # A run that leaves more than this multiple of the promised error is said to have brought less; and a goal is out of
 # reach only where repetitions of the last motion leave more than this multiple of it, since new motions bring more.
 _BROKEN_PROMISE = 1.3
+_LEAST_NOISE = 1e-6
 _MINUTE = 60.0
 
 
@@ -178,13 +180,29 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
         For a design of another kind than motions of all joints, or limits that are not known.
     """
     design = request.design
-    if design.kind != "optimized" or design.model != "dynamic" or design.trajectory.joints:
+    is_torque = design.model == "dynamic" and request.choices.model == "dynamic"
+    if design.kind != "optimized" or not is_torque or design.trajectory.joints:
         raise DynidentError(
             'a campaign plans motions of all joints, of the kind "optimized" for the dynamic model, since runs of '
             "other kinds do not add up; leave kind, model and joints out of the design",
             pointer="/design",
         )
-    return CampaignState(robot, request, region or draw_region(robot, request.speed))
+    needy = [choice.effect for choice in request.choices.effects if not _is_of_motion(choice)]
+    if needy:
+        raise DynidentError(
+            f"{', '.join(needy)} depends on more than the motion (temperature, time of the session, or run), which no "
+            "region of states states; leave it out of the campaign",
+            pointer="/choices/effects",
+        )
+    if region is not None and region.q.shape[1] != robot.n:
+        raise DynidentError(f"the region has {region.q.shape[1]} joints; the robot has {robot.n}", pointer="/region")
+    run, given = compute_planned_seconds(design), _MINUTE * request.minutes
+    if run > given:
+        raise DynidentError(
+            f"one run takes {run:g} s, and all together may take {given:g} s; give more minutes or shorter runs",
+            pointer="/minutes",
+        )
+    return CampaignState(robot, request, region or draw_region(robot, design.limits, request.speed))
 
 
 def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> PlannedRun:
@@ -220,7 +238,9 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
         return PlannedRun(
             design_experiment(state.robot, replace(design_request, effects=effects, limits=slow), progress), None
         )
-    noise = dict(zip(state.robot.joint_names, map(float, identification.noise), strict=True))
+    # A recording without noise has residuals that are rounding.
+    smallest = _LEAST_NOISE * max(float(identification.noise.max()), 1.0)
+    noise = dict(zip(state.robot.joint_names, map(float, np.maximum(identification.noise, smallest)), strict=True))
     design = design_experiment(
         state.robot,
         replace(
@@ -242,7 +262,8 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
 def _slow_down(robot: Robot, limits: Mapping[str, Limits], share: float) -> dict[str, Limits]:
     """Return limits with a share of the velocities, and of the accelerations that these reach in the same time."""
     bounds = build_bounds(robot, limits)
-    return {
+    # Limits of joints that follow others stay as they are stated.
+    return {**limits} | {
         name: replace(
             limits.get(name, Limits()),
             velocity=share * float(bounds.velocity[j]),
@@ -279,13 +300,16 @@ def add_run(
     Raises
     ------
     DynidentError
-        For a recording that was added before, or that the model cannot be identified from.
+        For a recording with the samples of one that was added before, or that the model cannot be identified from.
     """
-    if any(earlier.name == recording.name for earlier in state.recordings):
+    digest = SampleHashes.from_recording(recording).digest
+    if any(SampleHashes.from_recording(earlier).digest == digest for earlier in state.recordings):
         raise DynidentError(
-            f"{recording.name} is a run of this campaign already; each run needs a recording, and a name, of its own",
+            f"{recording.name} has the samples of an earlier run of this campaign; each run needs its own recording",
             pointer="recording",
         )
+    if any(earlier.name == recording.name for earlier in state.recordings):
+        recording = replace(recording, name=f"{recording.name} {len(state.runs) + 1}")
     before = state.identification
     # Before anything is fitted to it, the run tests the model: a prediction that nothing was chosen on.
     predicted = None if before is None else compare_with_run(before, recording).predicted
@@ -293,7 +317,7 @@ def add_run(
     # From the effects asked for each time: what one run alone suggested has to show in all of them.
     identification = identify(state.robot, recordings, (), state.request.choices, scale_progress(progress, 0.0, 0.3))
     diagnosis = diagnose(identification, recordings, progress=scale_progress(progress, 0.3, 0.9))
-    added = diagnosis.recommended
+    added = tuple(choice for choice in diagnosis.recommended if _is_of_motion(choice))
     if added:
         identification = extend(identification, added, recordings, (), scale_progress(progress, 0.9, 1.0))
     rows = compute_region_rows(identification, state.region)
@@ -314,6 +338,12 @@ def add_run(
 def _list_places(choices: Sequence[EffectChoice]) -> set[tuple[str, tuple[str, ...]]]:
     """Return effects with their joints alone: shape constants are refined with every run."""
     return {(choice.effect, choice.joints) for choice in choices}
+
+
+def _is_of_motion(choice: EffectChoice) -> bool:
+    """Return whether the motion alone determines an effect's torque: only then it has one at a state of a region."""
+    effect = get_effect(choice.effect)
+    return not (effect.needs_temperature or effect.needs_session or effect.in_some_runs or choice.runs)
 
 
 def _measure_seconds(recording: Recording) -> float:
@@ -342,13 +372,16 @@ def decide(state: CampaignState, rows: RegionRows, planned: PlannedRun | None = 
     worst = int(np.argmax(run.errors))
     reached = f"{format_percent(float(run.errors[worst]))} on {names[worst]}, the worst joint"
     remarks = _describe_promise(run, names)
-    if run.is_changed and state.seconds_left > 0:
-        count = format_count(len(run.added), "effect")
-        words = f"The diagnosis now adds {count}, others than before; the next run tests the model."
+    design = state.request.design
+    duration = compute_planned_seconds(design) if planned is None else planned.design.duration
+    has_time = state.seconds_left >= duration
+    if run.is_changed and has_time:
+        count = format_count(len(run.added), "effect") if run.added else "no effect"
+        words = f"The diagnosis of all runs now adds {count}, which is new; the next run tests the model."
         return Decision("next_run", f"{words} Error: {reached}.{remarks}")
-    if (run.errors <= goal).all():
-        if len(state.runs) >= FEWEST_RUNS:
-            return Decision("reached", f"The goal of {format_percent(goal)} is reached: {reached}.{remarks}")
+    if (run.errors <= goal).all() and len(state.runs) >= FEWEST_RUNS:
+        return Decision("reached", f"The goal of {format_percent(goal)} is reached: {reached}.{remarks}")
+    if (run.errors <= goal).all() and has_time:
         return Decision("next_run", f"The goal seems reached ({reached}); another run has to confirm it.{remarks}")
     lacking = int(np.argmax(run.lacking))
     if run.lacking[lacking] > goal and len(state.runs) >= FEWEST_RUNS:
@@ -357,8 +390,7 @@ def decide(state: CampaignState, rows: RegionRows, planned: PlannedRun | None = 
             f"The model lacks {format_percent(float(run.lacking[lacking]))} of the torque of {names[lacking]}, which "
             f"no effect of the catalogue explains; more runs do not reach {format_percent(goal)}.{remarks}",
         )
-    duration = state.request.design.trajectory.duration if planned is None else planned.design.duration
-    if state.seconds_left < duration:
+    if not has_time:
         return Decision(
             "out_of_time",
             f"Less than one run is left of {state.request.minutes:g} min; error: {reached}. Give more minutes or a "

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dynident.excitation.criteria.criterion_choice import REGION_SPEED
 from dynident.excitation.design_request import DesignRequest
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.schema.fields import Request, declare_field
 
-DEFAULT_SPEED = 0.5
-"""Share of the limits of velocity and acceleration up to which torque is to be predicted."""
 DESIGN_SECONDS = 8.0
 """Time of the search for a motion, s, where neither it nor the number of starts is stated."""
 
@@ -43,7 +42,7 @@ class CampaignRequest(Request):
     )
     speed: float = declare_field(
         "Share of the velocity and acceleration limits up to which the torque is to be predicted",
-        default=DEFAULT_SPEED,
+        default=REGION_SPEED,
         above=0,
         at_most=1,
     )

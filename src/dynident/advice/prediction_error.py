@@ -38,7 +38,7 @@ class RegionRows:
     moments : (n, b, b)
         Mean of wᵀw over the rows w of the region's states.
     torque : (n,)
-        Rms of the predicted torque over the region, N m or N.
+        Rms of the predicted torque over the region, N m or N, at least the noise of the joint.
     """
 
     moments: FloatArray
@@ -88,18 +88,17 @@ def compute_region_rows(identification: Identification, region: Region) -> Regio
     """
     rows = _evaluate_rows(identification, region.q, region.dq, region.ddq)
     torque = np.sqrt(((rows @ identification.values) ** 2).mean(axis=0))
+    # Where the region needs hardly any torque of a joint, errors are relative to its noise.
     moments = np.einsum("mja,mjb->jab", rows, rows, optimize=True) / len(rows)
-    return RegionRows(moments, np.maximum(torque, np.finfo(float).tiny))
+    return RegionRows(moments, np.maximum(torque, identification.noise))
 
 
 def _evaluate_rows(identification: Identification, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
     """Return W (m, n, b) at states; friction that remembers its path has slid in the direction of motion."""
     observation = identification.model.observation
-    memory = np.ones((len(q), observation.n_memory))
-    for k, item in enumerate(observation.memory):
-        # Followers have no velocity of their own here: their state counts as positive.
-        if item.joint < observation.robot.n:
-            memory[:, k] = np.sign(dq[:, item.joint])
+    # Followers have no velocity of their own here: their state counts as positive.
+    followers = np.ones((len(dq), len(observation.robot.positions(q[:1])[0]) - observation.robot.n))
+    memory = observation.compute_sliding_states(np.concatenate([dq, followers], axis=1))
     entries = observation.evaluate(q, dq, ddq, reference=identification.estimate.reference, memory=memory)
     rows = np.zeros((len(q), observation.robot.n, observation.n_columns))
     rows[:, observation.entry_rows, observation.entry_columns] = entries
@@ -156,7 +155,8 @@ def predict_errors(
     left = independent - spread @ np.linalg.solve(np.eye(len(values)) + root.T @ spread, spread.T)
     # Rows are correlated, so that the errors are larger than those of independent rows: by as much as they are now.
     freedom = statistics.median_freedom
-    excess = rows.compute_errors(statistics.covariance, freedom) / rows.compute_errors(independent, freedom)
+    now, of_independent = (rows.compute_errors(part, freedom) for part in (statistics.covariance, independent))
+    excess = np.divide(now, of_independent, out=np.ones_like(now), where=of_independent > 0)
     return np.asarray(excess * rows.compute_errors(0.5 * (left + left.T), freedom))
 
 
@@ -194,5 +194,7 @@ def compare_with_run(identification: Identification, recording: Recording) -> Ru
     comparison = compare(identification, recording)
     floor = judge(comparison, recording, identification.preprocessing).noise.values
     errors = comparison.moving_errors
-    explained = floor**2 + (comparison.deviation**2).mean(axis=0)
+    moves = comparison.off_halts
+    uncertain = np.where(moves, comparison.deviation**2, 0.0).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)
+    explained = floor**2 + uncertain
     return RunErrors(errors.relative, np.sqrt(np.maximum(errors.rms**2 - explained, 0.0)))

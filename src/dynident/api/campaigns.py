@@ -40,7 +40,7 @@ class Campaign(Framed):
     robot : Robot
         The robot, whose limits bound all motions.
     error : float, optional
-        Largest relative error of the predicted torque of any joint, with 95 % probability: 0.05 is 5 %.
+        Largest relative error of the predicted torque, of each joint with 95 % probability: 0.05 is 5 %.
     minutes : float, optional
         Robot time of all runs together.
     region : recordings, optional
@@ -176,7 +176,9 @@ class Campaign(Framed):
         checked = as_recordings(recording)
         require(len(checked) == 1, checked, "recording", "give the one recording of this run")
         self._state = add_run(self._state, checked.recordings[0], self._planned, progress)
-        self._recordings = Recordings((*self._recordings, *checked))
+        # The campaign gives a recording a name of its own where another run has it already.
+        named = replace(next(iter(checked)), recording=self._state.recordings[-1])
+        self._recordings = Recordings((*self._recordings, named))
         self._planned = None
         return self.decision
 
@@ -187,9 +189,16 @@ class Campaign(Framed):
         -------
         Figure
             One panel.
+
+        Raises
+        ------
+        DynidentError
+            Before the first run.
         """
         from dynident.reports.figures.design import draw_campaign
 
+        if not self._state.runs:
+            raise DynidentError("there is nothing to draw before the first run", title="No run yet")
         return join_figures([draw_campaign(self._state)], f"campaign with {self._state.robot.name}")
 
     def _columns(self) -> Table:

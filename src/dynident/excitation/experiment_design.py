@@ -15,7 +15,7 @@ from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_choice import check_criterion, check_criterion_targets
 from dynident.excitation.criteria.design_criterion import add_rivals, build_design_criterion
-from dynident.excitation.criteria.prediction_region import Region
+from dynident.excitation.criteria.prediction_region import Region, draw_region
 from dynident.excitation.design_observation_matrix import (
     DesignModel,
     build_design_model,
@@ -211,7 +211,7 @@ def design_experiment(
         request.noise,
         one_equation=request.model in ("energy", "power"),
         earlier=build_earlier_rows(model, earlier, request) if earlier else None,
-        region=region,
+        region=region or (draw_region(robot, request.limits) if request.criterion.name == "prediction" else None),
     )
     task = DesignTask(request, model, design_criterion, limits, bounds, progress, checkpoints or NoCheckpoints())
     progress(0.0, f"{model.n_parameters} base parameters")

@@ -87,7 +87,8 @@ def _guard_call(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @wraps(function)
     def call(*arguments: Any) -> Any:
-        values: Iterable[Any] = arguments[1].values() if isinstance(arguments[1], dict) else arguments[1]
+        given = next(iter(arguments[1:2]), ())
+        values: Iterable[Any] = given.values() if isinstance(given, dict) else given
         return (function if all(map(_is_numeric, values)) else guarded)(*arguments)
 
     return call

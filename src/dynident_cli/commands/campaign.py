@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 EXIT_MISSED = 3
 """Exit code of a campaign that ended without reaching its goal."""
-_ENDINGS = (".csv", ".parquet", ".csv.gz", ".npz", ".mat", ".mcap", ".bag", ".jsonl")
 # Seconds between two looks for a recording, and how long its size must not have changed.
 _LOOK, _SETTLED = 0.5, 2.0
 # What a campaign decides itself, or has options of its own for.
@@ -103,6 +102,8 @@ def campaign(
     chosen = argument_loading.read_effects(effects, machine)
     choices = replace(request.choices, effects=chosen) if chosen else request.choices
     folder = files.folder
+    if folder.exists() and not folder.is_dir():
+        raise DynidentError(f"{folder} is a file; give a folder", pointer="--folder", title="No folder")
     folder.mkdir(parents=True, exist_ok=True)
     console = command_output.message_console()
 
@@ -151,32 +152,39 @@ def _describe_plan(planned: PlannedRun, path: Path) -> str:
 
 
 def _find_recording(folder: Path, name: str) -> Path | None:
-    """Return the recording of a run, in whichever format; None where there is none yet."""
-    return next((path for ending in _ENDINGS if (path := folder / f"{name}{ending}").is_file()), None)
+    """Return the recording of a run, in whichever format, once it does not grow any more; None where there is none."""
+    files = sorted(path for path in folder.glob(f"{name}.*") if path.is_file())
+    if not files:
+        return None
+    path, size, since = files[0], -1, time.monotonic()
+    while time.monotonic() - since < _SETTLED or size == 0:
+        if path.stat().st_size != size:
+            size, since = path.stat().st_size, time.monotonic()
+        # A file that has been there for a while is not being written.
+        if time.time() - path.stat().st_mtime > _SETTLED and size > 0:
+            break
+        time.sleep(_LOOK)
+    return path
 
 
 def _record(console: Console, execute: str, motion: Path, folder: Path, name: str) -> Path:
     """Have the robot moved, by a command or by hand, and return the recording."""
-    if execute:
-        recording = folder / f"{name}.csv"
-        # The words are split first: a path with spaces stays one argument.
-        command = [word.format(motion=motion, recording=recording) for word in shlex.split(execute)]
-        code = subprocess.run(command, check=False).returncode
-        recorded = _find_recording(folder, name)
-        if code or recorded is None:
-            result = f"ended with code {code}" if code else f"wrote no {recording}"
-            raise DynidentError(
-                f"the command {shlex.join(command)} {result}", pointer="--execute", title="No recording"
-            )
+    recording = folder / f"{name}.csv"
+    if not execute:
+        console.print(f"Move the robot along {motion} and save the recording as {recording}. Ctrl-C stops waiting.")
+        while (recorded := _find_recording(folder, name)) is None:
+            time.sleep(_LOOK)
         return recorded
-    console.print(f"Move the robot along {motion} and save the recording as {folder / name}.csv. Ctrl-C stops waiting.")
-    size, since = -1, time.monotonic()
-    while True:
-        recorded = _find_recording(folder, name)
-        now = -1 if recorded is None else recorded.stat().st_size
-        if now != size:
-            size, since = now, time.monotonic()
-        # A file that is still being written grows.
-        if recorded is not None and size > 0 and time.monotonic() - since >= _SETTLED:
-            return recorded
-        time.sleep(_LOOK)
+    try:
+        # The words are split first: a path with spaces stays one argument.
+        words = shlex.split(execute)
+        command = [word.replace("{motion}", str(motion)).replace("{recording}", str(recording)) for word in words]
+        code = subprocess.run(command, check=False).returncode
+    except (OSError, ValueError) as error:
+        detail = f"{execute!r} cannot be run ({error}); give a program with its arguments, in quotes"
+        raise DynidentError(detail, pointer="--execute", title="No recording") from error
+    recorded = _find_recording(folder, name)
+    if code or recorded is None:
+        result = f"ended with code {code}" if code else f"wrote no {recording}"
+        raise DynidentError(f"the command {shlex.join(command)} {result}", pointer="--execute", title="No recording")
+    return recorded

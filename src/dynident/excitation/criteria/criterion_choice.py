@@ -34,6 +34,8 @@ NAMES = OneOf(
 )
 # Smallest weight and a-priori value: one that is smaller is zero but for rounding.
 _SMALLEST = 1e-12
+REGION_SPEED = 0.5
+"""Share of the limits of velocity and acceleration up to which torque is to be predicted, where nothing is stated."""
 CRITERIA = NAMES.names
 """Names of the criteria."""
 

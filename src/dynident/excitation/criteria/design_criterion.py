@@ -180,7 +180,7 @@ def build_design_criterion(
     notes = assumed if choice.name == "weighted" else ()
     deciding = select_parameters(model, choice, noise)
     if choice.name == "prediction":
-        states = region or draw_region(model.robot)
+        states = region or draw_region(model.robot, {})
         deciding = replace(deciding, moments=compute_moments(model, states).sum(axis=0))
     if one_equation:
         # The row of a sample is a sum over all joints, which the noise of a single joint cannot weigh.

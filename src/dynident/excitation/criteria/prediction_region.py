@@ -1,26 +1,28 @@
 """States whose torque a model shall predict, and the moments of their rows, which weigh the parameters' covariance.
 
-Holds how many states stand for a region, and the share of the speed limits that they reach by default.
+Holds how many states stand for a region, and the smallest torque that errors are relative to.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.excitation.criteria.criterion_choice import REGION_SPEED
 from dynident.excitation.design_observation_matrix import DesignModel
 from dynident.motion.limits.bounds import build_bounds
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.recording import SampleBlock
 from dynident.regressors.dynamic_model_rows import filter_in_parallel
+from dynident.robot.limits_and_drives import Limits
 from dynident.robot.robot_model import Robot
 
 N_STATES = 400
 """States that stand for a region; the mean of rows over twice as many differs by a few per cent."""
-_SPEED = 0.5
+_SMALLEST_SQUARE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +43,15 @@ class Region:
         return f"Region({len(self.q)} states)"
 
 
-def draw_region(robot: Robot, speed: float = _SPEED, seed: int = 0) -> Region:
+def draw_region(robot: Robot, limits: Mapping[str, Limits], speed: float = REGION_SPEED, seed: int = 0) -> Region:
     """Draw states within the limits of a robot, evenly.
 
     Parameters
     ----------
     robot : Robot
         The robot, whose limits of position, velocity and acceleration bound the states.
+    limits : mapping of str to Limits
+        Tighter limits of the experiment by joint name.
     speed : float
         Share of the limits of velocity and acceleration that the states reach.
     seed : int
@@ -58,7 +62,7 @@ def draw_region(robot: Robot, speed: float = _SPEED, seed: int = 0) -> Region:
     Region
         The states.
     """
-    bounds = build_bounds(robot, {})
+    bounds = build_bounds(robot, limits)
     rng = np.random.default_rng(seed)
     size = (N_STATES, robot.n)
     return Region(
@@ -118,6 +122,8 @@ def compute_moments(model: DesignModel, region: Region) -> FloatArray:
     if model.expected is None and model.robot.inertias is None:
         return moments
     torque = model.torque(region.q, region.dq, region.ddq)
-    squares = np.maximum((torque**2).mean(axis=0), np.finfo(float).tiny)
+    squares = (torque**2).mean(axis=0)
+    # A joint that needs hardly any torque, such as a massless flange, must not rule over all others.
+    squares = np.maximum(squares, max(_SMALLEST_SQUARE * float(squares.max()), np.finfo(float).tiny))
     relative: FloatArray = moments / squares[:, None, None]
     return relative

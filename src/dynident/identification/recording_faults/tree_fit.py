@@ -305,10 +305,13 @@ class TreeFit:
         for joint, (at, rows) in enumerate(self._get_rows(motion, own).of_joints):
             tau = own.tau[at, joint]
             m = len(tau)
+            # A joint that stands all the time has no rows.
+            if m < _FEWEST_OF_STEP:
+                continue
             basis, sizes, _ = np.linalg.svd(np.column_stack([rows, np.ones(m)]), full_matrices=False)
             basis = basis[:, sizes > _INDEPENDENT * sizes[0]]
             rest = tau - basis @ (basis.T @ tau)
-            if m < _FEWEST_OF_STEP or rest @ rest <= _NOTHING_LEFT**2 * (tau @ tau):
+            if rest @ rest <= _NOTHING_LEFT**2 * (tau @ tau):
                 continue
             places = np.unique(np.linspace(0.1 * m, 0.9 * m, _INSTANTS).astype(int))
             way = np.linspace(0.0, 1.0, m)
