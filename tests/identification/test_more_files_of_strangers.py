@@ -283,6 +283,16 @@ def test_torques_that_step_once_are_told_with_the_time(tmp_path: Path, after: fl
         assert "torque_step" not in {check.name for check in drifting.checks}
 
 
+def test_the_time_of_a_step_of_torque_is_right_inside_windows(tmp_path: Path) -> None:
+    given = log("ur10", 9)
+    end = float(given.t[-1])
+    later = (given.t >= 0.6 * end)[:, None]
+    columns = given.columns(tau=given.tau + 0.2 * given.tau.std(axis=0) * later)
+    result = read(given.robot, tmp_path, columns, windows=((0.3 * end, 0.9 * end),))
+    (step,) = [check for check in result.checks if check.name == "torque_step"]
+    assert step.time == pytest.approx(0.6 * end, abs=0.3)
+
+
 @pytest.mark.parametrize("joint", [0, 3])
 def test_a_joint_that_stands_exactly_still_is_read(tmp_path: Path, joint: int) -> None:
     given = log("scara", 4, duration=8.0)

@@ -238,15 +238,6 @@ class Recording:
         """Sampling period T in s."""
         return 1.0 / self.sampling_rate
 
-    def find_time_at_share(self, share: float) -> float:
-        """Return the time in s at which a share of the samples is over."""
-        at = share * self.n_samples
-        for segment in self.segments:
-            if at < segment.length:
-                break
-            at -= segment.length
-        return segment.start_time + min(at, segment.length) * self.period
-
     def name_segment(self, segment: int) -> str:
         """Return the name of a segment: the recording's, with the segment's label if there are several labels."""
         several = len({item.label for item in self.segments}) > 1

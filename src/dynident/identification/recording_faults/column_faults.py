@@ -196,6 +196,8 @@ class Motion:
         Torques, in the unit of the file where that is not known.
     block : (m,)
         Number of the block of time that each row is in.
+    t : (m,)
+        Times in s.
     """
 
     q: FloatArray
@@ -203,6 +205,7 @@ class Motion:
     ddq: FloatArray
     tau: FloatArray
     block: IntArray
+    t: FloatArray
 
 
 @dataclass(frozen=True)
@@ -288,7 +291,7 @@ class ColumnFault:
             q, dq, ddq = (signal[:, order] * sign for signal in (q, dq, ddq))
         if self.is_of_torques:
             tau = tau[:, order] * sign
-        return Motion(q, dq, ddq, tau, motion.block)
+        return Motion(q, dq, ddq, tau, motion.block, motion.t)
 
 
 def _uncouple(signal: FloatArray, fault: ColumnFault) -> FloatArray:

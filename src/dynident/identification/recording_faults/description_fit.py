@@ -211,7 +211,7 @@ def _find_zeros(robot: Robot, motion: Motion, fit: HeldOutFit) -> FloatArray:
     The masses of the description tell roughly, one joint after the other; a fit of all parameters tells the rest.
     """
     every = max(1, len(motion.q) // _ROWS)
-    few = Motion(*(getattr(motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block")))
+    few = Motion(*(getattr(motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block", "t")))
     joints = [int(joint) for joint in np.flatnonzero(find_revolute_joints(robot))]
 
     def measure_described(zeros: FloatArray) -> float:
@@ -380,7 +380,7 @@ class DescriptionFit:
     @cached_property
     def _few_rows(self) -> Motion:
         every = max(1, len(self.motion.q) // _FEW_ROWS)
-        return Motion(*(getattr(self.motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block")))
+        return Motion(*(getattr(self.motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block", "t")))
 
     @cached_property
     def _few_loads(self) -> FloatArray | None:

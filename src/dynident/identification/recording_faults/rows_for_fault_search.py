@@ -87,7 +87,7 @@ def thin_out(motion: Motion) -> Motion:
     step = max(1, len(motion.q) // _ROWS)
     q, dq, ddq, tau = (np.ascontiguousarray(signal[::step]) for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
     block: IntArray = np.arange(len(q)) * BLOCKS // len(q)
-    return Motion(q, dq, ddq, tau, block)
+    return Motion(q, dq, ddq, tau, block, np.ascontiguousarray(motion.t[::step]))
 
 
 def filter_whole_motion(recording: Recording, *, narrow: bool = False) -> tuple[Motion, float] | None:
@@ -112,21 +112,20 @@ def filter_whole_motion(recording: Recording, *, narrow: bool = False) -> tuple[
     # Positions and torques go through the same filters, so that neither lags. The fits are only compared with each
     # other, so the filters need not be those of an identification.
     choice = replace(choice, position_cutoff=cutoff, torque_cutoff=cutoff)
-    n = recording.n
 
     def values(block: SampleBlock) -> FloatArray:
         return np.concatenate([block.q, block.dq, block.ddq, block.tau], axis=1)
 
     # A few minutes tell enough; filtering an hour only takes time.
     short = shorten_recording(recording, choice.decimation)
-    rows = [part for _, _, part in filter_in_parallel(short, choice, values)]
-    whole = np.concatenate(rows) if rows else np.zeros((0, 4 * n))
-    if not len(whole):
+    parts = [(times, rows) for _, times, rows in filter_in_parallel(short, choice, values) if len(rows)]
+    if not parts:
         return None
+    t, whole = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     # Blocks of consecutive rows: held out one by one, they test a fit on motion that it has not seen.
     block: IntArray = np.arange(len(whole)) * BLOCKS // len(whole)
-    q, dq, ddq, tau = (np.ascontiguousarray(part) for part in np.split(whole, 4, axis=1))
-    return Motion(q, dq, ddq, tau, block), short.period * choice.decimation
+    q, dq, ddq, tau = (np.ascontiguousarray(signal) for signal in np.split(whole, 4, axis=1))
+    return Motion(q, dq, ddq, tau, block, t), short.period * choice.decimation
 
 
 def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion, float] | None:
@@ -181,7 +180,7 @@ def report_torque_steps(
     if not steps:
         return ()
     largest = max(steps, key=lambda step: step.explained)
-    t = recording.find_time_at_share(largest.row / len(motion.q))
+    t = float(motion.t[largest.row])
     names = ", ".join(f"{tau[step.joint]} ({recording.joint_names[step.joint]}, by {step.size:.3g})" for step in steps)
     return (
         Check(

@@ -286,7 +286,7 @@ class TreeFit:
         if len(self.joints) == motion.q.shape[1]:
             return motion
         q, dq, ddq, tau = (getattr(motion, name)[:, self.joints] for name in _SIGNALS[:4])
-        return Motion(q, dq, ddq, tau, motion.block)
+        return Motion(q, dq, ddq, tau, motion.block, motion.t)
 
     def _solve(self, own: Motion, grams: GramMatrices) -> TreeSolution:
         values, squares = self._solve_weighted(grams, self._fit_all_but_each)
