@@ -262,6 +262,14 @@ def test_the_rounded_top_of_a_smooth_torque_is_no_saturation(tmp_path, digits):
     assert found(tmp_path, columns, "saturation").status == "ok"
 
 
+def test_a_fast_torque_without_digits_that_is_cut_off_is_saturated(tmp_path):
+    columns = motion()
+    # Eight rows a period: its few values lie on no grid.
+    columns["tau2"] = np.clip(10.0 * np.sin(2.0 * np.pi * 5.0 * columns["t"]), -8.0, 8.0)
+    error = refused(tmp_path, columns)
+    assert (error.title, error.pointer) == ("Saturation", "tau2")
+
+
 @pytest.mark.parametrize("size", [-0.4, 0.05])
 def test_a_position_that_is_counted_anew_is_told_with_its_row(tmp_path, size):
     columns = motion()
@@ -283,6 +291,15 @@ def test_lost_rows_and_a_joint_that_stops_at_once_are_no_jump(tmp_path):
         (tmp_path / folder).mkdir()
         _, checks = given(tmp_path / folder, made)
         assert "position_jump" not in {check.name for check in checks}
+
+
+def test_lost_rows_of_a_joint_that_moves_alone_are_named_as_a_cause(tmp_path):
+    columns = motion()
+    columns |= {name: 0.01 * columns[name] for name in ("q1", "q3")}
+    fastest = int(np.abs(np.diff(columns["q2"])[500:2500]).argmax()) + 500
+    rows = slice(fastest - 20, fastest + 20)
+    lost = {name: values[:-40] if name == "t" else np.delete(values, rows, axis=0) for name, values in columns.items()}
+    assert "or rows were lost there" in found(tmp_path, lost, "position_jump").detail
 
 
 def test_torque_that_was_not_recorded_is_refused(tmp_path):

@@ -128,11 +128,15 @@ def _check_jumps(positions: _MeasuredPositions, layout: Layout) -> list[Check]:
         if not 1 <= len(rows) <= MOST_JUMPS or others.any() or np.ptp(np.sign(steps[rows, joint])) > 0:
             continue
         row, source = int(rows[0]), layout.q[joint].source
-        size = steps[row, joint] - 0.5 * (steps[row - 1, joint] + steps[row + 1, joint])
+        around = 0.5 * (steps[row - 1, joint] + steps[row + 1, joint])
+        size = steps[row, joint] - around
+        # Over lost rows a joint goes on as it moves; a time that was counted from the rows does not show them.
+        lost = ", or rows were lost there while the other joints moved little" if size * around > 0.0 else ""
         detail = (
             f"{source} jumps by {size:.3g} between rows {positions.row[row]} and {positions.row[row + 1]} "
             f"(t = {positions.t[row + 1]:.6g} s) and stays there, while the other joints go on: the encoder was set to "
-            "zero anew, or lost counts. Use the seconds on one side alone (windows), or give them as two recordings."
+            f"zero anew, or lost counts{lost}. Use the seconds on one side alone (windows), or give them as two "
+            "recordings."
         )
         checks.append(
             Check("position_jump", "warning", detail, source, int(positions.row[row + 1]), float(positions.t[row + 1]))
@@ -352,7 +356,7 @@ def _is_counted(limit: JointLimits, low: float, high: float) -> bool:
 def _check_quantisation(recording: Recording, positions: _MeasuredPositions, layout: Layout) -> Check:
     # A joint that hardly moves passes few steps of any encoder: that says nothing of the log.
     counting = positions.moved & (positions.span > 0.05 * positions.span.max())
-    steps = [_find_step(positions.q[:, joint]) if counting[joint] else 0.0 for joint in range(recording.n)]
+    steps = [find_step(positions.q[:, joint]) if counting[joint] else 0.0 for joint in range(recording.n)]
     levels = [positions.span[joint] / step if step else np.inf for joint, step in enumerate(steps)]
     worst = int(np.argmin(levels))
     if not steps[worst]:
@@ -378,8 +382,18 @@ def _check_quantisation(recording: Recording, positions: _MeasuredPositions, lay
     )
 
 
-def _find_step(values: FloatArray) -> float:
-    """Return the step that a signal comes in, 0 if it shows none."""
+def find_step(values: FloatArray) -> float:
+    """Return the step that a signal comes in, 0 if it shows none.
+
+    Parameters
+    ----------
+    values : (m,)
+        The signal.
+
+    Returns
+    -------
+    float
+    """
     levels = np.unique(values)
     levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * max(float(np.ptp(values)), 1e-300)])]
     # Hardly any value occurs twice: the signal is continuous, or noise is larger than the steps.

@@ -12,6 +12,7 @@ from dynident.recordings import nonparametric_fit as against_motion
 from dynident.recordings.columns_to_signals import NOT_RECORDED, Layout
 from dynident.recordings.file_source import RawSample
 from dynident.recordings.nonparametric_fit import TorqueEvidence
+from dynident.recordings.position_checks import find_step
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revision, Status
 
@@ -163,8 +164,8 @@ def _mark_plateaus(tau: FloatArray, run: int) -> BoolArray:
     reach = float(np.ptp(tau))
     if reach == 0.0 or len(tau) < 10 * run:
         return marks
-    steps = np.abs(np.diff(tau))
-    resolution = float(np.min(steps, where=steps > 1e-9 * reach, initial=reach))
+    # The values of a torque without digits lie on no grid, however few they are: its peaks have no flat top.
+    resolution = find_step(tau)
     for extreme in (float(tau.max()), float(tau.min())):
         # The same value exactly, or to the last digit: a peak of a measured signal is never flat so long.
         at = np.abs(tau - extreme) <= 1e-9 * reach
@@ -181,12 +182,13 @@ def _mark_plateaus(tau: FloatArray, run: int) -> BoolArray:
 
 def _is_coarse_peak(tau: FloatArray, start: int, end: int, resolution: float) -> bool:
     """Tell whether a run at an extreme is the rounded top of a smooth peak: one digit below it is as wide again."""
-    near = np.abs(tau - tau[start]) <= 1.5 * resolution
-    outside = np.flatnonzero(~near)
-    at = int(np.searchsorted(outside, start))
-    first = int(outside[at - 1]) + 1 if at else 0
-    last = int(outside[at]) if at < len(outside) else len(tau)
-    return last - first - (end - start) >= WIDER * (end - start)
+    length = end - start
+    # As many rows on either side as the run has itself decide it: not the whole torque for every plateau.
+    before, after = tau[max(0, start - length) : start][::-1], tau[end : end + length]
+    near = sum(
+        int(np.logical_and.accumulate(np.abs(side - tau[start]) <= 1.5 * resolution).sum()) for side in (before, after)
+    )
+    return near >= WIDER * length
 
 
 def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layout) -> Check:
