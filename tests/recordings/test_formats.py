@@ -10,6 +10,7 @@ from support.recording_data import JOINTS, motion
 
 from dynident.recordings import RecordedJoints, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.formats import open_source
+from dynident.recordings.formats.multiple_files import JoinedFiles
 
 KINDS = ("q", "tau")
 
@@ -180,3 +181,16 @@ def test_a_bag_without_joint_states_says_so(tmp_path):
     path.write_bytes(b"SQLite format 3\0 and then nothing")
     with pytest.raises(RecordingError, match="cannot be read as rosbag2"):
         open_source(path, None)
+
+
+@pytest.mark.parametrize("names", [("arm.csv", "sensor.csv"), ("a/log.csv", "b/log.csv")])
+def test_joined_files_are_named_without_folders_where_that_is_enough(tmp_path, names):
+    files = []
+    for number, name in enumerate(names, start=1):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(f"t,q{number}\n" + "".join(f"{0.01 * number * row:.2f},{row}\n" for row in range(50)))
+        files.append((path.as_posix(), open_source(path, None)))
+    (remark,) = JoinedFiles(files).own_remarks
+    shown = names if names[0] == "arm.csv" else [file for file, _ in files]
+    assert remark == f"The rows are those of {shown[0]}; {shown[1]} interpolated at its times."

@@ -166,8 +166,9 @@ def _make_parts(files: Sequence[Named]) -> list[_FilePart]:
     own = [_name_columns(stem, source) for stem, (_, source) in zip(stems, files, strict=True)]
     times = [next(filter(is_time_name, names), None) for names in own]
     called = [name for names, time in zip(own, times, strict=True) for name in names if name != time]
+    base_names = [PurePosixPath(file).name for file, _ in files]
     parts: list[_FilePart] = []
-    for names, time, stem, (file, source) in zip(own, times, stems, files, strict=True):
+    for names, time, stem, base_name, (file, source) in zip(own, times, stems, base_names, files, strict=True):
         columns = {
             name if called.count(name) == 1 else f"{stem}.{name}": column
             for name, column in names.items()
@@ -177,7 +178,9 @@ def _make_parts(files: Sequence[Named]) -> list[_FilePart]:
         twice = next((name for part in parts for name in part.columns if name in columns), None)
         if twice is not None:
             raise RecordingError(f"Column {twice} occurs twice, in files of the same name.", pointer=twice, title=TITLE)
-        parts.append(_FilePart(file, source, own_time, time or "", columns, _measure_step(source, own_time)))
+        # Messages name a file without its folders, where that is enough to tell it from the others.
+        shown = base_name if base_names.count(base_name) == 1 else file
+        parts.append(_FilePart(shown, source, own_time, time or "", columns, _measure_step(source, own_time)))
     check_columns(sum(len(part.columns) for part in parts))
     return parts
 
