@@ -71,6 +71,9 @@ def test_files_get_their_roles_by_their_names_else_by_their_length(page: Any) ->
 
     the_robot(page)
     assert drop(run_val=9, run_train=3, run3=5) == ["validation", "identification", "validation"]
+    # Something has to be fitted, whatever the names say.
+    assert drop(friction_test=9, test1=3, test2=5) == ["friction", "validation", "identification"]
+    assert drop(test=3) == ["identification"]
 
 
 @pytest.mark.slow
