@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import TracebackType
 
+import dynident_service.app  # noqa: F401 - its routers register what shows each kind of resource
 from dynident_service.identifications.batch_routes import member_ids
 from dynident_service.jobs.child_messages import Answer, Call
 from dynident_service.jobs.child_pool import ChildProcess, ForkServer

@@ -45,8 +45,11 @@ def decode_document(data: bytes) -> str:
         return data.decode("cp1252", errors="replace")
 
 
-_TYPOGRAPHIC = frozenset(b"\x80\x82\x84\x85\x91\x92\x93\x94\x96\x97\x99")
-"""Signs of Windows' western code page that texts have among bytes below A0: quotation marks, dashes, euro, ellipsis."""
+_JAPANESE_WORD = re.compile(rb"(?:[\x81-\x9f][\x40-\x7e\x80-\xfc]){2,}")
+"""Two or more letters of Shift-JIS in a row; most begin below A0, where western text has single signs and letters."""
+
+_SIGNS = b"\xb0\xb2\xb3\xb5\xb7"
+"""Degree, square, cube, micro and the point between units: the same in the code pages of the west and of Cyrillic."""
 
 
 def decode_unmarked_text(data: bytes) -> tuple[str, str]:
@@ -62,18 +65,22 @@ def decode_unmarked_text(data: bytes) -> tuple[str, str]:
     text, encoding : str
         The text, and the name of its codec.
     """
-    runs = re.findall(rb"[\x80-\xff]+", data)
-    high = b"".join(runs)
-    pairs = [run for run in runs if len(run) % 2 == 0]
+    runs = _find_high_runs(data)
+    n_high = sum(map(len, runs))
+    paired = sum(len(run) % 2 == 0 for run in runs) > 0.9 * len(runs)
+    # Signs are left out only where they cannot be halves of pairs.
+    letters = runs if paired else _find_high_runs(data.translate(None, _SIGNS))
+    n_letters = sum(map(len, letters))
+    words = [run for run in runs if len(run) >= 4]
     candidates = []
-    # Shift-JIS begins its letters below A0, where western text has no letters.
-    if any(byte < 0xA0 and byte not in _TYPOGRAPHIC for byte in high):
+    if 2 * sum(byte >= 0x80 for byte in b"".join(_JAPANESE_WORD.findall(data))) >= n_high:
         candidates = ["cp932", "gb18030"]
-    elif sum(byte >= 0xC0 for byte in high) > 0.95 * len(high) and len(high) > 2 * len(runs):
+    elif sum(byte >= 0xC0 for byte in b"".join(letters)) > 0.95 * n_letters and n_letters > 2 * len(letters):
         candidates = ["cp1251"]
-    # The letters of Korea and China are pairs of bytes above A0; those of Korea begin with B0 to C8.
-    elif len(pairs) > 0.9 * len(runs):
-        korean = all(0xB0 <= byte <= 0xC8 for run in pairs for byte in run[::2])
+    # Words of Korea and China are pairs of bytes above A0; western text has two such letters in a row, but not four.
+    elif paired and len(words) > 1 and 2 * sum(map(len, words)) >= n_high:
+        # Korean letters begin with B0 to C8.
+        korean = all(0xB0 <= byte <= 0xC8 for run in runs if len(run) % 2 == 0 for byte in run[::2])
         candidates = ["cp949", "gb18030"] if korean else ["gb18030", "cp949"]
     for encoding in candidates:
         try:
@@ -81,6 +88,11 @@ def decode_unmarked_text(data: bytes) -> tuple[str, str]:
         except UnicodeDecodeError:
             continue
     return data.decode("cp1252", errors="replace"), "cp1252"
+
+
+def _find_high_runs(data: bytes) -> list[bytes]:
+    """Find all runs of bytes that are not ASCII."""
+    return re.findall(rb"[\x80-\xff]+", data)
 
 
 def encode_text(text: str) -> bytes:

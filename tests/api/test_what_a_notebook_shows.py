@@ -28,7 +28,10 @@ def shown(
     """Everything public, by what it is."""
     compared = dy.compare(better, runs)
     today = dy.read_recordings(desk / "today.csv", robot=robot)
+    campaign = dy.Campaign(robot)
+    campaign.tell(runs[:1])
     return {
+        "campaign": campaign,
         "robot": robot,
         "recordings": runs,
         "recording": runs[0],
@@ -54,6 +57,7 @@ def shown(
 
 
 THINGS = (
+    "campaign",
     "robot",
     "recordings",
     "recording",

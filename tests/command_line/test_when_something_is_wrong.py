@@ -272,11 +272,11 @@ def test_a_running_optimisation_is_interrupted_at_once(tmp_path: Path) -> None:
         os.close(its_end)
         told = b""
         while b"iteration" not in told:
-            told += os.read(command_output, 4096)
+            told += os.read(terminal, 4096)
         running.send_signal(signal.SIGINT)
         # Far less than is left of its two minutes, however busy the machine is.
         running.wait(timeout=30)
-        told += os.read(command_output, 4096)
+        told += os.read(terminal, 4096)
     os.close(terminal)
     assert running.returncode == 130
     assert b"cancelled" in told

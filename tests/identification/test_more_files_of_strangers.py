@@ -14,6 +14,7 @@ from support.drawn_recordings import Log, guess, log, log_of, read, write
 
 from dynident.api.robot_files import load_robot
 from dynident.errors import DynidentError
+from dynident.identification.column_inference.column_names import describe_waves, read_names
 from dynident.identification.column_inference.file_inspection import inspect_file
 from dynident.recordings import RecordingError
 from dynident.robot import Robot, robot_from_urdf
@@ -256,6 +257,15 @@ def test_sines_and_cosines_are_no_angles() -> None:
     columns |= {f"tau{j + 1}": given.tau[:, j] for j in range(6)}
     asked = next(one for one in guess(given.robot, columns).questions if one.field == "columns/q")
     assert "are sines and cosines: write the angles" in asked.detail
+
+
+@pytest.mark.parametrize("pattern", ["sine.{}", "{}_sine", "cos_{}", "{}_sin"])
+def test_a_sine_without_its_cosine_names_a_motion(pattern: str) -> None:
+    names = [pattern.format(f"{kind}{j}") for kind in ("q", "tau") for j in range(1, 7)]
+    columns = read_names(["t", *names], {})
+    assert [column.signal for column in columns] == ["t", *["q"] * 6, *["tau"] * 6]
+    assert describe_waves(columns) == ""
+    assert read_names(["par_sin_filtro_1"], {})[0].signal is None
 
 
 def test_obvious_outliers_are_called_corrupted_before_an_import_as_well() -> None:

@@ -324,6 +324,21 @@ def test_coarse_torques_are_not_held():
     assert checks["held_samples"].status == "ok"
 
 
+@pytest.mark.parametrize(
+    ("digit", "speed"), [(2 * np.pi / 4096, 0.2), (2 * np.pi / 4096, 1.0), (1e-3, 0.2), (1e-3, 0.4), (1e-4, 0.02)]
+)
+@pytest.mark.parametrize("n", [1, N])
+def test_coarse_positions_of_one_joint_at_constant_speed_are_not_held(digit, speed, n):
+    t = np.arange(8000) / 1000.0
+    q = np.zeros((len(t), n))
+    q[:, -1] = np.rint(np.abs((speed * t) % 0.8 - 0.4) / digit) * digit
+    values = np.column_stack([q, np.random.default_rng(57).normal(size=q.shape)])
+    joints = RecordedJoints([f"joint{k + 1}" for k in range(n)], [JointLimits()] * n)
+    right, checks = conditioned(t, values, joints)
+    assert checks["held_samples"].status == "ok"
+    np.testing.assert_array_equal(right[:, :n], q)
+
+
 def test_a_robot_that_stands_without_noise_holds_nothing():
     t, values = arm_signals(54, 200.0, 20.0, level=0.0)
     values[1500:2500] = values[1500]

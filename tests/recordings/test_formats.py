@@ -11,6 +11,7 @@ from support.recording_data import JOINTS, motion
 from dynident.recordings import RecordedJoints, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.formats import open_source
 from dynident.recordings.formats.multiple_files import JoinedFiles
+from dynident.text_encoding import decode_unmarked_text
 
 KINDS = ("q", "tau")
 
@@ -194,3 +195,23 @@ def test_joined_files_are_named_without_folders_where_that_is_enough(tmp_path, n
     (remark,) = JoinedFiles(files).own_remarks
     shown = names if names[0] == "arm.csv" else [file for file, _ in files]
     assert remark == f"The rows are those of {shown[0]}; {shown[1]} interpolated at its times."
+
+
+@pytest.mark.parametrize(
+    ("text", "encoding"),
+    [
+        ("time,angle_1 [°],torque_1 [‰]", "cp1252"),
+        ("Zeit;Größe 1;Größe 2", "cp1252"),
+        ("créée_1;créée_2", "cp1252"),
+        ("m²·kg;m²·kg", "cp1252"),
+        ("“q1” [°];‘tau1’ – Œuvre [€]", "cp1252"),
+        ("Момент1, Н·м;Угол1, °", "cp1251"),
+        ("время (s);угол 1 [deg]", "cp1251"),
+        ("時間(s),J1位置(deg),J1トルク(Nm)", "cp932"),
+        ("J1角度[°],J2角度[°]", "cp932"),
+        ("时间(秒),关节1角度(度),关节1力矩(牛·米)", "gb18030"),
+        ("시간,각도1(도),전류1", "cp949"),
+    ],
+)
+def test_text_of_older_code_pages_is_decoded_by_its_words(text, encoding):
+    assert decode_unmarked_text(text.encode(encoding)) == (text, encoding)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
@@ -150,3 +152,14 @@ def test_a_file_that_kills_or_blocks_its_reader_is_told_and_the_next_is_read(
         monkeypatch.setattr(readability_checks, "LONGEST", 5.0)  # from here on each process begins at once
         details = {one.detail for one in check_storage(store.database, store.objects, problem_of=reader.find_problem)}
     assert details == {"the process that read it died", "it was not read within 5 s"}
+
+
+def test_the_check_alone_knows_how_each_kind_is_shown() -> None:
+    """In a process of its own: in this one, the routes may have been imported by others."""
+    code = (
+        "import sys, typing, dynident_service.readability_checks as checks;"
+        "from dynident_service.storage.repository_values import Kind;"
+        "print(sorted(set(typing.get_args(Kind)) - set(checks.SHOW_FUNCTIONS)), 'numpy' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "['batch'] False"

@@ -252,6 +252,13 @@ def run_campaign(
     -------
     Campaign
         The same campaign, at its end.
+
+    Examples
+    --------
+    >>> def record(motion):  # moves the robot along the motion, and records it
+    ...     motion.save("motion.csv")
+    ...     return dy.read_recordings("run.csv", robot=robot)
+    >>> campaign = dy.run_campaign(dy.Campaign(robot, error=0.03), record)  # doctest: +SKIP
     """
     while not campaign.decision.is_end:
         campaign.tell(execute(campaign.ask(progress=progress)), progress=progress)

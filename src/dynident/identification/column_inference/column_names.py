@@ -40,8 +40,10 @@ _WORDS: dict[Signal, frozenset[str]] = {
 }
 _OTHER = _split_words(
     "tcp cartesian cart force fx fy fz quaternion quat digital analog io status mode state_id safety voltage volt "
-    "power payload gripper error err residual bits cos sin cosine sine"
+    "power payload gripper error err residual bits"
 )
+_WAVES = {"cos": "sin", "sin": "cos", "cosine": "sine", "sine": "cosine"}
+"""Words that say that a column is the sine or the cosine of an angle, where the other of the two is there, too."""
 _COMMANDED = _split_words(
     "d cmd command commanded commands target des desired ref reference set setpoint sp soll goal nominal planned "
     "action ipo interpolated ctrl computed"
@@ -197,7 +199,8 @@ def read_names(names: Sequence[str], units: Mapping[str, str], joint_names: Sequ
         head = name.rstrip("0123456789")
         plain = f"{meant[head]} {name[len(head) :]}" if head in meant else name
         columns.append(replace(read_name(plain, units.get(name, ""), spellings), name=name))
-    return columns
+    waves = {column.name for column in _find_waves(columns)}
+    return [replace(column, signal="other") if column.name in waves else column for column in columns]
 
 
 def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = ()) -> ColumnName:
@@ -354,6 +357,13 @@ def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
     return ""
 
 
+def _find_waves(named: Sequence[ColumnName]) -> list[ColumnName]:
+    """Find the columns that have a partner of the same name but for sine and cosine: a sine alone names a motion."""
+    present = {column.words for column in named}
+    partners = [(column, tuple(_WAVES.get(word, word) for word in column.words)) for column in named]
+    return [column for column, partner in partners if partner != column.words and partner in present]
+
+
 def describe_waves(named: Sequence[ColumnName]) -> str:
     """Describe columns that are sines and cosines of angles, as benchmarks of learning have them.
 
@@ -367,7 +377,7 @@ def describe_waves(named: Sequence[ColumnName]) -> str:
     str
         A sentence with a space before it; "" where there are none.
     """
-    waves = [name.name for name in named if {"cos", "sin", "cosine", "sine"} & set(name.words)]
+    waves = [column.name for column in _find_waves(named)]
     if not waves:
         return ""
     return (

@@ -18,6 +18,7 @@ from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY,
     HeldOutFit,
 )
+from dynident.number_format import format_percent
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.nonparametric_fit import shorten_recording
 from dynident.recordings.preprocessing import LEAST_HARMONICS, OVERSAMPLING, find_motion_band
@@ -186,9 +187,10 @@ def report_torque_steps(
         Check(
             "torque_step",
             "warning",
-            f"Torques step once, and stay so: {names}, at about t = {t:.4g} s. That is {largest.explained:.0%} of what "
-            f"is unexplained of {tau[largest.joint]}. A sensor was zeroed anew there, or a load was taken up or put "
-            "down: use the seconds on one side alone (windows), or give them as two recordings.",
+            f"Torques step once, and stay so: {names}, at about t = {t:.4g} s. That is "
+            f"{format_percent(largest.explained, decimals=0)} of what is unexplained of {tau[largest.joint]}. A sensor "
+            "was zeroed anew there, or a load was taken up or put down: use the seconds on one side alone (windows), "
+            "or give them as two recordings.",
             tau[largest.joint],
             time=t,
         ),

@@ -84,7 +84,7 @@ MOST_RESTS = 0.5
 
 REGULAR = 0.8
 """Share of the holds of one kind of signal that have to last as long as their mean, to the row: a slower bus holds its
-values so, coarse digits do not."""
+values so. Coarse digits do so only at constant speed, and then one joint changes at a time, by one digit."""
 
 
 @dataclass
@@ -136,7 +136,7 @@ class HeldSamples:
         if len(needed) < np.count_nonzero(self._signals.needed):
             lengths = np.diff(np.flatnonzero(~same))
             lengths = lengths[lengths <= longest + 1]
-            if np.mean(np.abs(lengths - lengths.mean()) < 1.0) < REGULAR:
+            if np.mean(np.abs(lengths - lengths.mean()) < 1.0) < REGULAR or _change_by_digits(values[~same]):
                 return False
         # What stays the same for longer is a robot that stands, whose samples are true ones.
         for start, stop in zip(starts[~short], stops[~short], strict=True):
@@ -168,6 +168,16 @@ class HeldSamples:
             )
             return [held.rows.warn_of_correction(self.name, detail, self._signals.sources)]
         return [Check(self.name, "ok", "No signal repeats its old value between new samples.")]
+
+
+def _change_by_digits(values: FloatArray) -> bool:
+    """Return whether columns change one at a time and mostly by their smallest step, as coarse encoders do."""
+    steps = np.abs(np.diff(values, axis=0))
+    changed = steps > 0.0
+    if np.mean(np.count_nonzero(changed, axis=1) > 1) > 0.5:
+        return False
+    often = [x[x > 0.0] for x in steps.T if np.count_nonzero(x) > 0.5 * len(x)]
+    return not any(np.median(x) > 1.5 * x.min() for x in often)
 
 
 LONGEST_BRIDGE, FEWEST_ROWS = 0.03, 3

@@ -28,7 +28,13 @@ export function measurementsTable(measurements) {
   return h("div", { class: "stored" }, table("Measurements of this robot", ["name", "role", "samples", "standstill per joint", "windows", "checks", "uploaded"], rows));
 }
 
-const ROLES = [["validation", /(^|[^a-z])(val|valid|validation|test|testing|held|holdout|heldout|eval|evaluation|verification)(?![a-z])/i], ["identification", /(^|[^a-z])(train|training|fit|fitting|ident|identification|exc|excitation|estimation)(?![a-z])/i], ["payload", /(^|[^a-z])(payload)(?![a-z])/i], ["friction", /(^|[^a-z])(friction)(?![a-z])/i]];
+// In this order: the test of friction or of a payload is what its name says first.
+const ROLES = [
+  ["payload", /(^|[^a-z])(payload)(?![a-z])/i],
+  ["friction", /(^|[^a-z])(friction)(?![a-z])/i],
+  ["identification", /(^|[^a-z])(train|training|fit|fitting|ident|identification|exc|excitation|estimation)(?![a-z])/i],
+  ["validation", /(^|[^a-z])(val|valid|validation|test|testing|held|holdout|heldout|eval|evaluation|verification)(?![a-z])/i],
+];
 
 /** What a recording is for by a word of its name; undefined where that says nothing. */
 function namedRole(name) {
@@ -43,12 +49,13 @@ function standing({ phases }) {
 /** Where recordings are dropped; a card appears for each, with fields of the `metadata` that the contract has. `forms` are kept when another robot is chosen: what was filled in stays. */
 export function measurementForm(robot, { forms, metadata, chosen, onStored, onRobot, count, stored = () => [] }) {
   const hands = { metadata, chosen, onStored, onRobot };
-  const role = (name, first = true) => namedRole(name) ?? (first && !(count() + forms.childElementCount) ? "identification" : "validation");
+  const isFirst = () => !(count() + forms.childElementCount);
+  const role = (name) => namedRole(name) ?? (isFirst() ? "identification" : "validation");
   const add = (files) => {
-    // Where the names say nothing, the longest file tells most of a robot's parameters.
-    const named = [...files].some((one) => namedRole(one.name) === "identification");
-    const longest = [...files].sort((one, other) => other.size - one.size)[0];
-    const roles = new Map([...files].map((one) => [one, role(one.name, one === longest && !named)]));
+    const roles = new Map([...files].map((file) => [file, namedRole(file.name) ?? "validation"]));
+    // Where no name says what to fit, the longest file tells most of a robot's parameters.
+    const candidates = [...files].filter((file) => roles.get(file) === "validation").sort((file, other) => other.size - file.size);
+    if (isFirst() && candidates.length && ![...roles.values()].includes("identification")) roles.set(candidates[0], "identification");
     for (const [file, use] of roles) forms.append(fileCard({ file, role: use }, hands));
     forms.lastChild?.querySelector("input")?.focus();
   };
