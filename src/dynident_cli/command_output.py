@@ -156,18 +156,3 @@ def write_model(
         show,
         lambda: to_bytes(model.identification),
     )
-
-
-def write_extended_model(
-    result: OutputOptions, model: Model, parent_id: str, parent: Model, verdict: ModelVerdict | None = None
-) -> None:
-    """Write a model that was made from another one, and print it with the verdict on it where there is one."""
-    from dynident_cli.printed_results import show_identification, show_ladder, show_verdict
-
-    def show_model(console: Console) -> None:
-        show_ladder(console, model.identification, parent.identification)
-        show_identification(console, model.identification, parameters=False)
-        if verdict is not None:
-            show_verdict(console, verdict)
-
-    write_model(result, "model", model, show_model, (parent_id, parent), verdict)

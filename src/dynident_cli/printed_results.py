@@ -52,15 +52,17 @@ from dynident.presentation.recording_tables import ShownRecording, build_recordi
 from dynident.presentation.validation_and_verdict_tables import VALIDATION_WORDS, build_verdict_tables
 from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
-from dynident_cli.command_output import print_tables
+from dynident_cli.command_output import print_tables, write_model
 
 if TYPE_CHECKING:
+    from dynident.api.model import Model
     from dynident.api.recording_collection import Recordings
     from dynident.diagnosis import Comparison, Diagnosis, Judgement
     from dynident.diagnosis.diagnosis_result import Change
     from dynident.diagnosis.monitoring import Series
     from dynident.presentation.tables import ReportedTable
     from dynident.verdict import Action, ModelVerdict, State
+    from dynident_cli.shared_options import OutputOptions
     from dynident_service.validations.wire_types import ValidationResult
 
 _TOO_WIDE = (GROUPING, TIMES_SMALLEST)
@@ -278,3 +280,17 @@ def _table_width(reported_table: ReportedTable) -> int:
     """Return the width of a table in characters, with nothing wrapped."""
     lines = [reported_table.columns, *reported_table.texts]
     return sum(max(len(line[k]) for line in lines) + 2 for k in range(len(reported_table.columns)))
+
+
+def write_extended_model(
+    result: OutputOptions, model: Model, parent_id: str, parent: Model, verdict: ModelVerdict | None = None
+) -> None:
+    """Write a model that was made from another one, and print it with the verdict on it where there is one."""
+
+    def show_model(console: Console) -> None:
+        show_ladder(console, model.identification, parent.identification)
+        show_identification(console, model.identification, parameters=False)
+        if verdict is not None:
+            show_verdict(console, verdict)
+
+    write_model(result, "model", model, show_model, (parent_id, parent), verdict)

@@ -112,13 +112,13 @@ def remove(model: ModelArgument, effects: Effects, result: OutputOptions) -> Non
     """
     from dynident.api.model_identification import load_model
     from dynident.errors import DynidentError
-    from dynident_cli import argument_loading, command_output
+    from dynident_cli import argument_loading, printed_results
 
     identified = load_model(model)
     removed = argument_loading.parse_unchecked_effects(effects)
     if not removed:
         raise DynidentError("the effects to remove are missing; give --effects", pointer="--effects")
-    command_output.write_extended_model(result, identified.remove(*removed), model.stem, identified)
+    printed_results.write_extended_model(result, identified.remove(*removed), model.stem, identified)
 
 
 def extend(
@@ -159,7 +159,7 @@ def extend(
         whole = replace(identified.with_data(recordings), validation=held_out)
         extended = whole.extend(*added, progress=progress)
         verdict = extended.verdict()
-    command_output.write_extended_model(result, extended, model.stem, identified, verdict)
+    printed_results.write_extended_model(result, extended, model.stem, identified, verdict)
     if verdict.stop is not None:
         raise typer.Exit(printed_results.EXIT_STOPPED)
 
