@@ -1,4 +1,7 @@
-"""Choices of an identification from bodies; views and tables of models, verdicts and ladders; exported files."""
+"""Choices of an identification from bodies; views and tables of models, verdicts and ladders; exported files.
+
+Holds how long the header with the notes on an exported file may be.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`dynident design` and `dynident simulate`."""
+"""`dynident design` and `dynident simulate`.
+
+Holds the sampling rate of the sensors of a simulation (500 Hz).
+"""
 
 from __future__ import annotations
 

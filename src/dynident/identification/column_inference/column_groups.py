@@ -1,4 +1,7 @@
-"""Group a file's columns by signal, one column a joint; find joints that lack a column, and duplicates."""
+"""Group a file's columns by signal, one column a joint; find joints that lack a column, and duplicates.
+
+Holds the names that makers' teach pendants have for the axes of an arm.
+"""
 
 from __future__ import annotations
 

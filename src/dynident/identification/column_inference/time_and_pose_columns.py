@@ -1,4 +1,7 @@
-"""Guess the time column, and whether a file holds poses at rest instead of a motion."""
+"""Guess the time column; notice files that are to be transposed, and poses at rest instead of a motion.
+
+Holds from how many columns on a file seems to be written on its side (200).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Identify gravity and constant torques from poses at rest, with static friction as an interval.
+"""Identify gravity and constant torques from poses at rest, with static friction as an interval; refuse mixed data.
 
 The torque that holds a standing joint lies anywhere between both directions of its static friction. So a single pose
 tells the torque of gravity only to within that band. Over many poses, or where each is approached from both sides, it
