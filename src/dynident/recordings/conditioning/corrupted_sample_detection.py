@@ -1,6 +1,7 @@
 """Detect single corrupted samples of one signal: blocks that leave its course and come back.
 
-Holds all thresholds: how far off, how long (12 samples), compared with the usual steps.
+Holds how long a block may be (12 samples), and how far off it is compared with the usual steps; from which size on it
+does harm is decided in `corrupted_sample_removal`.
 
 A block of samples is off course if the signal goes on behind it as if nothing had been. How far off it has to be
 depends on the signal's usual steps, on the tails of its noise and on how often it swings like that by itself.
