@@ -1,4 +1,7 @@
-"""`python -m dynident_service.new_key NAME`: make an API key and print it once."""
+"""`python -m dynident_service.new_key NAME`: make an API key and print it once.
+
+Holds how long a key may be valid (100 years).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Routes of the service itself: health, metrics, usage, jobs, the catalogue of effects."""
+"""Routes of the service itself: health, metrics, usage, jobs, the catalogue of effects.
+
+Holds what a follower of a job is told: its events, and after how long to connect again (1 s).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What child processes compute of models: jobs that identify, extend, remove effects; verdict, correlation, exports."""
+"""What child processes compute of models: jobs that identify, extend, remove effects; verdict, correlation, exports.
+
+Holds how recordings of a verdict with the same name are told apart.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""How narrow a speed or distance filtered positions still resolve near reversals: limits for shape constants."""
+"""How narrow a speed or distance filtered positions still resolve near reversals: limits for shape constants.
+
+Holds up to which share of the fastest motion a friction peak is a peak (0.5).
+"""
 
 from __future__ import annotations
 
