@@ -26,7 +26,8 @@ MOST = 2**63 - 1
 
 def main(arguments: list[str]) -> int:
     """Make a key under the name given, or list or revoke keys."""
-    parser = argparse.ArgumentParser(prog="python -m dynident_service.new_key", description=(__doc__ or "").partition("\n")[0])
+    purpose = (__doc__ or "").partition("\n")[0]
+    parser = argparse.ArgumentParser(prog="python -m dynident_service.new_key", description=purpose)
     parser.add_argument("name", nargs="?", help="what the key is for")
     parser.add_argument("--scope", choices=SCOPES, default="admin", help="read; send and change; also delete (default)")
     parser.add_argument("--owner", help="who is responsible for it")
