@@ -83,10 +83,10 @@ class VirtualArm:
 
     def compute_true_error(self, identification, region):
         """Return the true relative error (n,) of a model over a region."""
-        from dynident.advice.prediction_error import _evaluate_rows
+        from dynident.advice.prediction_error import evaluate_rows
 
         truth = self.compute_torque(region)
-        torque = _evaluate_rows(identification, region.q, region.dq, region.ddq) @ identification.values
+        torque = evaluate_rows(identification, region.q, region.dq, region.ddq) @ identification.values
         return np.sqrt(((torque - truth) ** 2).mean(axis=0) / (truth**2).mean(axis=0))
 
 

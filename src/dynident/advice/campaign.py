@@ -190,8 +190,8 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
     needy = [choice.effect for choice in request.choices.effects if not _is_of_motion(choice)]
     if needy:
         raise DynidentError(
-            f"{', '.join(needy)} depends on more than the motion (temperature, time of the session, or run), which no "
-            "region of states states; leave it out of the campaign",
+            f"{', '.join(needy)} depends on more than the motion (temperature, time of the session, or run), so "
+            "that its torque in the region is not known; leave it out of the campaign",
             pointer="/choices/effects",
         )
     if region is not None and region.q.shape[1] != robot.n:
@@ -302,15 +302,14 @@ def add_run(
     DynidentError
         For a recording with the samples of one that was added before, or that the model cannot be identified from.
     """
-    digest = SampleHashes.from_recording(recording).digest
-    if any(SampleHashes.from_recording(earlier).digest == digest for earlier in state.recordings):
+    before = state.identification
+    if before is not None and SampleHashes.from_recording(recording).digest in before.data.digests:
         raise DynidentError(
             f"{recording.name} has the samples of an earlier run of this campaign; each run needs its own recording",
             pointer="recording",
         )
     if any(earlier.name == recording.name for earlier in state.recordings):
         recording = replace(recording, name=f"{recording.name} {len(state.runs) + 1}")
-    before = state.identification
     # Before anything is fitted to it, the run tests the model: a prediction that nothing was chosen on.
     predicted = None if before is None else compare_with_run(before, recording).predicted
     recordings = (*state.recordings, recording)
@@ -377,7 +376,7 @@ def decide(state: CampaignState, rows: RegionRows, planned: PlannedRun | None = 
     has_time = state.seconds_left >= duration
     if run.is_changed and has_time:
         count = format_count(len(run.added), "effect") if run.added else "no effect"
-        words = f"The diagnosis of all runs now adds {count}, which is new; the next run tests the model."
+        words = f"The diagnosis of all runs now adds {count}, unlike before; the next run tests the model."
         return Decision("next_run", f"{words} Error: {reached}.{remarks}")
     if (run.errors <= goal).all() and len(state.runs) >= FEWEST_RUNS:
         return Decision("reached", f"The goal of {format_percent(goal)} is reached: {reached}.{remarks}")

@@ -86,15 +86,28 @@ def compute_region_rows(identification: Identification, region: Region) -> Regio
     RegionRows
         Moments of the rows, and the torque.
     """
-    rows = _evaluate_rows(identification, region.q, region.dq, region.ddq)
+    rows = evaluate_rows(identification, region.q, region.dq, region.ddq)
     torque = np.sqrt(((rows @ identification.values) ** 2).mean(axis=0))
     # Where the region needs hardly any torque of a joint, errors are relative to its noise.
     moments = np.einsum("mja,mjb->jab", rows, rows, optimize=True) / len(rows)
     return RegionRows(moments, np.maximum(torque, identification.noise))
 
 
-def _evaluate_rows(identification: Identification, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-    """Return W (m, n, b) at states; friction that remembers its path has slid in the direction of motion."""
+def evaluate_rows(identification: Identification, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+    """Return the rows of a model at states; friction that remembers its path has slid in the direction of motion.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    q, dq, ddq : (m, n)
+        States: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
+
+    Returns
+    -------
+    (m, n, b)
+        W at each state.
+    """
     observation = identification.model.observation
     # Followers have no velocity of their own here: their state counts as positive.
     followers = np.ones((len(dq), len(observation.robot.positions(q[:1])[0]) - observation.robot.n))
@@ -140,7 +153,7 @@ def predict_errors(
     statistics, solution = identification.statistics, identification.estimate.solution
     inside = np.flatnonzero((design.t >= design.exciting[0]) & (design.t <= design.exciting[1]))
     samples = inside[:: max(1, len(inside) // _PLANNED_SAMPLES)]
-    planned = _evaluate_rows(identification, design.q[samples], design.dq[samples], design.ddq[samples])
+    planned = evaluate_rows(identification, design.q[samples], design.dq[samples], design.ddq[samples])
     # The equation of a joint that stands tells nothing.
     planned *= (np.abs(design.dq[samples]) > STANDSTILL_VELOCITY)[:, :, None]
     # Rows that the filters will leave of the planned motion, in units of each joint's noise.

@@ -153,15 +153,16 @@ def _describe_plan(planned: PlannedRun, path: Path) -> str:
 
 def _find_recording(folder: Path, name: str) -> Path | None:
     """Return the recording of a run, in whichever format, once it does not grow any more; None where there is none."""
-    files = sorted(path for path in folder.glob(f"{name}.*") if path.is_file())
+    # A file that is still empty is none yet.
+    files = sorted(path for path in folder.glob(f"{name}.*") if path.is_file() and path.stat().st_size)
     if not files:
         return None
     path, size, since = files[0], -1, time.monotonic()
-    while time.monotonic() - since < _SETTLED or size == 0:
+    while time.monotonic() - since < _SETTLED:
         if path.stat().st_size != size:
             size, since = path.stat().st_size, time.monotonic()
         # A file that has been there for a while is not being written.
-        if time.time() - path.stat().st_mtime > _SETTLED and size > 0:
+        if time.time() - path.stat().st_mtime > _SETTLED:
             break
         time.sleep(_LOOK)
     return path
