@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dynident.advice.campaign import CampaignState
 from dynident.array_types import FloatArray
 from dynident.excitation import Design
+from dynident.presentation.labels import get_effect_title
 from dynident.reports.figures.signals_over_time import find_extremes
 from dynident.reports.figures.svg import (
     FLOOR,
@@ -192,13 +193,14 @@ def draw_campaign(state: CampaignState) -> Markup:
     axes.axhline(goal, color=FLOOR, linewidth=1.2, linestyle=(0, (4, 3)), label="goal")
     for time, error, run in zip(minutes, reached, state.runs, strict=True):
         if run.is_changed:
-            words = ", ".join(dict.fromkeys(choice.effect for choice in run.added))
+            words = ", ".join(dict.fromkeys(get_effect_title(choice.effect) for choice in run.added))
             words = f"with {words}" if words else "no effect added"
             axes.annotate(words, (time, error), (6, 8), textcoords="offset points", fontsize=8)
     axes.set_yscale("log")
     # Powers of ten would have to be read twice.
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("{x:g}")
+    axes.tick_params(which="minor", labelsize=8, color="#999999")
     axes.set_xlim(0, 1.08 * max(float(minutes[-1]), 1e-3))
     axes.set_xlabel("robot time (min)", fontsize=8.5)
     axes.legend(fontsize=8, frameon=False)
