@@ -87,6 +87,11 @@ class StatedAnswers:
 def describe_answer(question: Question) -> str:
     """Return the options that answer a question, as they are typed; "" where no option does."""
     about, _, key = question.field.partition("/")
+    if question.field == "units/tau" and question.check:
+        return (
+            "--units tau=UNIT, --drive-gains G1,… in N m per unit of these numbers (of motors' torques: the gear "
+            f"ratios), or --accept {question.check} if the recording is right as it is"
+        )
     if question.check:
         return f"--accept {question.check} if the recording is right as it is"
     if about == "units" and key and question.choices:

@@ -71,6 +71,10 @@ class TextContent:
         # In large pieces: a call of the decompressor for every line would take most of the time.
         return io.BufferedReader(_DecompressedStream(self._path, self.compression), 1 << 20)
 
+    def replace_text(self, open_text: Callable[[], IO[bytes]]) -> TextContent:
+        """Return the file with another text, which is opened by a function; its name stays."""
+        return TextContent(self._path, open_text)
+
     def read_start(self, size: int) -> bytes:
         """Return the first bytes."""
         with self.open() as file:
