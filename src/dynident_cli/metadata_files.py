@@ -97,7 +97,8 @@ def describe_answer(question: Question) -> str:
     if about == "units" and key and question.choices:
         options = [f"--units {key}={choice!r}" if " " in choice else f"--units {key}={choice}"
                    for choice in question.choices[:3]]  # fmt: skip
-        return " or ".join([*options, "--rate HZ"] if key == "t" else options)
+        others = {"t": "--rate HZ", "tau": "--drive-gains G1,…"}
+        return " or ".join([*options, others[key]] if key in others else options)
     if question.field == "columns/t" and question.choices:
         return "--columns t=COLUMN, or --rate HZ"
     if about == "effort_kind" and question.choices:

@@ -251,6 +251,7 @@ def test_a_counter_of_rows_is_no_clock_where_another_column_is_one(tmp_path):
         (b"DIAEXTENDED  {@:ENGLISH\r\n#BEGINCHANNELHEADER\r\n200,Zeit\r\n", "KUKA"),
         (b"% a run\nt = [0.0;\n0.1];\n", "script"),
         (b"<?xml version='1.0'?><log/>", "XML"),
+        (b"t,q,tau\n0,00,0,51,1,20\n0,01,0,52,1,21\n", "decimal commas stand between commas"),
         (b"run.csv".ljust(257, b"\0") + b"ustar\0", "unpack"),
     ],
 )

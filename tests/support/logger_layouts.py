@@ -465,6 +465,31 @@ def other_arm_beside(folder: Path, run: Recorded) -> Path:
     return written(folder / "two_arms.csv", table(header, columns))
 
 
+def _from(run: Recorded, form: Callable[[datetime], str]) -> list[str]:
+    begin = datetime(2025, 5, 6, 11, 58, 57, tzinfo=UTC)
+    return [form(begin + timedelta(seconds=float(t))) for t in run.t]
+
+
+def stamps_of_digits(folder: Path, run: Recorded) -> Path:
+    """20250506115857005: more digits than a number keeps."""
+    stamps = _from(run, lambda moment: moment.strftime("%Y%m%d%H%M%S%f")[:-3])
+    header = ["timestamp", *counted("q{}", run.n), *counted("tau{}", run.n)]
+    return written(folder / "digits.csv", table(header, [stamps, *cells(run.q), *cells(run.tau)]))
+
+
+def minutes_and_seconds(folder: Path, run: Recorded) -> Path:
+    stamps = _from(run, lambda moment: moment.strftime("%M:%S.%f")[:-3])
+    header = ["Time", *counted("q{}", run.n), *counted("tau{}", run.n)]
+    return written(folder / "minutes.csv", table(header, [stamps, *cells(run.q), *cells(run.tau)]))
+
+
+def rows_behind_signs_of_remarks(folder: Path, run: Recorded) -> Path:
+    """What a robot's program writes: a sign, a number, date and time of day, a clock, and no names."""
+    days, times = (_from(run, lambda moment, form=form: moment.strftime(form)) for form in ("%Y-%m-%d", "%H:%M:%S"))
+    columns = [["# 1"] * len(run.t), days, times, [f"{t:.3f}" for t in run.t], *blocks(run)]
+    return written(folder / "rapid.txt", table([], columns, " "))
+
+
 def written(path: Path, text: str) -> Path:
     path.write_text(text, encoding="utf-8", newline="")
     return path
@@ -479,6 +504,7 @@ LAYOUTS: dict[str, Callable[[Path, Recorded], Path]] = {
         row_a_motor, order_that_changes, record_a_topic, controller_state, mujoco, printed_messages,
         printed_messages_of_ros_1, printed_names_and_values, list_in_yaml, printed_dictionaries, structure_of_a_scope,
         files_by_their_endings, file_a_joint, row_a_motor_with_its_own_clock, other_arm_beside,
+        stamps_of_digits, minutes_and_seconds, rows_behind_signs_of_remarks,
     )
 }  # fmt: skip
 BETWEEN_SAMPLES = frozenset({"sparse_topics", "file_a_signal", "row_a_motor", "row_a_motor_with_its_own_clock"})

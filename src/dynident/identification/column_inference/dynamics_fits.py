@@ -377,11 +377,16 @@ def match_description(guess: UnitGuess, size: float, fits: Callable[[float], boo
     if guess.unit in near:
         reason = f"in {guess.unit} its size matches the inertias of the description"
         return guess if guess.confidence >= SURE else UnitGuess(guess.unit, 0.85, reason)
-    if not near:
-        return guess
-    sizes = ", ".join(f"{size * MOMENTS[unit]:.2g} times in {unit}" for unit in dict.fromkeys((*near[:3], "N m")))
-    reason = f"they are these times the torque that the inertias of the description need: {sizes}"
-    return UnitGuess(near[0], 0.85 if near[0] == "N m" else 0.5, reason, tuple(near[:3]))
+    if near[:1] == ["N m"] or (not near and guess.unit == "N m"):
+        return guess if not near else UnitGuess("N m", 0.85, "in N m its size matches the inertias of the description")
+    # An unusual unit has to be borne out by the masses.
+    units = tuple(near[:3]) or (guess.unit, "N m")
+    sizes = ", ".join(f"{size * MOMENTS[unit]:.2g} times in {unit}" for unit in dict.fromkeys((*units, "N m")))
+    reason = (
+        f"they are these times the torque that the inertias of the description need: {sizes}; if they are torques of "
+        "motors, or shares of rated ones, give drive gains"
+    )
+    return UnitGuess(units[0], 0.5, reason, units)
 
 
 _MORE = 1.01
