@@ -287,13 +287,14 @@ def _classify_measured(
 def _classify_torque(robot: Robot, motion: Motion, unit: str | None, factor: float) -> EffortGuess:
     """Classify what is called a torque: before the gears, or in a drive's unit, if drive gains make it plausible."""
     scales = compare_with_description(robot, motion)
+    gains = np.array([np.nan if drive.gain is None else drive.gain for drive in robot.drives])
+    is_torque = scales is None or scales.is_near_one(np.full(robot.n, factor))
+    if scales is not None and not is_torque and np.isfinite(gains).all() and scales.is_near_one(gains):
+        reason = "with the drive gains its size matches the inertias of the description; without, it does not"
+        return EffortGuess("motor_torque", 0.9, reason, scales)
     if scales is None or scales.is_plausible(factor):
         by_name = _classify_by_name("tau", unit, 0.9, "by its name; gravity and motion explain it")
         return replace(by_name, scales=scales)
-    gains = np.array([np.nan if drive.gain is None else drive.gain for drive in robot.drives])
-    if np.isfinite(gains).all() and scales.is_near_one(gains):
-        reason = "with the drive gains its size matches the inertias of the description, and without them it does not"
-        return EffortGuess("motor_torque", 0.9, reason, scales)
     size = f"it is {scales.median * factor:.2g} times the torque that the inertias of the description need"
     return EffortGuess("unknown", 0.3, size, scales)
 
