@@ -156,16 +156,17 @@ def _rewrite_entries(lines: Iterator[str], kind: Kind) -> Iterator[str]:
 
 def _join_brackets(lines: Iterator[str]) -> Iterator[str]:
     """Yield the lines, those joined between which a list in brackets goes on."""
-    whole, n_open, size = "", 0, 0
+    parts: list[str] = []
+    n_open = size = 0
     for line in lines:
-        whole = f"{whole} {line.strip()}" if n_open > 0 else line
-        n_open = max(n_open, 0) + line.count("[") - line.count("]")
-        size = size + len(line) if n_open > 0 else 0
+        parts.append(line.strip() if parts else line)
+        n_open += line.count("[") - line.count("]")
+        size += len(line)
         if n_open <= 0 or size > LARGEST_MESSAGE:
-            yield whole
-            whole, n_open = "", 0
-    if whole:
-        yield whole
+            yield " ".join(parts)
+            parts, n_open, size = [], 0, 0
+    if parts:
+        yield " ".join(parts)
 
 
 def _parse_lines(lines: list[str]) -> object:
@@ -227,6 +228,8 @@ class _LineParser:
 _NUMBER = re.compile(r"^[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?$")
 _NO_NUMBERS = {"nan": float("nan"), "inf": float("inf"), "-inf": float("-inf")}
 _BETWEEN = re.compile(r"[\s,;]+")
+_LONGEST_WHOLE = 20
+"""Digits of a number that is read without rounding, as nanoseconds since 1970 need."""
 
 
 def _is_scalar(text: str) -> bool:
@@ -241,6 +244,7 @@ def _parse_scalar(text: str) -> object:
             return None  # matrices and lists of objects are no signals of the joints
         return [_parse_scalar(item) for item in _BETWEEN.split(inner) if item]
     if _NUMBER.match(text):
-        return float(text) if any(sign in text for sign in ".eE") else int(text)
+        is_whole = len(text) < _LONGEST_WHOLE and not any(sign in text for sign in ".eE")
+        return int(text) if is_whole else float(text)
     bare = text.strip("'\"")
     return _NO_NUMBERS.get(bare.casefold().removeprefix("."), bare)
