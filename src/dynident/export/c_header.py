@@ -83,7 +83,7 @@ def to_c_header(identification: Identification) -> ExportedFile:
     DynidentError
         For an effect of another distribution whose columns use an operation that C code is not written for.
     """
-    header = _Header.from_identification(identification)
+    header = Header.from_identification(identification)
     return ExportedFile(f"{header.name}.h", "text/x-c", encode_text(header.write_c()), header.notes)
 
 
@@ -105,13 +105,27 @@ def to_cpp_header(identification: Identification) -> ExportedFile:
     DynidentError
         As `to_c_header` does.
     """
-    header = _Header.from_identification(identification)
+    header = Header.from_identification(identification)
     return ExportedFile(f"{header.name}.hpp", "text/x-c++", encode_text(header.write_cpp()), header.notes)
 
 
 @dataclass(frozen=True, eq=False)
-class _Header:
-    """The functions of an identified model, and the prefix of their names."""
+class Header:
+    """The functions of an identified model as C or C++.
+
+    Attributes
+    ----------
+    identification : Identification
+        The identified model.
+    equation : EquationOfMotion
+        Its terms.
+    name : str
+        Prefix of all names.
+    functions : tuple of HeaderFunction
+        What the header computes.
+    notes : tuple of str
+        What a controller must know, a sentence each.
+    """
 
     identification: Identification
     equation: EquationOfMotion
@@ -120,7 +134,8 @@ class _Header:
     notes: tuple[str, ...]
 
     @classmethod
-    def from_identification(cls, identification: Identification) -> _Header:
+    def from_identification(cls, identification: Identification) -> Header:
+        """Return the header of an identified model, with all functions."""
         equation = build_equation_of_motion(identification.estimate)
         functions, notes = list_functions(equation), []
         if equation.acceleration_obstacle:
