@@ -1,8 +1,7 @@
 """Write M, C, g, friction and a momentum observer of a model as one C or C++ header for controllers.
 
-The header needs only a compiler and its math library. It allocates no memory, throws nothing and has no state of its
-own: parameters, load and hysteresis states are structures of the caller. The C++ header is the C header with a class
-around it.
+The header needs only a compiler and its math library. It allocates no memory and throws nothing. Parameters, load and
+hysteresis states are structures of the caller. The C++ header is the C header with a class around it.
 """
 
 from __future__ import annotations
@@ -111,21 +110,7 @@ def to_cpp_header(identification: Identification) -> ExportedFile:
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """The functions of an identified model as C or C++.
-
-    Attributes
-    ----------
-    identification : Identification
-        The identified model.
-    equation : EquationOfMotion
-        Its terms.
-    name : str
-        Prefix of all names.
-    functions : tuple of HeaderFunction
-        What the header computes.
-    notes : tuple of str
-        What a controller must know, a sentence each.
-    """
+    """The functions of an identified model, the prefix of their names, and notes for users, a sentence each."""
 
     identification: Identification
     equation: EquationOfMotion
