@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         to_franka_load,
         to_kuka_load,
         to_load_urdf,
+        to_ur_friction,
         to_urscript,
     )
     from dynident.export.export_request import ExportChoices, ExportFormat
@@ -62,6 +63,7 @@ __all__ = [
     "to_mjlab_actuators",
     "to_mujoco",
     "to_sdf",
+    "to_ur_friction",
     "to_urdf",
     "to_urscript",
     "to_usd",
