@@ -38,10 +38,10 @@ _STATED = _REQUESTS | _DESCRIPTIONS
 _ANSWERS = {
     "comparisons": ("AutocorrelationView", "ComparisonResult", "ResidualMap", "Series", "Spectrum"),
     "designs": ("DesignClearances", "DesignResult", "SimulationResult"),
-    "diagnoses": ("DiagnosisResult", "Evidence", "SeriesResult"),
+    "diagnoses": ("DetectionLimitOfJoint", "DiagnosisResult", "Evidence", "SeriesResult"),
     "identifications": (
         *("CorrelationView", "CurrentModelsResult", "EssentialView", "IdentificationResult", "Lineage"),
-        *("ReportResult", "Tables", "VerdictView"),
+        *("PredictedTorqueView", "ReportResult", "Tables", "VerdictView"),
     ),
     "resources": (
         *(

@@ -181,6 +181,21 @@ class DetectionLimit(ViewModel):
     share: Annotated[float | None, SourcePath(null=inf)] = Field(description="`size` over `usual`")
 
 
+class DetectionLimitOfJoint(ViewModel):
+    """A detection limit in one row."""
+
+    effect: str
+    joint: str | None = Field(description="null for an effect of the whole robot")
+    parameter: str = Field(description="The parameter that tells how large the effect is")
+    limit: Annotated[float | None, SourcePath("size")] = Field(
+        description="Smallest size that these recordings would have shown in 95 of 100 cases; null if none"
+    )
+    unit: str
+    of_usual: Annotated[float | None, SourcePath("share")] = Field(
+        description="The limit over the size on arms that have the effect; null if none would have shown"
+    )
+
+
 class Conclusion(ViewModel):
     """What a diagnosis says in all, and the one next thing to do."""
 

@@ -193,8 +193,17 @@ def show_verdict(verdict: ModelVerdict, measurements: Sequence[OpenedMeasurement
         )
         for overlap in verdict.common
     ]
+    uses = [
+        to_view(
+            wire.UseView,
+            use,
+            fit=None if use.state == "not_judged" else use.fit,
+            values=verdict.get_values(use.use),
+        )
+        for use in verdict.uses
+    ]
     tables = show_tables(build_verdict_tables(verdict))
-    return to_view(wire.VerdictView, verdict, stop=stop, common=common, tables=tables)
+    return to_view(wire.VerdictView, verdict, uses=uses, stop=stop, common=common, tables=tables)
 
 
 def _measurement_id(measurements: Mapping[str, OpenedMeasurement], name: str) -> str:

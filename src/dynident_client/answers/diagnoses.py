@@ -119,6 +119,21 @@ class DetectionLimit(TypedDict):
     """Size on arms that have the effect"""
 
 
+class DetectionLimitOfJoint(TypedDict):
+    """A detection limit in one row."""
+
+    effect: str
+    joint: str | None
+    """null for an effect of the whole robot"""
+    limit: float | None
+    """Smallest size that these recordings would have shown in 95 of 100 cases; null if none"""
+    of_usual: float | None
+    """The limit over the size on arms that have the effect; null if none would have shown"""
+    parameter: str
+    """The parameter that tells how large the effect is"""
+    unit: str
+
+
 class DiagnosisResult(TypedDict):
     """What is missing in a model."""
 
