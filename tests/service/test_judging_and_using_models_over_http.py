@@ -39,6 +39,8 @@ def test_reasons_and_limits_of_a_diagnosis(client: TestClient, model: str) -> No
     result = wait(client, f"/v1/diagnoses/{identifier}")["result"]
     outcome = next(one for one in result["outcomes"] if one["joints"])
     where = {"effect": outcome["effect"], "joint": outcome["joints"][0]}
+    first = result["candidates"][0]
+    assert [one["code"] for one in first["reasons"]] == [first["reason"]["code"]]
     reason = client.get(f"/v1/diagnoses/{identifier}/why", params=where)
     assert reason.status_code == 200, reason.text
     of_effect = [one for one in result["outcomes"] if one["effect"] == where["effect"]]
@@ -57,6 +59,25 @@ def test_reasons_and_limits_of_a_diagnosis(client: TestClient, model: str) -> No
             "unit": limit["unit"],
             "of_usual": limit["share"],
         }
+
+
+def test_what_was_put_right_is_listed_and_can_be_undone(client: TestClient, robot: dict[str, Any]) -> None:
+    columns = sound()
+    columns["q2"][700] += 0.9
+    stored = upload(client, robot, as_csv(columns))
+    assert stored.status_code == 201, stored.text
+    (correction,) = stored.json()["conditioning"]
+    assert correction["code"] == "corrupted_samples"
+    assert correction["subject"] == {"recording": "run", "column": "q2", "joint": robot["joints"][1]["name"]}
+    # Data rows are counted from 1.
+    assert correction["rows"] == {"count": 1, "first": [701]}
+    check = next(check for check in stored.json()["checks"] if check["code"] == "corrupted_samples")
+    assert check["remedy"] == {"field": "skip", "value": ["corrupted_samples"]}
+    assert (check["values"]["column"], check["values"]["row"]) == ("q2", 701)
+    undone = client.post(f"/v1/measurements/{stored.json()['id']}/revisions", json=correction["undo"])
+    assert undone.status_code in (201, 422), undone.text
+    if undone.status_code == 201:
+        assert undone.json()["conditioning"] == []
 
 
 def test_a_use_without_data_is_neither_fit_nor_unfit(client: TestClient, model: str) -> None:

@@ -30,10 +30,14 @@ class CheckView(TypedDict):
     apply: dict[str, Any] | None
     """The correction, if it is known: a body for POST /v1/measurements/{id}/revisions; for a file that was refused,
     fields for the metadata of the next upload"""
+    code: str
+    """The kind of finding: the name of the check."""
     column: str
     """Column of the file"""
     detail: str
     name: str
+    remedy: RemedyView | None
+    """The first remedy that the sentence names"""
     row: int | None
     """Data row of the file, from 1"""
     rows: dict[str, list[int]]
@@ -41,6 +45,8 @@ class CheckView(TypedDict):
     status: Literal["ok", "warning", "error"]
     time: float | None
     """Seconds of t"""
+    values: dict[str, str | int | float]
+    """Where the finding is: column, row, time, and number of rows; what is not known is left out."""
 
 
 class Dependent(TypedDict):
@@ -296,6 +302,14 @@ class Readiness(TypedDict):
 
     checks: dict[str, str]
     status: Literal["ready", "not_ready"]
+
+
+class RemedyView(TypedDict):
+    """A field of the metadata, or of the robot, with the value that puts a finding right."""
+
+    field: str
+    value: Any
+    """null where only the user can know it"""
 
 
 class ShapeParameter(TypedDict):
