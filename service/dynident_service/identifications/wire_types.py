@@ -11,6 +11,7 @@ from dynident.effects.effect_choices import DEFAULT_EFFECTS
 from dynident.export.export_request import ExportChoices
 from dynident.identification.identification_choices import EssentialChoices, IdentificationChoices
 from dynident.recordings.recording_metadata import Filters
+from dynident_service.campaigns.wire_types import CampaignOutcome
 from dynident_service.measurements.wire_types import RevisionRequest, SeenMeasurement
 from dynident_service.shared.request_bodies import derive_body, derive_query
 from dynident_service.shared.wire_types import (
@@ -187,6 +188,9 @@ class IdentificationResult(ViewModel):
     effort_units: list[str]
     measurements: list[SeenMeasurement] = Field(
         default=[], description="Which revision of which file the model used; [] in models that an older version stored"
+    )
+    campaign: CampaignOutcome | None = Field(
+        default=None, description="For a model of a campaign: what its last recordings brought, and the decision"
     )
 
 

@@ -51,6 +51,7 @@ PREFIXES = {
     "series": "ser",
     "import": "imp",
     "batch": "bat",
+    "campaign": "cam",
     "job": "job",
 }
 KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
@@ -109,6 +110,7 @@ Kind = Literal[
     "series",
     "import",
     "batch",
+    "campaign",
 ]
 JobKind = Literal[
     "design",

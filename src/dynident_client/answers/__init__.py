@@ -15,6 +15,7 @@ from dynident_client.answers.comparisons import (
 )
 from dynident_client.answers.designs import (
     BaselineValues,
+    CampaignStep,
     CriterionValues,
     DesignClearances,
     DesignResult,
@@ -22,6 +23,7 @@ from dynident_client.answers.designs import (
     LinkClearances,
     Margin,
     Other,
+    Progress,
     Run,
     SimulationResult,
     WallPlane,
@@ -50,6 +52,8 @@ from dynident_client.answers.diagnoses import (
     UnknownPattern,
 )
 from dynident_client.answers.identifications import (
+    CampaignDecision,
+    CampaignOutcome,
     CommonView,
     ContactDetectionView,
     CorrelationView,
@@ -83,7 +87,6 @@ from dynident_client.answers.resources import (
     CapsuleView,
     Catalogue,
     CheckView,
-    Dependent,
     EffectParameter,
     EffectView,
     FrameView,
@@ -99,8 +102,6 @@ from dynident_client.answers.resources import (
     MeshesView,
     MeshView,
     PosesView,
-    Problem,
-    ProblemField,
     QuestionView,
     Quota,
     RawSignals,
@@ -113,7 +114,17 @@ from dynident_client.answers.resources import (
     SurfaceView,
     UsageView,
 )
-from dynident_client.answers.shared_answers import DriftView, EffectChoice, ErrorFigures, ErrorsView, UsedPreprocessing
+from dynident_client.answers.shared_answers import (
+    CampaignRunView,
+    Dependent,
+    DriftView,
+    EffectChoice,
+    ErrorFigures,
+    ErrorsView,
+    Problem,
+    ProblemField,
+    UsedPreprocessing,
+)
 from dynident_client.answers.validations import (
     BootstrapView,
     DrawnParameterView,
@@ -134,6 +145,10 @@ __all__ = [
     "AutocorrelationView",
     "BaselineValues",
     "BootstrapView",
+    "CampaignDecision",
+    "CampaignOutcome",
+    "CampaignRunView",
+    "CampaignStep",
     "Candidate",
     "CapsuleView",
     "Catalogue",
@@ -208,6 +223,7 @@ __all__ = [
     "PredictedTorqueView",
     "Problem",
     "ProblemField",
+    "Progress",
     "QuestionView",
     "Quota",
     "RawSignals",

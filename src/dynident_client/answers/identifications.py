@@ -4,7 +4,27 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypedDict
 
-from dynident_client.answers.shared_answers import DriftView, EffectChoice, ErrorsView, UsedPreprocessing
+from dynident_client.answers.shared_answers import (
+    CampaignRunView,
+    DriftView,
+    EffectChoice,
+    ErrorsView,
+    UsedPreprocessing,
+)
+
+
+class CampaignDecision(TypedDict):
+    """What to do next, and why."""
+
+    code: Literal["next_run", "reached", "not_reachable", "out_of_time"]
+    sentence: str
+
+
+class CampaignOutcome(TypedDict):
+    """What a campaign made of the recordings that it was told."""
+
+    decision: CampaignDecision
+    runs: list[CampaignRunView]
 
 
 class CommonView(TypedDict):
@@ -127,6 +147,8 @@ class EssentialView(TypedDict):
 class IdentificationResult(TypedDict):
     """An identified model."""
 
+    campaign: CampaignOutcome | None
+    """For a model of a campaign: what its last recordings brought, and the decision"""
     condition_meaning: str
     """What the equilibrated condition number means"""
     condition_number: float | None

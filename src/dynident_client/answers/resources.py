@@ -49,13 +49,6 @@ class CheckView(TypedDict):
     """Where the finding is: column, row, time, and number of rows; what is not known is left out."""
 
 
-class Dependent(TypedDict):
-    """A resource that rests on another one."""
-
-    id: str
-    kind: str
-
-
 class EffectParameter(TypedDict):
     """One parameter of an effect."""
 
@@ -234,36 +227,6 @@ class PosesView(TypedDict):
     poses: list[list[list[float] | None]]
     """[posture][frame]: the 12 numbers of the 3 x 4 matrix [rotation, origin (m)] in the base frame, row by row; null
     for frames in a loop that cannot be closed there"""
-
-
-class Problem(TypedDict, total=False):
-    """The body of every error (RFC 9457)."""
-
-    checks: list[dict[str, Any]] | None
-    """Everything that was found in a file."""
-    dependents: list[Dependent] | None
-    """On 409: the resources that must be deleted first."""
-    dependents_count: int | None
-    """On 409: their number; not all are listed."""
-    detail: str
-    errors: list[ProblemField] | None
-    request_id: str | None
-    """Id of the request in the log of the service."""
-    status: int
-    title: str
-    type: str
-
-
-class ProblemField(TypedDict, total=False):
-    """One field, column or parameter that is wrong."""
-
-    detail: str
-    pointer: str
-    """A JSON pointer into the body, a column of a file, or the name of a parameter."""
-    row: int | None
-    """Data row of a file, from 1"""
-    time: float | None
-    """Seconds of t"""
 
 
 class QuestionView(TypedDict):
