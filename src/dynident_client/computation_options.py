@@ -63,7 +63,7 @@ class CampaignOptions(TypedDict, total=False):
     surroundings: Surroundings
     """What the robot must not touch"""
     time_budget: float | None
-    """Time of the search for a motion, in s (0.05 to 100000)"""
+    """Time limit of the optimisation; the best result until then is used, in s (above 0 to 604800)"""
     torque_margin: float
     """Share by which the torque may exceed the prediction; torque limits are reduced accordingly (0 to 100)"""
     trajectory: TrajectoryRequest

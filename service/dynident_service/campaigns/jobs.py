@@ -55,7 +55,7 @@ def build_campaign_request(body: CampaignRequest) -> RequestedCampaign:
         **body.goal.model_dump(include={"error", "speed"}),
         **body.budget.model_dump(include={"runs"}),
         minutes=body.budget.robot_time / 60.0,
-        first_speed=body.first_speed,
+        **body.model_dump(include={"first_speed"}),
         choices=choices,
         design=to_request(body, DesignRequest),
     )

@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from dynident.advice.campaign_request import DESIGN_SECONDS
 from dynident.advice.campaign_request import CampaignRequest as Requested
 from dynident.excitation.design_request import DesignRequest
 from dynident_service.problems import Problem
@@ -65,6 +64,7 @@ class Budget(RequestModel):
         "time_budget",
     ),
 )
+@derive_body(Requested, only=("first_speed",))
 class CampaignRequest(NamedRequest):
     """A goal, what it may cost, and what every motion must keep to."""
 
@@ -75,13 +75,7 @@ class CampaignRequest(NamedRequest):
         default=[], max_length=100, description="Measurements that the campaign begins with, as if they had been told"
     )
     effects: Effects | None = Field(default=None, description="Effects of the first model; by default the usual ones")
-    first_speed: float = Field(
-        default=0.3, gt=0, le=1, description="Share of the velocity limits that the first run keeps to"
-    )
     limits: dict[str, Limits] = Field(default={})
-    time_budget: float | None = Field(
-        default=DESIGN_SECONDS, ge=0.05, le=100_000, description="Time of the search for a motion, in s"
-    )
 
 
 class TellRequest(RequestModel):

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.campaign_request import DESIGN_SECONDS, CampaignRequest
 from dynident.advice.prediction_error import (
     RegionRows,
     compare_with_run,
@@ -202,6 +202,8 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
             f"one run takes {run:g} s, and all together may take {given:g} s; give more minutes or shorter runs",
             pointer="/minutes",
         )
+    if design.time_budget is None and design.starts is None:
+        request = replace(request, design=replace(design, time_budget=DESIGN_SECONDS))
     return CampaignState(robot, request, region or draw_region(robot, design.limits, request.speed))
 
 

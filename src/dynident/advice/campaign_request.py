@@ -54,4 +54,4 @@ class CampaignRequest(Request):
         "Share of the velocity limits that the first run keeps to", default=0.3, above=0, at_most=1
     )
     choices: IdentificationChoices = declare_field(made_by=IdentificationChoices)
-    design: DesignRequest = declare_field(made_by=lambda: DesignRequest(time_budget=DESIGN_SECONDS))
+    design: DesignRequest = declare_field(made_by=DesignRequest)
