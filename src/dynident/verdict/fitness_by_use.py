@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -44,17 +44,6 @@ Action = Literal[
     "weigh_load",
 ]
 """What dynident can do next. Each front end knows its own command, call or button for it."""
-
-
-TESTS: Mapping[UseName, str] = {
-    "simulation": "Can bodies have these parameters, and how far does a simulated robot drift from held-out motions "
-    "under the measured torque, without a controller?",
-    "feed_forward": "How large is the held-out residual while joints move, at reversals, and at starts and stops?",
-    "collision_detection": "Which force at the tool does a momentum observer detect, and how fast, with one false "
-    "alarm an hour?",
-    "payload": "Was a known load weighed rightly, and which mass at the tool shows along the held-out motion?",
-}
-"""What each use is judged by."""
 
 
 @dataclass(frozen=True)
@@ -114,11 +103,6 @@ class Use:
     def next_action(self) -> Action | None:
         """Which action does it; None where no action of dynident does."""
         return self.next.action
-
-    @property
-    def test(self) -> str:
-        """What the use is judged by, as a question."""
-        return TESTS[self.use]
 
     @property
     def fit(self) -> bool:
