@@ -246,18 +246,7 @@ class Diagnoses(Collection[Diagnosis]):
         return self._transport.get(path, answers.Reason, effect=effect, joint=joint)
 
     def detection_limits(self, diagnosis: Record | str) -> list[answers.DetectionLimitOfJoint]:
-        """Read the smallest size of each effect on each joint that the recordings would have shown in 95 of 100 cases.
-
-        Parameters
-        ----------
-        diagnosis : Record or str
-            The diagnosis or its identifier.
-
-        Returns
-        -------
-        list of answers.DetectionLimitOfJoint
-            The limits, effect by effect.
-        """
+        """Read the smallest size of each effect on each joint that the recordings would have shown (95 %)."""
         path = f"{self.path}/{get_identifier(diagnosis)}/limits"
         return self._transport.get(path, list[answers.DetectionLimitOfJoint])
 

@@ -204,11 +204,6 @@ class Campaign(Record):
         return str(self.data["state"])
 
     @property
-    def request(self) -> dict[str, Any]:
-        """The request, with all defaults."""
-        return dict(self.data["request"])
-
-    @property
     def sentence(self) -> str:
         """What to do next, and why."""
         return str(self.data["decision"]["sentence"])
@@ -219,12 +214,12 @@ class Campaign(Record):
         return float(self.data["robot_time"])
 
     @property
-    def promised(self) -> float | None:
+    def promised_error(self) -> float | None:
         """Relative error of the worst joint that the last motion promises."""
         return None if self.data["promised"] is None else float(self.data["promised"])
 
     @property
-    def achieved(self) -> float | None:
+    def achieved_error(self) -> float | None:
         """Relative error of the worst joint after the last run."""
         return None if self.data["achieved"] is None else float(self.data["achieved"])
 

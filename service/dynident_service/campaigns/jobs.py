@@ -96,9 +96,9 @@ def take_in_recordings(task: Task) -> Outcome:
     state = _restore_state(task, campaign, before=subject.id)
     first = len(state.runs)
     planned = _restore_plan(task, subject)
-    told = subject.get_dependencies("told")
-    for number, identifier in enumerate(told):
-        progress = scale_progress(task.progress, number / len(told), (number + 1) / len(told))
+    told_ids = subject.get_dependencies("told")
+    for number, identifier in enumerate(told_ids):
+        progress = scale_progress(task.progress, number / len(told_ids), (number + 1) / len(told_ids))
         state = add_run(state, open_recording_by_id(task, identifier), planned, progress)
     model = state.identification
     assert model is not None
@@ -112,7 +112,7 @@ def take_in_recordings(task: Task) -> Outcome:
             design_id=design_id,
             added=[show_choice(choice) for choice in run.added],
         )
-        for run, identifier in zip(state.runs[first:], told, strict=True)
+        for run, identifier in zip(state.runs[first:], told_ids, strict=True)
     ]
     outcome = CampaignOutcome(runs=runs, decision=to_view(CampaignDecision, state.decision))
     described = describe_identification(model, None).model_copy(

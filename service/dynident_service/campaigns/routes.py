@@ -106,14 +106,14 @@ def ask_for_motion(campaign_id: str, services: ServicesDep, retry: RetryKeyDep, 
     waiting = steps.find_waiting_design()
     if waiting is not None:
         return show_computed(DesignView, waiting)
-    told = [identifier for model in steps.models for identifier in model.get_dependencies("told")]
+    told_ids = [identifier for model in steps.models for identifier in model.get_dependencies("told")]
     model_id = steps.models[-1].id if steps.models else None
     # What the job decides (effects, criterion, limits of the first run) it writes into the stored request.
     request = DesignRequest.model_validate(
         {
             **body.model_dump(include={"robot_id", "trajectory", "limits"}),
-            "name": f"{campaign.name or 'campaign'}: run {len(told) + 1}",
-            "earlier_ids": told,
+            "name": f"{campaign.name or 'campaign'}: run {len(told_ids) + 1}",
+            "earlier_ids": told_ids,
             "identification_id": model_id,
         }
     )
@@ -153,35 +153,35 @@ def tell_recording(
 def _new_model(
     services: Services,
     campaign: Resource,
-    told: list[str],
+    recording_ids: list[str],
     design: Resource | None,
     pointer: str = "/measurement_ids",
 ) -> NewResource:
     """Return the model that is to be identified from all recordings of a campaign."""
     body = CampaignRequest.model_validate(campaign.request)
     robot = require_robot(services, body.robot_id)
-    require_measurements(services, robot, told, "told", pointer)
+    require_measurements(services, robot, recording_ids, "told", pointer)
     earlier = [
         identifier for model in _Steps(services, campaign).models for identifier in model.get_dependencies("told")
     ]
-    for identifier in told:
+    for identifier in recording_ids:
         if identifier in earlier:
             raise make_unusable(f"{identifier} is a run of this campaign already", pointer, title="Told twice")
     request = StoredIdentification.model_validate(
         {
             **body.model_dump(include={"robot_id", "effects"}, exclude_none=True),
-            "measurement_ids": [*earlier, *told],
+            "measurement_ids": [*earlier, *recording_ids],
         }
     )
     return NewResource(
         "identification",
         to_plain_json(request),
-        name=f"{campaign.name or 'campaign'}: {len(earlier) + len(told)} runs",
+        name=f"{campaign.name or 'campaign'}: {len(earlier) + len(recording_ids)} runs",
         rests_on=(
             _depend_on_campaign(campaign),
             Dependency(body.robot_id, "robot", "robot", "/robot_id"),
             *(Dependency(identifier, "measurement", "training", pointer) for identifier in request.measurement_ids),
-            *(Dependency(identifier, "measurement", "told", pointer) for identifier in told),
+            *(Dependency(identifier, "measurement", "told", pointer) for identifier in recording_ids),
             *(() if design is None else (Dependency(design.id, "design", "design", "/design_id"),)),
         ),
         job=TELL,

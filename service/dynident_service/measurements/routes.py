@@ -192,15 +192,16 @@ def _describe_conditioning(
     views: Sequence[CheckView], metadata: MeasurementMetadata, joints: Sequence[str]
 ) -> list[ConditioningView]:
     """Build the views of what was put right before the checks, column by column."""
+    stated = metadata.model_dump(include={"columns", "skip"})
     return [
         ConditioningView(
             code=view.name,
             subject=ConditioningSubject(
-                recording=metadata.name, column=column, joint=_find_joint(column, metadata.columns, joints)
+                recording=metadata.name, column=column, joint=_find_joint(column, stated["columns"], joints)
             ),
             rows=ConditionedRows(count=len(rows), first=rows[:_FIRST_ROWS]),
             detail=view.detail,
-            undo=RevisionRequest.model_validate({"skip": [*metadata.skip, view.name]}),
+            undo=RevisionRequest.model_validate({"skip": [*stated["skip"], view.name]}),
         )
         for view in views
         # A correction is a finding that is undone by leaving its step out.

@@ -41,7 +41,6 @@ from dynident.verdict.held_out_evidence import HeldOutEvidence, Outcome
 from dynident.verdict.momentum_observer import ContactDetection, calibrate_contact_detection
 from dynident.verdict.stop_cause import Stop, find_stop_cause, is_hopeless
 
-
 TESTS: Mapping[UseName, str] = {
     "simulation": "Can bodies have these parameters, and how far does a simulated robot drift from held-out motions "
     "under the measured torque, without a controller?",
