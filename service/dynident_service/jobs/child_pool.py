@@ -300,19 +300,6 @@ class ChildPool:
                 self._users -= 1
                 self._lock.notify_all()
 
-    @contextlib.contextmanager
-    def mark_in_use_if_spare(self) -> Iterator[bool]:
-        """Do the same only if a child is free, and yield whether it is so."""
-        with self._lock:
-            spare = self._users < self._size and not self.closed
-            self._users += spare
-        try:
-            yield spare
-        finally:
-            with self._lock:
-                self._users -= spare
-                self._lock.notify_all()
-
     def close(self, patience: float = 5.0) -> None:
         """Kill all children, and wait up to `patience` seconds until their supervisors have recorded it."""
         with self._lock:

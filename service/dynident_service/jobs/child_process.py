@@ -35,7 +35,6 @@ from dynident_service.jobs.child_messages import (
     make_memory_problem,
 )
 from dynident_service.jobs.confinement import Confinement, is_out_of_memory
-from dynident_service.jobs.distributed_map import share_with_workers
 from dynident_service.jobs.task_input_output import PATIENCE, JobEnvironment, JobFunction, ObjectCache, Outcome, Task
 from dynident_service.log_lines import set_log_context
 from dynident_service.problems import Problem, ProblemError, make_problem, to_problem
@@ -128,8 +127,7 @@ class JobRunner:
                 raise LostClaim(claim.job_id)
         reporter, checkpoints = Reporter(self.job_queue, claim), JobCheckpoints(CheckpointStore(self.database), claim)
         task = Task(subject, claim.arguments, self.resources, self.objects, self.memory, reporter, checkpoints)
-        with share_with_workers(claim, self.place, self.objects):
-            return function(task)
+        return function(task)
 
 
 class Reporter:
@@ -240,7 +238,7 @@ def serve_jobs(jobs: int, lifeline: int) -> None:
             return
         # The priority can only be lowered. A child that has done a job is therefore slower than a request needs, but
         # jobs and requests have pools of their own.
-        if not behind and (isinstance(order, JobOrder) or order.of_a_job):
+        if not behind and isinstance(order, JobOrder):
             _lower_priority()
             behind = True
         if isinstance(order, Call):

@@ -138,12 +138,6 @@ class ObjectStore:
         """Folder that holds all files that `fetch_file` returns."""
         return (self._cache_dir if self._folder is None else self._folder).resolve()
 
-    def find_key(self, path: Path) -> str | None:
-        """Return the key of the object that a path from `fetch_file` belongs to, or None for any other path."""
-        key = path.name
-        place = self._cache_dir / key if self._folder is None else self._folder / _get_object_path(key)
-        return key if path == place and _KEY.fullmatch(key) else None
-
     def is_damaged(self, key: str) -> bool:
         """Return whether an object, read again from the store, is missing or does not have its hash."""
         sha256 = hashlib.sha256()
