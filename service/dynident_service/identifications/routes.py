@@ -279,13 +279,7 @@ def list_named_ids(body: IdentificationRequest) -> tuple[str, ...]:
 def new_identification(
     services: HasResources, body: IdentificationRequest, robot_of: Callable[[Resource], Robot]
 ) -> NewResource:
-    """Return what is to be computed.
-
-    Raises
-    ------
-    ProblemError, DynidentError
-        Where what the body names does not exist, or does not fit.
-    """
+    """Return what is to be computed."""
     with hold_import_lock():
         from dynident_service.identifications.adapters import to_choices
 

@@ -78,10 +78,7 @@ class JobRunner:
     def run(self, claim: Claim) -> None:
         """Do a job and write its end into the queue.
 
-        Raises
-        ------
-        Exception
-            One of `INFRASTRUCTURE_ERRORS` if the end cannot be written.
+        Raise one of `INFRASTRUCTURE_ERRORS` if the end cannot be written.
         """
         with tracing.trace_task(f"job {claim.function}", claim.trace, **{"dynident.attempt": claim.attempt}):
             end = self._attempt(claim)
@@ -208,12 +205,7 @@ class SupervisorPipe:
 def serve_jobs(jobs: int, lifeline: int) -> None:
     """Do the jobs and calls that arrive on a pipe, until its other end is closed.
 
-    Parameters
-    ----------
-    jobs : int
-        File descriptor of the pipe. The first message on it is the confinement of this process.
-    lifeline : int
-        File descriptor of a pipe whose other end is closed when the supervisor ends.
+    The first message on `jobs` is the confinement; the other end of `lifeline` is closed when the supervisor ends.
     """
     connection = Connection(jobs)
     _lower_priority()

@@ -110,11 +110,8 @@ class DaskExecutor:
     def count_slots(self) -> int:
         """Return how many jobs may run at a time: one for each thread of each worker that is there now.
 
-        Raises
-        ------
-        ClusterAway
-            If the connection has to be made again. A scheduler that was restarted counts as away too: it has lost the
-            plugin that was registered with it.
+        Raise `ClusterUnreachable` if the connection has to be made again. A scheduler that was restarted counts as away
+        too: it has lost the plugin that was registered with it.
         """
         if time.monotonic() - self._looked >= WORKER_QUERY_INTERVAL:
             if self._client.status != "running" or self._get_scheduler_id() != self._scheduler:

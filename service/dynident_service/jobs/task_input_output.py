@@ -63,17 +63,7 @@ class ObjectCache:
         self._kept: LruCache[object] = LruCache(CACHED_OBJECTS)
 
     def get_or_make(self, kind: type[T], identifier: str, make: Callable[[], T]) -> T:
-        """Return the cached object of an id, or make it.
-
-        Parameters
-        ----------
-        kind : type
-            Class of the object.
-        identifier : str
-            Id of the resource that it belongs to.
-        make : callable
-            Makes the object if it is not cached.
-        """
+        """Return the cached object of an id, or make it."""
         value = self._kept.get(f"{kind.__qualname__} {identifier}")
         if not isinstance(value, kind):
             value = make()

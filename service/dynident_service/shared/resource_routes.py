@@ -152,13 +152,7 @@ def require_succeeded(resource: Resource) -> Resource:
 
 
 def parse_json_body(kind: type[BodyT], text: str | bytes, pointer: str = "") -> BodyT:
-    """Parse a body in JSON that is no body by itself, or stands beside others; `pointer` says where it stands.
-
-    Raises
-    ------
-    ProblemError
-        Where it is no JSON, or does not say what it has to.
-    """
+    """Parse a body in JSON that is no body by itself, or stands beside others; `pointer` says where it stands."""
     try:
         # Also for the pointers of errors, which are told from what the body holds.
         document = json.loads(text)
@@ -183,30 +177,9 @@ Arguments = Callable[[Request, Mapping[str, object]], Mapping[str, object]]
 class ResourceRoutes:
     """A kind of resource, and what its routes are called and say in the contract.
 
-    What is not given follows from the kind. Resources with a `label_description` may be archived.
-
-    Parameters
-    ----------
-    kind : Kind
-        The kind.
-    view : type of BaseModel
-        Model of the contract that shows a resource.
-    parent_kind : Kind, optional
-        Kind that each of them depends on, by which the list may be narrowed.
-    show : callable, optional
-        Shows a resource that no job computes.
-    plural, singular : str
-        Names in the operations.
-    words : str
-        Name of several of them in descriptions.
-    list_description, show_description, delete_description, label_description : str
-        Descriptions of the operations.
-    tables : callable, optional
-        Returns the figures of a computed resource as tables.
-    changes : type of LabelsRequest
-        The body that changes a stored resource.
-    revise : callable, optional
-        Returns the fields of the stored request that such a body changes, or refuses it.
+    What is not given follows from the kind. Resources with a `label_description` may be archived. `parent_kind` narrows
+    the list, `show` shows a resource that no job computes, `tables` returns its figures as tables, and `revise` the
+    fields of the stored request that a body of `changes` changes.
     """
 
     kind: Kind
@@ -274,22 +247,8 @@ def add_create_route(
 ) -> Callable[[Needs[BodyT]], Needs[BodyT]]:
     """Decorate a function that checks a body: add the route that creates a resource by a job, and the other routes.
 
-    Parameters
-    ----------
-    router : APIRouter
-        The router that gets the routes.
-    routes : ResourceRoutes
-        The kind of resource.
-    job : NewJob
-        The job that computes it.
-    arguments : callable
-        Makes further arguments of the job from the request and its body.
-
-    Returns
-    -------
-    callable
-        A decorator. The decorated function returns what the new resource depends on, or refuses the body. The route
-        has its name and its docstring.
+    The decorated function returns what the new resource depends on, or refuses the body. The route has its name and
+    docstring. `arguments` makes further arguments of the job.
     """
     add_resource_routes(router, routes)
 
