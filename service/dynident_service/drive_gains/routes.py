@@ -28,10 +28,12 @@ CURRENTS = NewJob("current_models", "dynident_service.drive_gains.jobs:find_curr
 
 def _build_tables(_: Services, resource: Resource) -> list[Table]:
     with hold_import_lock():
-        from dynident_service.drive_gains.adapters import build_gain_tables
+        from dynident.presentation.model_tables import build_gain_tables
         from dynident_service.shared.field_by_field import show_tables
 
-    return show_tables(build_gain_tables(DriveGainsResult.model_validate(resource.result)))
+    result = DriveGainsResult.model_validate(resource.result)
+    gains = ((gain, gain.unit) for gain in result.gains)
+    return show_tables(build_gain_tables(gains, ((load.name, load) for load in result.loads)))
 
 
 @router.post("", status_code=202)
