@@ -84,18 +84,7 @@ ROUTERS = (
 def create_app(settings: Settings | None = None, fork_server: ForkServer | None = None) -> FastAPI:
     """Assemble the application; nothing is opened before it starts.
 
-    Parameters
-    ----------
-    settings : Settings, optional
-        Settings; those of the environment by default.
-    fork_server : ForkServer, optional
-        Process that child processes are forked from. Several applications of one process may share it; whoever made it
-        closes it.
-
-    Returns
-    -------
-    FastAPI
-        The application.
+    Several applications of one process may share the fork server; whoever made it closes it.
     """
     settings = settings or Settings()
     metrics = Metrics()

@@ -148,17 +148,7 @@ def judge_model(
     held_out: Sequence[SentMeasurement],
     outcomes: Sequence[SentOutcome] = (),
 ) -> dict[str, object]:
-    """Return what the model in a file is fit for.
-
-    Parameters
-    ----------
-    model : str
-        Path of the model.
-    fitted, held_out : sequence of SentMeasurement
-        Measurements that the model was fitted to, and others.
-    outcomes : sequence of SentOutcome
-        Finished validations of the model.
-    """
+    """Return what the model in a file is fit for."""
     names: set[str] = set()
     opened = (
         [_open_measurement(measurement, names) for measurement in fitted],

@@ -44,13 +44,13 @@ from dynident_service.problems import (
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.required_resources import require_resource
 from dynident_service.shared.resource_routes import (
-    ResourceRoutes,
+    LabelledPagesDep,
     RetryKey,
     RetryKeyDep,
-    add_resource_routes,
     create_or_replay,
     parse_json_body,
     replay_response,
+    update_labels,
 )
 from dynident_service.shared.upload_forms import (
     FURTHER,
@@ -62,7 +62,7 @@ from dynident_service.shared.upload_forms import (
     receive_files,
     require_room_for,
 )
-from dynident_service.shared.wire_types import to_plain_json
+from dynident_service.shared.wire_types import LabelsRequest, Page, to_plain_json
 from dynident_service.storage.deletion_and_expiry import ObjectGone
 from dynident_service.storage.repository_values import Dependency, NewResource, OwnedObject, Resource, Retry
 from dynident_service.storage_and_engine import Services, ServicesDep
@@ -238,18 +238,28 @@ def show_measurement(resource: Resource) -> MeasurementView:
     )
 
 
-add_resource_routes(
-    router,
-    ResourceRoutes(
-        "measurement",
-        MeasurementView,
-        parent_kind="robot",
-        show=show_measurement,
-        show_description="Show a measurement.",
-        delete_description="Delete a measurement; 409 while other resources need it.",
-        label_description="Rename, tag or archive a measurement; the runs of its recording keep their names.",
-    ),
-)
+@router.get("")
+def list_measurements(pages: LabelledPagesDep, robot_id: str | None = None) -> Page[MeasurementView]:
+    """List the measurements, newest first; those of one robot if requested."""
+    return pages.show("measurement", show_measurement, robot_id)
+
+
+@router.get("/{measurement_id}")
+def get_measurement(measurement_id: str, services: ServicesDep) -> MeasurementView:
+    """Show a measurement."""
+    return show_measurement(services.resources.get("measurement", measurement_id))
+
+
+@router.delete("/{measurement_id}", status_code=204)
+def delete_measurement(measurement_id: str, services: ServicesDep) -> None:
+    """Delete a measurement; 409 while other resources need it."""
+    services.resources.delete("measurement", measurement_id)
+
+
+@router.patch("/{measurement_id}")
+def label_measurement(measurement_id: str, body: LabelsRequest, services: ServicesDep) -> MeasurementView:
+    """Rename, tag or archive a measurement; the runs of its recording keep their names."""
+    return show_measurement(update_labels(services, "measurement", measurement_id, body))
 
 
 @dataclass(frozen=True)
