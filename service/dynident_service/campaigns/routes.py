@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Literal
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Response
 
 from dynident_service.campaigns.wire_types import (
     CampaignDecision,
@@ -28,11 +28,9 @@ from dynident_service.robots.wire_types import RobotResult
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.required_resources import depend_on, require_measurements, require_result, require_robot
 from dynident_service.shared.resource_routes import (
-    ListQueryDep,
+    PagesDep,
     RetryKeyDep,
     create_or_replay,
-    show_computed,
-    show_page,
 )
 from dynident_service.shared.wire_types import Page, Progress, to_plain_json
 from dynident_service.storage.repository_values import Dependency, NewJob, NewResource, Resource
@@ -77,11 +75,9 @@ def create_campaign(
 
 
 @router.get("")
-def list_campaigns(
-    services: ServicesDep, query: ListQueryDep, robot_id: Annotated[str | None, Query()] = None
-) -> Page[CampaignView]:
+def list_campaigns(services: ServicesDep, pages: PagesDep, robot_id: str | None = None) -> Page[CampaignView]:
     """List the campaigns, newest first; those of one robot if requested."""
-    return show_page(services, "campaign", query, lambda resource: show_campaign(services, resource), robot_id)
+    return pages.show("campaign", lambda resource: show_campaign(services, resource), robot_id)
 
 
 @router.get("/{campaign_id}")
@@ -105,7 +101,7 @@ def ask_for_motion(campaign_id: str, services: ServicesDep, retry: RetryKeyDep, 
     steps.check_can_go_on(campaign)
     waiting = steps.find_waiting_design()
     if waiting is not None:
-        return show_computed(DesignView, waiting)
+        return DesignView.show(waiting)
     told_ids = [identifier for model in steps.models for identifier in model.get_dependencies("told")]
     model_id = steps.models[-1].id if steps.models else None
     # What the job decides (effects, criterion, limits of the first run) it writes into the stored request.
@@ -125,7 +121,7 @@ def ask_for_motion(campaign_id: str, services: ServicesDep, retry: RetryKeyDep, 
         job=ASK,
         retry=retry.bind_to_body(body, campaign_id),
     )
-    return show_computed(DesignView, create_or_replay(services, new, response))
+    return DesignView.show(create_or_replay(services, new, response))
 
 
 @router.post("/{campaign_id}/tell", status_code=202)
