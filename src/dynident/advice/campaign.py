@@ -18,6 +18,7 @@ from dynident.advice.prediction_error import (
     compare_with_run,
     compute_parameter_errors,
     compute_region_rows,
+    follows_design,
     predict_errors,
 )
 from dynident.array_types import FloatArray
@@ -290,7 +291,7 @@ def add_run(
     recording : Recording
         The recording, of a planned motion or of any other.
     planned : PlannedRun, optional
-        The motion that was planned for it.
+        The motion that was planned for it; a recording of another motion keeps no promise.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
 
@@ -312,6 +313,9 @@ def add_run(
         )
     if any(earlier.name == recording.name for earlier in state.recordings):
         recording = replace(recording, name=f"{recording.name} {len(state.runs) + 1}")
+    # A promise is that of its motion: another motion, told by mistake or at will, is a run without a promise.
+    if planned is not None and not follows_design(recording, planned.design):
+        planned = None
     # Before anything is fitted to it, the run tests the model: a prediction that nothing was chosen on.
     predicted = None if before is None else compare_with_run(before, recording).predicted
     recordings = (*state.recordings, recording)

@@ -9,12 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.comparison.measured_against_predicted import compare
 from dynident.diagnosis.comparison.noise_floor import judge
 from dynident.excitation import Design
-from dynident.excitation.criteria.prediction_region import Region
+from dynident.excitation.criteria.prediction_region import Region, collect_region
 from dynident.excitation.experiments.design_task import STANDSTILL_VELOCITY
 from dynident.identification import Identification
 from dynident.recordings import Recording
@@ -25,6 +26,10 @@ CONFIDENCE = 0.95
 _DRAWS = 1000
 # Samples of a planned motion that stand for all of it.
 _PLANNED_SAMPLES = 2000
+# A recording follows a planned motion where so many of its postures are within this share of each joint's travel of a
+# planned one, and where travel and top speed of each joint are at least this part of the planned ones. Joints with less
+# travel than the last (rad or m) stand.
+_ON_PATH, _NEAR, _LEAST_PART, _STANDS = 0.9, 0.1, 0.7, 1e-3
 # Directions of the covariance below this share of the largest, columns of unit norm, are known exactly.
 _EXACT = 1e-14
 
@@ -171,6 +176,29 @@ def predict_errors(
     now, of_independent = (rows.compute_errors(part, freedom) for part in (statistics.covariance, independent))
     excess = np.divide(now, of_independent, out=np.ones_like(now), where=of_independent > 0)
     return np.asarray(excess * rows.compute_errors(0.5 * (left + left.T), freedom))
+
+
+def follows_design(recording: Recording, design: Design) -> bool:
+    """Return whether a recording is of a planned motion, however late it begins; only then its promise counts.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    design : Design
+        The planned motion.
+    """
+    recorded = collect_region([recording])
+    travel = np.maximum(np.ptp(design.q, axis=0), np.finfo(float).tiny)
+    planned = design.q[:: max(1, len(design.q) // _PLANNED_SAMPLES)]
+    tree = cKDTree(planned / travel)
+    distances, _ = tree.query(recorded.q / travel, p=np.inf)
+    if (distances <= _NEAR).mean() < _ON_PATH:
+        return False
+    # Top speeds: a recording that begins long before the motion has a smaller rms.
+    speeds = np.abs(recorded.dq).max(axis=0), np.abs(design.dq).max(axis=0)
+    reached = (np.ptp(recorded.q, axis=0) >= _LEAST_PART * travel) & (speeds[0] >= _LEAST_PART * speeds[1])
+    return bool(reached[travel > _STANDS].all())
 
 
 @dataclass(frozen=True, eq=False)
