@@ -27,9 +27,9 @@ _DRAWS = 1000
 # Samples of a planned motion that stand for all of it.
 _PLANNED_SAMPLES = 2000
 # A recording follows a planned motion where so many of its postures are within this share of each joint's travel of a
-# planned one, and where travel and top speed of each joint are at least this part of the planned ones. Joints with less
-# travel than the last (rad or m) stand.
-_ON_PATH, _NEAR, _LEAST_PART, _STANDS = 0.9, 0.1, 0.7, 1e-3
+# planned one, and where travel and speed of each joint are at least this part of the planned ones. Joints with less
+# travel than the fourth (rad or m) stand; samples above the fifth part of the top speed move.
+_ON_PATH, _NEAR, _LEAST_PART, _STANDS, _MOVES = 0.9, 0.1, 0.7, 1e-3, 0.05
 # Directions of the covariance below this share of the largest, columns of unit norm, are known exactly.
 _EXACT = 1e-14
 
@@ -193,12 +193,19 @@ def follows_design(recording: Recording, design: Design) -> bool:
     planned = design.q[:: max(1, len(design.q) // _PLANNED_SAMPLES)]
     tree = cKDTree(planned / travel)
     distances, _ = tree.query(recorded.q / travel, p=np.inf)
-    if (distances <= _NEAR).mean() < _ON_PATH:
+    if np.mean(distances <= _NEAR) < _ON_PATH:
         return False
-    # Top speeds: a recording that begins long before the motion has a smaller rms.
-    speeds = np.abs(recorded.dq).max(axis=0), np.abs(design.dq).max(axis=0)
-    reached = (np.ptp(recorded.q, axis=0) >= _LEAST_PART * travel) & (speeds[0] >= _LEAST_PART * speeds[1])
-    return bool(reached[travel > _STANDS].all())
+    # Of the samples that move alone: a recording may begin long before the motion.
+    slowest = _MOVES * np.abs(design.dq).max(axis=0)
+    is_fast = _compute_moving_rms(recorded.dq, slowest) >= _LEAST_PART * _compute_moving_rms(design.dq, slowest)
+    is_wide = np.ptp(recorded.q, axis=0) >= _LEAST_PART * travel
+    return bool((is_fast & is_wide)[travel > _STANDS].all())
+
+
+def _compute_moving_rms(dq: FloatArray, slowest: FloatArray) -> FloatArray:
+    """Return the rms speed (n,) of each joint's samples that are faster than `slowest` (n,)."""
+    moves = np.abs(dq) > slowest
+    return np.asarray(np.sqrt((moves * dq**2).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)))
 
 
 @dataclass(frozen=True, eq=False)
