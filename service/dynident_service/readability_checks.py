@@ -14,9 +14,9 @@ from dynident_service.diagnoses.wire_types import DiagnosisView, SeriesView
 from dynident_service.drive_gains.wire_types import CurrentModelsView, DriveGainsView
 from dynident_service.identifications.batch_routes import member_ids
 from dynident_service.identifications.routes import show_identification
-from dynident_service.jobs.child_messages import Answer, Call
 from dynident_service.jobs.child_pool import ChildProcess, ForkServer
 from dynident_service.jobs.confinement import REQUEST_MEMORY, AllowedFolders, Confinement
+from dynident_service.jobs.task_input_output import Answer, Call
 from dynident_service.measurements.import_routes import show_import
 from dynident_service.measurements.routes import show_measurement
 from dynident_service.problems import ProblemError
