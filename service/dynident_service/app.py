@@ -16,6 +16,7 @@ from starlette.types import Scope
 from dynident.version import __version__
 from dynident_service import service_routes, tracing
 from dynident_service.api_keys import KeyRing
+from dynident_service.campaigns import routes as campaigns
 from dynident_service.comparisons import routes as comparisons
 from dynident_service.designs import routes as designs
 from dynident_service.diagnoses import routes as diagnoses
@@ -61,6 +62,7 @@ ROUTERS = (
     robots.known_router,
     robots.meshes_router,
     service_routes.effects_router,
+    campaigns.router,
     designs.router,
     designs.simulations_router,
     import_routes.router,

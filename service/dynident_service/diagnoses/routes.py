@@ -6,7 +6,16 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from dynident_service.diagnoses.wire_types import DiagnosisRequest, DiagnosisView, Evidence, SeriesRequest, SeriesView
+from dynident_service.diagnoses.wire_types import (
+    DetectionLimitOfJoint,
+    DiagnosisRequest,
+    DiagnosisResult,
+    DiagnosisView,
+    Evidence,
+    Reason,
+    SeriesRequest,
+    SeriesView,
+)
 from dynident_service.problems import ProblemError, make_unusable
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.required_resources import depend_on, get_model_joints, require_measurements, require_model
@@ -90,6 +99,35 @@ def get_evidence(
         detail = f"The diagnosis {diagnosis_id} was made without figures; diagnose again."
         raise ProblemError(404, detail, title="No figure")
     return read_evidence(services.objects.get(diagnosis.objects["evidence"].key), rank, joint)
+
+
+@router.get("/{diagnosis_id}/why")
+def get_reason(
+    diagnosis_id: str,
+    services: ServicesDep,
+    effect: Annotated[str, Query(max_length=100, description="Id of the effect")],
+    joint: Annotated[
+        str, Query(max_length=200, description="Name of the joint; by default, the one that the effect explains most")
+    ] = "",
+) -> Reason:
+    """Say why an effect is, or is not, among those that are recommended."""
+    with hold_import_lock():
+        from dynident_service.diagnoses.adapters import restore_diagnosis
+        from dynident_service.shared.field_by_field import to_view
+
+    diagnosis = require_succeeded(services.resources.get("diagnosis", diagnosis_id))
+    return to_view(Reason, restore_diagnosis(diagnosis.result or {}).why_not(effect, joint))
+
+
+@router.get("/{diagnosis_id}/limits")
+def get_detection_limits(diagnosis_id: str, services: ServicesDep) -> list[DetectionLimitOfJoint]:
+    """List the smallest size of each effect on each joint that the recordings would have shown in 95 of 100 cases."""
+    with hold_import_lock():
+        from dynident_service.shared.field_by_field import to_view
+
+    diagnosis = require_succeeded(services.resources.get("diagnosis", diagnosis_id))
+    limits = DiagnosisResult.model_validate(diagnosis.result).detection_limits
+    return [to_view(DetectionLimitOfJoint, limit, joint=limit.joints[0] if limit.joints else None) for limit in limits]
 
 
 series_router = APIRouter(prefix="/v1/series", tags=["series"])

@@ -173,6 +173,9 @@ def _store_outcome(session: Session, objects: ObjectStore, claim: Claim, outcome
             insert_dependencies(session, [(claim.resource_id, created_id, "result")])
     if claim.resource_id is not None and row is not None:
         row.result = result
+        if outcome.request:
+            # Another mapping: changes within the stored one would not be noticed.
+            row.request = {**row.request, **outcome.request}
         insert_objects(session, objects, [(claim.resource_id, owned) for owned in outcome.objects])
 
 

@@ -123,6 +123,8 @@ class Outcome:
     """Further resource that the job creates (a simulation creates a measurement); its id is put into the result under
     the name of its kind with `_id`.
     """
+    request: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of the stored request that the job has decided."""
 
 
 JobFunction = Callable[[Task], Outcome]

@@ -21,8 +21,13 @@ from starlette.background import BackgroundTask
 
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.measurements.wire_types import (
+    CheckView,
+    ConditionedRows,
+    ConditioningSubject,
+    ConditioningView,
     MeasurementMetadata,
     MeasurementOfImport,
+    MeasurementResult,
     MeasurementView,
     RawSignals,
     RevisionRequest,
@@ -179,13 +184,51 @@ def find_original(measurement: Resource) -> OwnedObject:
     return measurement.objects["original"]
 
 
+_FIRST_ROWS = 20
+"""Rows of a correction that are listed; the check of the same name has up to a thousand."""
+
+
+def _describe_conditioning(
+    views: Sequence[CheckView], metadata: MeasurementMetadata, joints: Sequence[str]
+) -> list[ConditioningView]:
+    """Build the views of what was put right before the checks, column by column."""
+    stated = metadata.model_dump(include={"columns", "skip"})
+    return [
+        ConditioningView(
+            code=view.name,
+            subject=ConditioningSubject(
+                recording=metadata.name, column=column, joint=_find_joint(column, stated["columns"], joints)
+            ),
+            rows=ConditionedRows(count=len(rows), first=rows[:_FIRST_ROWS]),
+            detail=view.detail,
+            undo=RevisionRequest.model_validate({"skip": [*stated["skip"], view.name]}),
+        )
+        for view in views
+        # A correction is a finding that is undone by leaving its step out.
+        if view.remedy is not None and view.remedy.field == "skip"
+        for column, rows in view.rows.items()
+    ]
+
+
+def _find_joint(column: str, columns: Mapping[str, str], joints: Sequence[str]) -> str | None:
+    """Return the joint of a column of the file: standard names end with its number or its name."""
+    name = next((ours for ours, theirs in columns.items() if theirs == column), column)
+    stem = name.rstrip("0123456789")
+    for number, joint in enumerate(joints, start=1):
+        if name.endswith(f"_{joint}") or (stem and name == f"{stem}{number}"):
+            return joint
+    return None
+
+
 def show_measurement(resource: Resource) -> MeasurementView:
     """Show a stored measurement."""
     metadata = MeasurementMetadata.model_validate(resource.request)
+    result = MeasurementResult.model_validate(resource.result)
     return MeasurementView.model_validate(
         {
             **vars(resource),
-            **(resource.result or {}),
+            **result.model_dump(),
+            "conditioning": _describe_conditioning(result.checks, metadata, result.joints),
             **metadata.model_dump(include={"robot_id", "role", "windows"}),
             "parent_id": next(iter(resource.get_dependencies("parent")), None),
             "revision": len((resource.result or {}).get("edits", [])),

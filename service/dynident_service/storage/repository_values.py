@@ -51,6 +51,7 @@ PREFIXES = {
     "series": "ser",
     "import": "imp",
     "batch": "bat",
+    "campaign": "cam",
     "job": "job",
 }
 KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
@@ -103,6 +104,7 @@ Kind = Literal[
     "series",
     "import",
     "batch",
+    "campaign",
 ]
 JobKind = Literal[
     "design",
