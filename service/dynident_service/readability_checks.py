@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import TracebackType
 
+from dynident_service.campaigns.wire_types import CampaignRequest
 from dynident_service.comparisons.wire_types import ComparisonView
 from dynident_service.designs.wire_types import DesignView, SimulationView
 from dynident_service.diagnoses.wire_types import DiagnosisView, SeriesView
@@ -107,6 +108,8 @@ SHOW_FUNCTIONS: Mapping[Kind, Callable[[Resource], object]] = {
     "measurement": show_measurement,
     "identification": show_identification,
     "batch": member_ids,
+    # Its steps are resources of their own.
+    "campaign": lambda campaign: CampaignRequest.model_validate(campaign.request),
     "comparison": ComparisonView.show,
     "current_models": CurrentModelsView.show,
     "design": DesignView.show,

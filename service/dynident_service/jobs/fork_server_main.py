@@ -24,6 +24,7 @@ from dynident_service.tracing import configure_logging
 PRELOADED = tuple(
     f"dynident_service.{resource}.jobs"
     for resource in (
+        "campaigns",
         "comparisons",
         "designs",
         "diagnoses",
