@@ -457,3 +457,34 @@ def test_a_description_in_millimetres_and_a_sensor_in_millivolts_say_so(tmp_path
     )
     (question,) = propose(read_sample(path), robot_from_urdf("large", text)).questions
     assert "Divide the lengths in the description by 1000" in question.detail
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "q: [0.1, 0.2]\ntau: [1]\n" * 50 + "q: [0.1,\n" + "0.2,\n" * 100_000,
+        "q: 1\nb: 2\n" * 60 + "q: " + "9" * 6000 + "\nb: 3\n",
+        "- a: 1\n  b: 2\n" * 50 + "-\n-\n- - - 1\n",
+        "q: [1, 2]\ntau: [3, 4]\n" * 60 + "q: [1, 2]\ntau: [3,",
+    ],
+    ids=["open", "digits", "dashes", "cut"],
+)
+def test_damaged_printouts_are_read_as_far_as_they_go(tmp_path, text):
+    path = tmp_path / "printed"
+    path.write_text(text)
+    assert len(read_sample(path).values) >= 50
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a:\n" + "".join(f"{' ' * k}a:\n" for k in range(1, 300)) + "b: 1\na: 1\nb: 2\n", "nested deeper than"),
+        ("{'t': 0, 'q': array([1,2])}\n" * 50 + "{'t': array(" * 3000 + "\n", "cannot be read as JSON"),
+    ],
+    ids=["deep", "calls"],
+)
+def test_printouts_that_are_no_records_are_refused(tmp_path, text, words):
+    path = tmp_path / "printed"
+    path.write_text(text)
+    with pytest.raises(RecordingError, match=words):
+        read_sample(path)
