@@ -82,9 +82,9 @@ def _restore_change(wire_change: wire.Change) -> Change:
     return from_view(Change, wire_change, main=from_view(ChangedValue, wire_change))
 
 
-def build_stored_tables(stored: Mapping[str, object], joints: Sequence[str]) -> list[Table]:
+def build_stored_tables(stored: Mapping[str, object], joints: Sequence[str], units: Sequence[str]) -> list[Table]:
     """Build the tables of a stored diagnosis."""
-    return show_tables(build_diagnosis_tables(restore_diagnosis(stored), joints))
+    return show_tables(build_diagnosis_tables(restore_diagnosis(stored), joints, units))
 
 
 def build_stored_series_tables(stored: Mapping[str, object], joints: Sequence[str]) -> list[Table]:

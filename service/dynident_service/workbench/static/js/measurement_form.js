@@ -4,7 +4,7 @@ import { ask, get } from "./api.js";
 import { checksInWords, checksTable } from "./recording_checks.js";
 import { h, put, row, table } from "./dom.js";
 import { dropZone } from "./drop_zone.js";
-import { counted, moment, number, quantity } from "./format.js";
+import { counted, moment, number, percent, quantity } from "./format.js";
 import { address } from "./page_address.js";
 import { fileCard } from "./recordings/file_card.js";
 import { drivesOf, placesOf } from "./recordings/robot_facts.js";
@@ -43,7 +43,7 @@ function namedRole(name) {
 
 /** Share of its time that each joint stands, in the robot's order. */
 function standing({ phases }) {
-  return phases ? `${phases.standing.map((share) => (100 * share).toFixed(0)).join(", ")} %` : "–";
+  return phases ? phases.standing.map((share) => percent(share, 2)).join(", ") : "–";
 }
 
 /** Where recordings are dropped; a card appears for each, with fields of the `metadata` that the contract has. `forms` are kept when another robot is chosen: what was filled in stays. */
