@@ -54,7 +54,7 @@ def build_conclusion_table(diagnosis: Diagnosis, joints: Sequence[str]) -> Repor
         )
         for choice in diagnosis.recommended
     )
-    columns = ("recommended, in this order", "on", "shape constants")
+    columns = ("Recommended, in this order", "on", "shape constants")
     return ReportedTable(title, columns, rows, numbers_from=3, notes=tuple(notes), name="conclusion")
 
 
@@ -378,7 +378,7 @@ def format_share(share: float) -> str:
     """Return a limit over the usual size as a percentage or a factor; "–" where no size would have shown."""
     if not math.isfinite(share):
         return "–"
-    return format_percent(share, 2) if share < 0.995 else f"{share:.2g} x" if share < 10.0 else f"{share:.0f} x"
+    return format_percent(share, 2) if share < 0.995 else f"{share:.2g} ×" if share < 10.0 else f"{share:.0f} ×"
 
 
 def _format_range(shares: Sequence[float]) -> str:

@@ -62,9 +62,7 @@ function daysForm(model, state, ask, signal) {
     return h("p", {}, h("label", { for: control.id }, one.name ?? one.id), " day ", control);
   }
   const send = sending(submit, wrong, async () => {
-    const asked = inOrder(days);
-    if (asked.length + (state.latest ? 1 : 0) < 2) return void put(wrong, h("p", { class: "box warning" }, "Give at least two days a number. Leave the number empty to leave a measurement out."));
-    await ask({ days: asked, continues: state.latest?.id ?? null });
+    await ask({ days: inOrder(days), continues: state.latest?.id ?? null });
     await fill();
   }, signal);
   const form = h("form", { onsubmit: send }, h("p", { class: "note" }, "Measurements with the same number are of one day; without a number they are left out."), places, h("p", { class: "actions" }, submit), wrong);

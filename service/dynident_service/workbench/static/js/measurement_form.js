@@ -1,7 +1,7 @@
 // Choice of recordings: stored ones, and files that are dropped to be uploaded.
 
 import { ask, get } from "./api.js";
-import { checksInWords, checksTable } from "./recording_checks.js";
+import { checksInWords } from "./recording_checks.js";
 import { h, put, row, table } from "./dom.js";
 import { dropZone } from "./drop_zone.js";
 import { counted, moment, number, percent, quantity } from "./format.js";
@@ -21,7 +21,7 @@ export function measurementsTable(measurements) {
       `${counted(one.n_samples, "sample")} at ${quantity(one.sampling_rate, "Hz", 4)}`,
       standing(one),
       one.windows.map(([from, to]) => `${number(from, 6)} to ${number(to, 6)} s`).join(", ") || "all",
-      h("details", {}, h("summary", {}, checksInWords(one.checks)), checksTable(one.checks)),
+      checksInWords(one.checks),
       moment(one.created_at),
     ]),
   );

@@ -86,7 +86,7 @@ function limitCell({ text, value, note }, column) {
   return h("data", { value: value ?? "", class: `limit ${level}`, title: note }, text);
 }
 
-function verdict(model, result, { title, rows, notes: [summary, ...others] }, add, run) {
+function verdict(model, result, { title, columns, rows, notes: [summary, ...others] }, add, run) {
   const said = h("div");
   const left = result.recommended.filter((one) => !model.contains(one));
   const items = rows.map(([effect, place, constants], k) => {
@@ -99,7 +99,7 @@ function verdict(model, result, { title, rows, notes: [summary, ...others] }, ad
   return h("div", { class: result.verdict === "adequate" && result.conclusion?.code !== "cannot_tell" ? "box good" : "box warning", id: "verdict", "data-verdict": result.verdict, "data-conclusion": result.conclusion?.code ?? "" },
     h("p", {}, h("strong", {}, `${title} `), summary),
     others.map((one) => h("p", {}, one)),
-    items.length ? [h("p", {}, "Recommended, in this order:"), h("ol", {}, items)] : null,
+    items.length ? [h("p", {}, `${columns[0].word}:`), h("ol", {}, items)] : null,
     partQuestions(model, result, run),
     left.length ? h("p", {}, h("button", { type: "button", class: "main", id: "add-recommended", onclick: () => add(left, said) }, left.length > 1 ? `Add all ${left.length} recommended effects` : "Add the recommended effect")) : null,
     said,
