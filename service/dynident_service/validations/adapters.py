@@ -19,7 +19,6 @@ from dynident.presentation.tables import (
 from dynident.presentation.validation_and_verdict_tables import (
     build_drift_tables,
     build_validation_table,
-    make_drift_cell,
 )
 from dynident.reports.reported_data import ReportedValidation
 from dynident.schema.registry import kind_to_document
@@ -45,7 +44,6 @@ from dynident_service.validations.wire_types import (
     FiltersView,
     MethodView,
     PayloadView,
-    SimulationOnMeasurement,
     ValidationResult,
 )
 
@@ -111,19 +109,11 @@ def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> 
         if position_rows:
             title = "Distance of the simulated from the measured positions, relative to each joint's range"
             yield ReportedTable(title, ("measurement", *joints), position_rows)
-        drift_rows = [row for simulation in result.simulations for row in _build_drift_rows(simulation)]
-        if drift_rows:
-            title = "Drift without a controller under the measured torque, rad or m, and relative to the travel"
-            yield ReportedTable(title, ("measurement", "after", *joints), tuple(drift_rows))
+        for simulation in result.simulations:
+            if simulation.drift is not None:
+                yield from build_drift_tables(simulation.drift, simulation.name if len(result.simulations) > 1 else "")
     if result.drift is not None:
-        drift = result.drift
-        quantities = [("position, rad or m (share of the travel),", drift.distance, drift.share)]
-        yield from build_drift_tables(
-            drift.joint_names,
-            drift.after,
-            [*quantities, ("velocity, rad/s or m/s,", drift.speed, None)],
-            drift.starts,
-        )
+        yield from build_drift_tables(result.drift)
     if result.filters is not None:
         yield _build_filter_table(result.filters)
     if result.bootstrap is not None and result.bootstrap.parameters:
@@ -131,18 +121,6 @@ def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> 
     if result.payloads:
         yield _build_payload_table(result.payloads)
         yield from (_build_gain_table(payload) for payload in result.payloads if payload.gains)
-
-
-def _build_drift_rows(simulation: SimulationOnMeasurement) -> Iterator[tuple[Cell, ...]]:
-    drift = simulation.drift
-    if drift is None:
-        return
-    for after, distances, shares in zip(drift.after, drift.distance, drift.share, strict=True):
-        # Where no segment is that long there is no row; a diverged simulation has one.
-        if any(distance is not None for distance in distances) or after == drift.after[0]:
-            pairs = zip(distances, shares, strict=True)
-            cells = [make_drift_cell(distance, share) for distance, share in pairs]
-            yield (Cell(simulation.name), make_number_cell(after, unit="s"), *cells)
 
 
 def _build_method_tables(methods: Sequence[MethodView], joint_columns: Sequence[str]) -> Iterator[ReportedTable]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Protocol
 
 from dynident.number_format import format_count, format_number, format_percent
 from dynident.presentation.labels import MarkedText
-from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
+from dynident.presentation.tables import Cell, ReportedTable, make_percent_cell, make_text_cells
 from dynident.validation import ValidationOutcome, Verdict
 from dynident.verdict import ModelVerdict, State
 
@@ -24,6 +25,34 @@ STATE_WORDS: Mapping[State, MarkedText] = {
     "not_judged": MarkedText("? not judged", "warning"),
 }
 """Words and mark for how fit a model is for a use."""
+
+
+class DriftFigures(Protocol):
+    """Drift of a simulation after each of h times, of n joints; None where it diverged or nothing is that long."""
+
+    @property
+    def joint_names(self) -> Sequence[str]:
+        """Names of the joints."""
+
+    @property
+    def after(self) -> Sequence[float]:
+        """The times, s."""
+
+    @property
+    def distance(self) -> Sequence[Sequence[float | None]]:
+        """Drift of the position (h, n), rad or m."""
+
+    @property
+    def speed(self) -> Sequence[Sequence[float | None]]:
+        """Drift of the velocity (h, n), rad/s or m/s; empty where it is unknown."""
+
+    @property
+    def share(self) -> Sequence[Sequence[float | None]]:
+        """Drift of the position over the joint's travel in that time (h, n), a fraction."""
+
+    @property
+    def starts(self) -> int:
+        """How many starts the figures are of."""
 
 
 def build_validation_table(validations: Iterable[tuple[str, ValidationOutcome]]) -> ReportedTable:
@@ -69,29 +98,35 @@ def build_drift_table(
     return ReportedTable(title, ("joint", *(f"after {time:g} s" for time in after)), rows, name="drift")
 
 
-def build_drift_tables(
-    joints: Sequence[str],
-    after: Sequence[float],
-    drifts: Iterable[tuple[str, Sequence[Sequence[float | None]], Sequence[Sequence[float | None]] | None]],
-    starts: int,
-) -> Iterator[ReportedTable]:
-    """Yield a table of each drift: the quantity with its unit, the drift (h, n) and its share of the travel, if any.
+def build_drift_tables(drift: DriftFigures, where: str = "") -> Iterator[ReportedTable]:
+    """Yield the drift of the positions and, where it is known, of the velocities: joints by times.
 
-    Times that no recording reaches have no row; a diverged simulation has one.
+    Times that no recording reaches have no column; a diverged simulation has one.
+
+    Parameters
+    ----------
+    drift : DriftFigures
+        The drift.
+    where : str
+        The recording, where each has tables of its own.
     """
-    for quantity, distances, shares in drifts:
-        rows = []
-        for time, row, own in zip(after, distances, shares or [[None] * len(joints)] * len(after), strict=True):
-            if time == after[0] or any(distance is not None for distance in row):
-                cells = (make_drift_cell(distance, share) for distance, share in zip(row, own, strict=True))
-                rows.append((make_number_cell(time, unit="s"), *cells))
-        title = f"Drift of the {quantity} under the measured torque ({format_count(starts, 'start')})"
-        yield ReportedTable(title, ("after", *joints), tuple(rows))
+    kinds = [("position", "rad or m, and relative to the joint's travel", drift.distance, drift.share)]
+    if drift.speed:
+        kinds.append(("velocity", "rad/s or m/s", drift.speed, [[None] * len(drift.joint_names)] * len(drift.after)))
+    for quantity, unit, distances, shares in kinds:
+        reached = [k for k, row in enumerate(distances) if k == 0 or any(value is not None for value in row)]
+        rows = tuple(
+            (Cell(joint), *(_make_drift_cell(distances[k][j], shares[k][j]) for k in reached))
+            for j, joint in enumerate(drift.joint_names)
+        )
+        place = f" on {where}" if where else ""
+        starts = format_count(drift.starts, "start")
+        title = f"Drift of the {quantity} under the measured torque{place}, in {unit} ({starts})"
+        yield ReportedTable(title, ("joint", *(f"after {drift.after[k]:g} s" for k in reached)), rows)
 
 
-def make_drift_cell(distance: float | None, share: float | None) -> Cell:
-    """Return a drift, with its share of the joint's travel where there is one."""
+def _make_drift_cell(distance: float | None, share: float | None) -> Cell:
     if distance is None:
         return Cell("diverged", mark="warning")
     text = format_number(distance, 2)
-    return Cell(text if share is None else f"{text} ({format_percent(share, decimals=0)})", distance)
+    return Cell(text if share is None else f"{text} ({format_percent(share, 2)})", distance)
