@@ -289,7 +289,7 @@ def _build_hidden_table(diagnosis: Diagnosis, joints: Sequence[str]) -> Reported
     return ReportedTable("Not visible in these data", columns, tuple(map(tuple, rows)), 3, notes=notes, name="hidden")
 
 
-def format_first_day(since: str, earliest: str, latest: str) -> str:
+def _format_first_day(since: str, earliest: str, latest: str) -> str:
     """Return the day from which something differs, with the days that the data cannot tell from it."""
     return since if earliest == latest else f"{since} ({earliest} to {latest})"
 
@@ -307,7 +307,7 @@ def build_series_tables(series: Series, joints: Sequence[str]) -> Iterator[Repor
     if not series.changes:
         return
     days = series.days
-    since = [format_first_day(days[c.since], days[c.earliest], days[c.latest]) for c in series.changes]
+    since = [_format_first_day(days[c.since], days[c.earliest], days[c.latest]) for c in series.changes]
     yield build_change_table("Changes over the days", [change.change for change in series.changes], joints, since)
     # An effect without joints is of the whole robot; its parameters have an empty joint.
     changed = {

@@ -6,6 +6,7 @@ import { courseFigure } from "./parameter_over_days.js";
 import { announce, h, put, section } from "./dom.js";
 import { awaited, newestOf } from "./jobs.js";
 import { orSay, sending } from "./problem.js";
+import { byName, foldedTable } from "./tables.js";
 
 /** Asks which measurement is of which day, and shows the newest series of the model. */
 export function daysSection(model, signal) {
@@ -90,9 +91,11 @@ function inOrder(days) {
 
 function shown(series, signal) {
   const { result } = series;
+  const { changes, tracks } = byName(series);
   return [
     h("p", { class: result.changes.length ? "box warning" : "box good", id: "series-summary" }, result.summary),
-    series.tables.map((one) => shownChanges(one, result)),
+    changes ? shownChanges(changes, result) : null,
     courseFigure(result, signal),
+    foldedTable(tracks),
   ];
 }
