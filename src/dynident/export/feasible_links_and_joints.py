@@ -130,13 +130,10 @@ class ProjectionError:
     def describe(self) -> tuple[str, ...]:
         """Return sentences with the errors, in total and by joint."""
         data = "held-out data" if self.is_held_out else "the data of the fit (no held-out data were given)"
-        total = (
-            f"{format_percent(self.file.relative_total, decimals=2)} "
-            f"({format_percent(self.model.relative_total, decimals=2)})"
-        )
+        total = f"{format_percent(self.file.relative_total)} ({format_percent(self.model.relative_total)})"
         subject = f"Relative error of torque where joints move, on {data}, of this file (and of the model)"
         each = ", ".join(
-            f"{joint} {format_percent(file, decimals=2)} ({format_percent(model, decimals=2)})"
+            f"{joint} {format_percent(file)} ({format_percent(model)})"
             for joint, file, model in zip(self.joints, self.file.relative, self.model.relative, strict=True)
         )
         errors = f"{subject}: {total}; {each}."
