@@ -192,6 +192,7 @@ class Identifications(LabelledCollection[Identification]):
             "c_header",
             "cpp_header",
             "casadi",
+            "ros2",
             "urscript",
             "franka_load",
             "kuka_load",
@@ -208,8 +209,8 @@ class Identifications(LabelledCollection[Identification]):
         identification : Record or str
             The model or its identifier.
         format : str
-            "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", or for the load alone "urscript",
-            "franka_load", "kuka_load", "load_urdf".
+            "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", "ros2", or for the load alone
+            "urscript", "franka_load", "kuka_load", "load_urdf".
             Format of the file.
         nearest : bool, optional
             For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that

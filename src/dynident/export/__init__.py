@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from dynident.export.mjcf import to_mjcf
     from dynident.export.model_export import export_model
     from dynident.export.model_json import model_from_json, model_to_document, to_json
+    from dynident.export.ros2_package import to_ros2_package, unpack_files
     from dynident.export.torque_predictor import PredictingModel, TorquePredictor
     from dynident.export.urdf import to_urdf
     from dynident.regressors.observation_matrix import FurtherSignals
@@ -51,8 +52,10 @@ __all__ = [
     "to_kuka_load",
     "to_load_urdf",
     "to_mjcf",
+    "to_ros2_package",
     "to_urdf",
     "to_urscript",
+    "unpack_files",
 ]
 
 if not TYPE_CHECKING:

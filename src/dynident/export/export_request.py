@@ -8,7 +8,18 @@ from typing import Literal
 from dynident.schema.fields import Choice, OneOf, Request, declare_field
 
 ExportFormat = Literal[
-    "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", "urscript", "franka_load", "kuka_load", "load_urdf"
+    "json",
+    "urdf",
+    "mjcf",
+    "c",
+    "c_header",
+    "cpp_header",
+    "casadi",
+    "ros2",
+    "urscript",
+    "franka_load",
+    "kuka_load",
+    "load_urdf",
 ]
 FORMATS = OneOf(
     Choice("json", "JSON"),
@@ -18,6 +29,7 @@ FORMATS = OneOf(
     Choice("c_header", "C header with every term"),
     Choice("cpp_header", "C++ header with every term"),
     Choice("casadi", "CasADi"),
+    Choice("ros2", "ROS 2 package"),
     Choice("urscript", "Identified load, URScript"),
     Choice("franka_load", "Identified load, libfranka"),
     Choice("kuka_load", "Identified load, KUKA load data"),
@@ -34,6 +46,7 @@ ENDINGS: dict[str, ExportFormat] = {
     ".h": "c_header",
     ".hpp": "cpp_header",
     ".casadi": "casadi",
+    ".zip": "ros2",
     ".script": "urscript",
     ".dat": "kuka_load",
 }
@@ -47,8 +60,8 @@ class ExportChoices(Request):
     Parameters
     ----------
     format : str
-        "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", or for the load alone "urscript",
-        "franka_load", "kuka_load", "load_urdf".
+        "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", "ros2", or for the load alone
+        "urscript", "franka_load", "kuka_load", "load_urdf".
         Format of the file.
     nearest : bool
         For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that can.
