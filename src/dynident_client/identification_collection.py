@@ -193,6 +193,7 @@ class Identifications(LabelledCollection[Identification]):
             "cpp_header",
             "casadi",
             "ros2",
+            "randomisation",
             "urscript",
             "franka_load",
             "kuka_load",
@@ -209,12 +210,12 @@ class Identifications(LabelledCollection[Identification]):
         identification : Record or str
             The model or its identifier.
         format : str
-            "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", "ros2", or for the load alone
-            "urscript", "franka_load", "kuka_load", "load_urdf".
+            "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", "ros2", "randomisation",
+            or for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
             Format of the file.
         nearest : bool, optional
-            For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that
-            can.
+            For urdf, mjcf and randomisation: where no bodies that can exist have the identified parameters, write the
+            nearest that can.
         anyway : bool, optional
             Whether a model whose error says that it is not to be used is written, too; it is refused otherwise.
 

@@ -24,7 +24,15 @@ if TYPE_CHECKING:
     from dynident.export.mjcf import to_mjcf
     from dynident.export.model_export import export_model
     from dynident.export.model_json import model_from_json, model_to_document, to_json
+    from dynident.export.randomisation import (
+        ModelDistribution,
+        ModelDraws,
+        TorqueDisturbance,
+        build_distribution,
+        to_randomisation,
+    )
     from dynident.export.ros2_package import to_ros2_package, unpack_files
+    from dynident.export.torque_disturbance import compute_drift_coverage, measure_disturbance
     from dynident.export.torque_predictor import PredictingModel, TorquePredictor
     from dynident.export.urdf import to_urdf
     from dynident.regressors.observation_matrix import FurtherSignals
@@ -36,11 +44,17 @@ __all__ = [
     "ExportedFile",
     "FurtherSignals",
     "IdentifiedLoad",
+    "ModelDistribution",
+    "ModelDraws",
     "PredictingModel",
+    "TorqueDisturbance",
     "TorquePredictor",
+    "build_distribution",
     "complete_parameters",
+    "compute_drift_coverage",
     "export_model",
     "identify_load",
+    "measure_disturbance",
     "model_from_json",
     "model_to_document",
     "to_c",
@@ -52,6 +66,7 @@ __all__ = [
     "to_kuka_load",
     "to_load_urdf",
     "to_mjcf",
+    "to_randomisation",
     "to_ros2_package",
     "to_urdf",
     "to_urscript",

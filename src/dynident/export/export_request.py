@@ -16,6 +16,7 @@ ExportFormat = Literal[
     "cpp_header",
     "casadi",
     "ros2",
+    "randomisation",
     "urscript",
     "franka_load",
     "kuka_load",
@@ -30,6 +31,7 @@ FORMATS = OneOf(
     Choice("cpp_header", "C++ header with every term"),
     Choice("casadi", "CasADi"),
     Choice("ros2", "ROS 2 package"),
+    Choice("randomisation", "Drawn models for simulators"),
     Choice("urscript", "Identified load, URScript"),
     Choice("franka_load", "Identified load, libfranka"),
     Choice("kuka_load", "Identified load, KUKA load data"),
@@ -47,6 +49,7 @@ ENDINGS: dict[str, ExportFormat] = {
     ".hpp": "cpp_header",
     ".casadi": "casadi",
     ".zip": "ros2",
+    ".npz": "randomisation",
     ".script": "urscript",
     ".dat": "kuka_load",
 }
@@ -60,19 +63,20 @@ class ExportChoices(Request):
     Parameters
     ----------
     format : str
-        "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", "ros2", or for the load alone
-        "urscript", "franka_load", "kuka_load", "load_urdf".
+        "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", "ros2", "randomisation", or
+        for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
         Format of the file.
     nearest : bool
-        For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that can.
+        For urdf, mjcf and randomisation: where no bodies that can exist have the identified parameters, write the
+        nearest that can.
     anyway : bool
         Whether a model whose error says that it is not to be used is written, too.
     """
 
     format: ExportFormat = declare_field("Format of the file", default="json", kinds=FORMATS)
     nearest: bool = declare_field(
-        "urdf, mjcf: if the identified parameters are not physically feasible, write the nearest feasible ones, "
-        "which changes the torque",
+        "urdf, mjcf, randomisation: if the identified parameters are not physically feasible, write the nearest "
+        "feasible ones, which changes the torque",
         default=False,
     )
     anyway: bool = declare_field("Export the model even if its error is too large to use it", default=False)

@@ -16,6 +16,7 @@ from dynident.export.export_request import ExportFormat
 from dynident.export.feasible_links_and_joints import ExportedFile
 from dynident.export.mjcf import to_mjcf
 from dynident.export.model_json import to_json
+from dynident.export.randomisation import to_randomisation
 from dynident.export.ros2_package import to_ros2_package
 from dynident.export.urdf import to_urdf
 from dynident.identification import Identification
@@ -30,13 +31,14 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
     identification : Identification
         The identified model, with the data of its fit.
     format : str
-        "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", "ros2", or for the load alone
-        "urscript", "franka_load", "kuka_load", "load_urdf".
+        "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", "ros2", "randomisation", or
+        for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
         Format of the file. The formats json, c, c_header, cpp_header, casadi and ros2 hold every effect; urdf and mjcf
         hold links, rotors, Coulomb and viscous friction (mjcf also springs), and what they leave out is in the file's
         `notes`. The last four hold the load of the effect `payload` alone, as controllers take it.
     nearest : bool
-        For urdf and mjcf: if no bodies that can exist have the identified parameters, write the nearest that can.
+        For urdf, mjcf and randomisation: if no bodies that can exist have the identified parameters, write the
+        nearest that can.
 
     Returns
     -------
@@ -101,6 +103,7 @@ WRITERS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingP
         "cpp_header": lambda identification, _: to_cpp_header(identification),
         "casadi": _export_casadi,
         "ros2": lambda identification, _: to_ros2_package(identification),
+        "randomisation": lambda identification, nearest: to_randomisation(identification, nearest=nearest),
         "urscript": lambda identification, _: to_urscript(identification),
         "franka_load": lambda identification, _: to_franka_load(identification),
         "kuka_load": lambda identification, _: to_kuka_load(identification),
