@@ -18,6 +18,8 @@ from dynident.export.feasible_links_and_joints import ExportedFile
 from dynident.export.fmu import to_fmu
 from dynident.export.mjcf import to_mjcf
 from dynident.export.model_json import to_json
+from dynident.export.randomisation import to_randomisation
+from dynident.export.ros2_package import to_ros2_package
 from dynident.export.sdf import to_sdf
 from dynident.export.urdf import to_urdf
 from dynident.export.usd import to_usd
@@ -34,15 +36,15 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
     identification : Identification
         The identified model, with the data of its fit.
     format : str
-        "json", "urdf", "sdf", "mjcf", "usd", "fmu", "mjlab", "isaac_lab", "c", "c_header", "cpp_header", "casadi", or
-        for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
-        Format of the file. The formats json, fmu, c, c_header, cpp_header and casadi hold every effect; urdf, sdf,
-        mjcf and usd hold links, rotors, Coulomb and viscous friction (mjcf also springs), mjlab and isaac_lab those of
+        "json", "urdf", "sdf", "mjcf", "usd", "fmu", "mjlab", "isaac_lab", "c", "c_header", "cpp_header", "casadi",
+        "ros2", "randomisation", or for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
+        Format of the file. The formats json, fmu, c, c_header, cpp_header, casadi and ros2 hold every effect; urdf,
+        sdf, mjcf and usd hold links, rotors, Coulomb and viscous friction (mjcf also springs), mjlab and isaac_lab those of
         the joints, and what they leave out is in the file's `notes`. The last four hold the load of the effect
         `payload` alone, as controllers take it.
     nearest : bool
-        For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab): if no bodies that can exist have the
-        identified parameters, write the nearest that can.
+        For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab, randomisation): if no bodies that can
+        exist have the identified parameters, write the nearest that can.
 
     Returns
     -------
@@ -120,6 +122,8 @@ WRITERS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingP
         "c_header": lambda identification, _: to_c_header(identification),
         "cpp_header": lambda identification, _: to_cpp_header(identification),
         "casadi": _export_casadi,
+        "ros2": lambda identification, _: to_ros2_package(identification),
+        "randomisation": lambda identification, nearest: to_randomisation(identification, nearest=nearest),
         "urscript": lambda identification, _: to_urscript(identification),
         "franka_load": lambda identification, _: to_franka_load(identification),
         "kuka_load": lambda identification, _: to_kuka_load(identification),
