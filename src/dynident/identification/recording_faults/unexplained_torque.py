@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -262,6 +262,35 @@ class HeldOutFit:
         """Return the columns of each joint's torque (m, p) for a robot at rest at positions (m, n): its gravity."""
         loads = {joint: load for tree in self._trees for joint, load in tree.compute_load_columns(q).items()}
         return [loads[joint] for joint in range(self._robot.n)]
+
+
+def measure_gain_by_other_scales(robot: Robot, motion: Motion, factor: float) -> float:
+    """Return how much other gains would explain better: near 0 where the torques of all joints are in one unit.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    factor : float
+        Of the other gains.
+
+    Returns
+    -------
+    float
+        The largest fall of the score, with the torque of any joint, or of all joints from one on, times or over
+        `factor`.
+    """
+    judge = HeldOutFit(robot)
+    # A torque in a single unit fits best as it is; if it gains by scaling some joints, the joints are in different
+    # units.
+    now, joints = judge.measure_unexplained(motion), np.arange(robot.n)
+    groups = [*(joints == k for k in np.flatnonzero(now.moving)), *(joints >= k for k in range(2, robot.n - 1))]
+    factors = [np.where(group, times, 1.0) for group in groups for times in (factor, 1.0 / factor)]
+    return max(
+        now.score - judge.measure_unexplained(replace(motion, tau=motion.tau * times)).score for times in factors
+    )
 
 
 @lru_cache(maxsize=8)
