@@ -188,6 +188,11 @@ class Mixing:
         """The matrix (2, 2) that makes joint positions of motor positions."""
         return self.scale * np.array(self.signs, dtype=np.float64).reshape(2, 2)
 
+    @property
+    def of_torques(self) -> FloatArray:
+        """The matrix (2, 2) that makes joint torques of motor torques: power is the same at motors and joints."""
+        return np.asarray(np.linalg.inv(self.matrix).T)
+
 
 _SWAPS: tuple[FaultKind, ...] = ("torques swapped", "positions swapped", "joints swapped")
 _TURNS: tuple[FaultKind, ...] = ("torque turned", "position turned", "joint turned")
@@ -324,8 +329,7 @@ class ColumnFault:
         q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
         if self.mixing is not None:
             to_joints = self.mixing.matrix
-            # Power is the same at motors and joints, so torques go by the inverse and transposed matrix.
-            parts = [(signal, to_joints) for signal in (q, dq, ddq)] + [(tau, np.linalg.inv(to_joints).T)]
+            parts = [(signal, to_joints) for signal in (q, dq, ddq)] + [(tau, self.mixing.of_torques)]
             q, dq, ddq, tau = (_multiply_columns(signal, self.joints, matrix) for signal, matrix in parts)
             return Motion(q, dq, ddq, tau, motion.block, motion.t)
         if self.kind == "joint coupled":

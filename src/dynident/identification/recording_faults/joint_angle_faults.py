@@ -17,9 +17,10 @@ from dynident.errors import Remedy
 from dynident.identification.recording_faults.column_faults import MIXINGS, ZEROS, ColumnFault, Motion
 from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
 from dynident.identification.recording_faults.torque_scale import find_revolute_joints
-from dynident.identification.recording_faults.tree_fit import find_parallel_axes
+from dynident.identification.recording_faults.tree_fit import find_moving_joints, find_parallel_axes
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY_IN_ALL_BLOCKS,
+    LEAST_FINE,
     HeldOutFit,
     UnexplainedTorque,
 )
@@ -206,19 +207,20 @@ def estimate_zeros(
         Whether zeros are looked for around quarter turns, too, and not only near those of the description.
     """
     few = _thin_out(motion)
-    as_is = fit.measure_unexplained(few)
-    least_fall = _PROMISING / max(int(as_is.moving.sum()), 1)
-    turns = find_revolute_joints(robot) & as_is.moving
+    moving = find_moving_joints(few)
+    as_is, least_fall = fit.estimate_score(few, LEAST_FINE), _PROMISING / max(int(moving.sum()), 1)
+    # The zero of the last joint of a chain is one with the parameters of its link.
+    turns = find_revolute_joints(robot) & moving & np.isin(range(robot.n), [joint.parent for joint in robot.joints])
     for joint in (joint for joint in joints if turns[joint]):
         axis = np.arange(robot.n) == joint
 
         def measure(angle: float, axis: BoolArray = axis) -> float:
-            return fit.measure_unexplained(replace(few, q=few.q - angle * axis)).fine_inside
+            return fit.estimate_score(replace(few, q=few.q - angle * axis), LEAST_FINE)
 
-        starts = [0.0] if _estimate_fall(measure(-_BY), as_is.fine_inside, measure(_BY)) >= least_fall else []
+        starts = [0.0] if _estimate_fall(measure(-_BY), as_is, measure(_BY)) >= least_fall else []
         if is_wide:
             far = min((measure(angle), angle) for angle in ZEROS)
-            starts += [far[1]] if far[0] <= as_is.fine_inside - least_fall else []
+            starts += [far[1]] if far[0] <= as_is - least_fall else []
         # A start may lead to a valley that is not the deepest one.
         for start in starts:
             angle = float(minimize_scalar(measure, bracket=(start, start + _BY), options={"xtol": _EXACT}).x)
@@ -264,7 +266,7 @@ def _round_zero(joint: int, angle: float, nominal: float) -> ColumnFault:
 
 
 def _thin_out(motion: Motion) -> Motion:
-    every = max(1, len(motion.q) // _ROWS)
+    every = -(-len(motion.q) // _ROWS)
     return Motion(*(getattr(motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block", "t")))
 
 
@@ -298,10 +300,9 @@ def describe_mixing_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str
         What the user calls the columns.
     """
     assert fault.mixing is not None
-    to_joints = fault.mixing.matrix
     formulas = [
         f"{columns[joint]} by {value}"
-        for columns, matrix in ((q, to_joints), (tau, np.linalg.inv(to_joints).T))
+        for columns, matrix in ((q, fault.mixing.matrix), (tau, fault.mixing.of_torques))
         for joint, value in zip(fault.joints, _list_sums(fault, matrix, columns), strict=True)
     ]
     return f"Before the file is read, replace {', '.join(formulas)}, and velocities as positions."

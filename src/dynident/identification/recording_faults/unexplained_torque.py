@@ -54,7 +54,7 @@ _AGAINST = 0.5
 _LEAST, _MOST = 0.02, 3.0
 """Range of the unexplained share: a smaller one is as good as perfect, a larger one as bad as any."""
 
-_LEAST_FINE = 1e-4
+LEAST_FINE = 1e-4
 """The lower end where a lowest point is looked for: near it all shares of a good recording may be as good as perfect,
 and a curve that is cut off flat has its lowest point anywhere."""
 
@@ -172,7 +172,7 @@ class HeldOutFit:
         """
         return self._join(motion, [tree.solve(motion) for tree in self._trees])
 
-    def estimate_score(self, motion: Motion) -> float:
+    def estimate_score(self, motion: Motion, least: float = _LEAST) -> float:
         """Return about the least score that a motion may have, by one fit to all blocks of time.
 
         A block that is held out is never explained better than where it is fitted to.
@@ -181,12 +181,14 @@ class HeldOutFit:
         ----------
         motion : Motion
             Filtered rows of the recording.
+        least : float
+            Smaller shares count as this one.
         """
         n, moving = self._robot.n, find_moving_joints(motion)
         squares, measured = np.zeros((BLOCKS, n)), np.zeros(n)
         for tree in self._trees:
             squares[:, tree.joints], measured[tree.joints] = tree.solve_inside(motion)
-        return float(compute_log_shares(squares, measured / BLOCKS)[:, moving].mean())
+        return float(compute_log_shares(squares, measured / BLOCKS, least)[:, moving].mean())
 
     def _join(self, motion: Motion, solutions: Sequence[TreeSolution]) -> UnexplainedTorque:
         n, moving = self._robot.n, find_moving_joints(motion)
@@ -196,8 +198,8 @@ class HeldOutFit:
             against[tree.joints] = solution.against
         blocks = compute_log_shares(squares[:-1], measured / BLOCKS)[:, moving]
         whole = compute_log_shares(squares[-1], measured)[moving]
-        fine = compute_log_shares(squares[:-1], measured / BLOCKS, _LEAST_FINE)[:, moving]
-        fine_inside = compute_log_shares(squares[-1], measured, _LEAST_FINE)[moving]
+        fine = compute_log_shares(squares[:-1], measured / BLOCKS, LEAST_FINE)[:, moving]
+        fine_inside = compute_log_shares(squares[-1], measured, LEAST_FINE)[moving]
         rest = squares[:-1].sum(axis=0)
         joints = np.sqrt(np.divide(rest, measured, out=np.zeros_like(rest), where=moving & (measured > 0)))
         return UnexplainedTorque(
