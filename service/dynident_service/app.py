@@ -16,6 +16,7 @@ from starlette.types import Scope
 from dynident.version import __version__
 from dynident_service import service_routes, tracing
 from dynident_service.api_keys import KeyRing
+from dynident_service.campaigns import routes as campaigns
 from dynident_service.comparisons import routes as comparisons
 from dynident_service.designs import routes as designs
 from dynident_service.diagnoses import routes as diagnoses
@@ -62,6 +63,7 @@ ROUTERS = (
     robots.known_router,
     robots.meshes_router,
     service_routes.effects_router,
+    campaigns.router,
     designs.router,
     designs.simulations_router,
     import_routes.router,
@@ -82,18 +84,7 @@ ROUTERS = (
 def create_app(settings: Settings | None = None, fork_server: ForkServer | None = None) -> FastAPI:
     """Assemble the application; nothing is opened before it starts.
 
-    Parameters
-    ----------
-    settings : Settings, optional
-        Settings; those of the environment by default.
-    fork_server : ForkServer, optional
-        Process that child processes are forked from. Several applications of one process may share it; whoever made it
-        closes it.
-
-    Returns
-    -------
-    FastAPI
-        The application.
+    Several applications of one process may share the fork server; whoever made it closes it.
     """
     settings = settings or Settings()
     metrics = Metrics()

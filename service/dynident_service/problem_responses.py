@@ -32,15 +32,7 @@ log = logging.getLogger("dynident.service")
 
 
 def respond(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
-    """Return the answer for a problem.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    headers : dict of str to str, optional
-        Further headers.
-    """
+    """Return the answer for a problem."""
     identifier = get_current_request()
     # Set here as well: an answer to an unexpected error does not pass the middleware that adds these headers.
     carried = {**SAFE, **({} if identifier is None else {REQUEST_ID: identifier}), **(headers or {})}
@@ -51,12 +43,7 @@ def respond(problem: Problem, headers: dict[str, str] | None = None) -> JSONResp
 def install_handlers(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
     """Register handlers that turn every error of the application into a problem.
 
-    Parameters
-    ----------
-    app : FastAPI
-        Application.
-    allowed_methods : callable
-        Returns the methods of a path, for the header `Allow` of 405.
+    `allowed_methods` returns the methods of a path, for the header `Allow` of 405.
     """
     app.exception_handler(ProblemError)(_on_problem)
     app.exception_handler(DynidentError)(_on_unusable_input)

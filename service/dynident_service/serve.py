@@ -181,13 +181,7 @@ def _end_at_once() -> None:
 
 
 def serve(settings: Settings | None = None) -> None:
-    """Answer requests until the process is interrupted or terminated.
-
-    Parameters
-    ----------
-    settings : Settings, optional
-        Settings; those of the environment by default.
-    """
+    """Answer requests until the process is interrupted or terminated."""
     settings = settings or load_settings()
     forget_keys()
     # The umask can only be read by setting it: it is set, and then set again with both.

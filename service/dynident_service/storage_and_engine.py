@@ -59,20 +59,7 @@ class Services:
 
 @contextmanager
 def open_services(settings: Settings, fork_server: ForkServer) -> Iterator[Services]:
-    """Open the storage, migrate the database, and start the engine in the background.
-
-    Parameters
-    ----------
-    settings : Settings
-        Settings of the service.
-    fork_server : ForkServer
-        Process that child processes are forked from.
-
-    Yields
-    ------
-    Services
-        Closed at the end of the context.
-    """
+    """Open the storage, migrate the database, and start the engine in the background."""
     prepare_data_directory(settings.data_dir)
     with mark_in_use(settings.data_dir) as is_alone, closing(Database(settings.database)) as database:
         # If no other service uses the directory, every unfinished file is from before this moment.

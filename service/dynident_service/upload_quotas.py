@@ -110,10 +110,7 @@ class UploadRoom:
     def _compute_remaining(self, upload: _Upload, scope: Scope) -> int | None:
         """Return the bytes that an account may still store, or None if they are not limited.
 
-        Raises
-        ------
-        QuotaExceeded
-            If it may not have another recording.
+        Raise `QuotaExceeded` if it may not have another recording.
         """
         account, headers = upload.account, Headers(scope=scope)
         if account is None or not (account.limits.bytes or account.limits.recordings):

@@ -71,29 +71,8 @@ def read_recordings(
 ) -> Iterator[tuple[Recordings, Recordings, Progress]]:
     """Read and check measurement files, with a progress bar.
 
-    Parameters
-    ----------
-    title : str
-        What the bar says.
-    paths : sequence of Path
-        Files that the command is about.
-    robot : Robot
-        The robot that they are recordings of.
-    reading : TimedReading
-        How they are read. With `cure`, files that would be refused are read as their checks propose.
-    others : sequence of Path
-        Further files, for example held-out data.
-    friction : collection of Path
-        Those of the files that test the friction of single joints.
-    share : float
-        The share of the bar that reading takes, 0 to 1; the rest is for the computation.
-
-    Yields
-    ------
-    recordings, others : Recordings
-        Those of `paths` and of `others`.
-    progress : callable
-        Reports progress on the part of the bar that reading has left.
+    `friction` are those of the files that test the friction of single joints. Reading takes `share` of the bar; yield
+    the recordings, the others, and a function that reports progress on the rest.
     """
     with show_progress_bar(title) as progress:
         everything = [*paths, *others]

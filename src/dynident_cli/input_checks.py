@@ -19,10 +19,7 @@ from dynident.recordings.file_names_and_digests import split_path
 class InputCheck:
     """Marker in the annotation of an option: what the option names has to be there.
 
-    Parameters
-    ----------
-    check : callable
-        Takes one value of the option and raises `DynidentError` where it is missing.
+    `check` takes one value of the option and raises `DynidentError` where it is missing.
     """
 
     check: Callable[[Any], object]

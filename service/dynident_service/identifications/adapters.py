@@ -46,6 +46,7 @@ from dynident.recordings import Preprocessing, Recording, preprocessing_from_req
 from dynident.recordings.metadata_revisions import adapt_revision
 from dynident.robot import Robot
 from dynident.verdict import ModelVerdict, Stop
+from dynident.verdict.model_verdict import TESTS
 from dynident_service.identifications import wire_types as wire
 from dynident_service.identifications.wire_types import (
     IdentificationView,
@@ -193,8 +194,18 @@ def show_verdict(verdict: ModelVerdict, measurements: Sequence[OpenedMeasurement
         )
         for overlap in verdict.common
     ]
+    uses = [
+        to_view(
+            wire.UseView,
+            use,
+            fit=None if use.state == "not_judged" else use.fit,
+            test=TESTS[use.use],
+            values=verdict.get_values(use.use),
+        )
+        for use in verdict.uses
+    ]
     tables = show_tables(build_verdict_tables(verdict))
-    return to_view(wire.VerdictView, verdict, stop=stop, common=common, tables=tables)
+    return to_view(wire.VerdictView, verdict, uses=uses, stop=stop, common=common, tables=tables)
 
 
 def _measurement_id(measurements: Mapping[str, OpenedMeasurement], name: str) -> str:

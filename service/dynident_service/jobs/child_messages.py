@@ -74,8 +74,6 @@ class Call:
     arguments: Mapping[str, Any]
     request_id: str | None = field(default_factory=get_current_request)
     trace: str | None = field(default_factory=tracing.get_current_span)
-    of_a_job: bool = False
-    """Whether a job needs the answer. The child then runs at the low priority of a job, as no request waits for it."""
     limits: ComputationLimits = UNLIMITED
 
 

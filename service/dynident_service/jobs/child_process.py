@@ -35,7 +35,6 @@ from dynident_service.jobs.child_messages import (
     make_memory_problem,
 )
 from dynident_service.jobs.confinement import Confinement, is_out_of_memory
-from dynident_service.jobs.distributed_map import share_with_workers
 from dynident_service.jobs.task_input_output import PATIENCE, JobEnvironment, JobFunction, ObjectCache, Outcome, Task
 from dynident_service.log_lines import set_log_context
 from dynident_service.problems import Problem, ProblemError, make_problem, to_problem
@@ -79,10 +78,7 @@ class JobRunner:
     def run(self, claim: Claim) -> None:
         """Do a job and write its end into the queue.
 
-        Raises
-        ------
-        Exception
-            One of `INFRASTRUCTURE_ERRORS` if the end cannot be written.
+        Raise one of `INFRASTRUCTURE_ERRORS` if the end cannot be written.
         """
         with tracing.trace_task(f"job {claim.function}", claim.trace, **{"dynident.attempt": claim.attempt}):
             end = self._attempt(claim)
@@ -128,8 +124,7 @@ class JobRunner:
                 raise LostClaim(claim.job_id)
         reporter, checkpoints = Reporter(self.job_queue, claim), JobCheckpoints(CheckpointStore(self.database), claim)
         task = Task(subject, claim.arguments, self.resources, self.objects, self.memory, reporter, checkpoints)
-        with share_with_workers(claim, self.place, self.objects):
-            return function(task)
+        return function(task)
 
 
 class Reporter:
@@ -174,6 +169,9 @@ def _store_outcome(session: Session, objects: ObjectStore, claim: Claim, outcome
             insert_dependencies(session, [(claim.resource_id, created_id, "result")])
     if claim.resource_id is not None and row is not None:
         row.result = result
+        if outcome.request:
+            # Another mapping: changes within the stored one would not be noticed.
+            row.request = {**row.request, **outcome.request}
         insert_objects(session, objects, [(claim.resource_id, owned) for owned in outcome.objects])
 
 
@@ -210,12 +208,7 @@ class SupervisorPipe:
 def serve_jobs(jobs: int, lifeline: int) -> None:
     """Do the jobs and calls that arrive on a pipe, until its other end is closed.
 
-    Parameters
-    ----------
-    jobs : int
-        File descriptor of the pipe. The first message on it is the confinement of this process.
-    lifeline : int
-        File descriptor of a pipe whose other end is closed when the supervisor ends.
+    The first message on `jobs` is the confinement; the other end of `lifeline` is closed when the supervisor ends.
     """
     connection = Connection(jobs)
     _lower_priority()
@@ -240,7 +233,7 @@ def serve_jobs(jobs: int, lifeline: int) -> None:
             return
         # The priority can only be lowered. A child that has done a job is therefore slower than a request needs, but
         # jobs and requests have pools of their own.
-        if not behind and (isinstance(order, JobOrder) or order.of_a_job):
+        if not behind and isinstance(order, JobOrder):
             _lower_priority()
             behind = True
         if isinstance(order, Call):

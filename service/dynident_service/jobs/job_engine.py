@@ -87,19 +87,7 @@ EngineState = Literal["starting", "ready", "without workers", "failed", "stopped
 
 
 class Engine:
-    """Thread that hands out jobs, from `start` to `close`.
-
-    Parameters
-    ----------
-    settings : Settings
-        Settings of the service.
-    job_queue : JobQueue
-        Queue of the jobs.
-    fork_server : ForkServer
-        Process that child processes are forked from.
-    news : callable
-        Called when a job has begun or ended here, for those who follow it.
-    """
+    """Thread that hands out jobs, from `start` to `close`. `news` is called when a job has begun or ended here."""
 
     def __init__(
         self, settings: Settings, job_queue: JobQueue, fork_server: ForkServer, news: Callable[[], None] = lambda: None

@@ -115,19 +115,7 @@ log = logging.getLogger("dynident.supervisor")
 
 
 def supervise_job(claim: Claim, place: JobEnvironment, pool: ChildPool, job_queue: JobQueue) -> None:
-    """Have a child do a job; return when it has ended, was cancelled, or was lost to another worker.
-
-    Parameters
-    ----------
-    claim : Claim
-        The job.
-    place : JobEnvironment
-        Where its data is.
-    pool : ChildPool
-        Child processes.
-    job_queue : JobQueue
-        Queue of the jobs.
-    """
+    """Have a child do a job; return when it has ended, was cancelled, or was lost to another worker."""
     if pool.closed:
         retry_while_away(lambda: job_queue.release(claim), LAST_PATIENCE)
         return

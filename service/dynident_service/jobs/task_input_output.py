@@ -1,20 +1,14 @@
-"""Fetch a job's inputs and store its outputs; parts of a job on another worker; cache of recently used values."""
+"""What a job gets and gives: its inputs, outputs and environment; cache of recently used values."""
 
 from __future__ import annotations
 
-import io
-import logging
-import pickle
-import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, TypeVar
 
-from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress
-from dynident_service.storage.job_transitions import Claim
+from dynident.progress import Checkpoints, NoCheckpoints, Progress
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.repository_values import NewResource, OwnedObject, Resource
 from dynident_service.storage.resource_repository import Resources
@@ -28,16 +22,8 @@ PATIENCE = 15 * 60.0
 
 
 @dataclass(frozen=True)
-class ClusterAddresses:
-    """Addresses of a Dask scheduler and of the worker that runs a job; other workers may compute parts of it."""
-
-    scheduler: str
-    own: str
-
-
-@dataclass(frozen=True)
 class JobEnvironment:
-    """Where a child process finds the database, the object store and other workers."""
+    """Where a child process finds the database and the object store."""
 
     database_url: str
     object_store_url: str
@@ -47,7 +33,6 @@ class JobEnvironment:
     """Seconds that one attempt at a job may take."""
     memory: int
     """Bytes that a job may allocate, besides what is loaded."""
-    colleagues: ClusterAddresses | None = None
 
 
 class LruCache(Generic[T]):
@@ -78,17 +63,7 @@ class ObjectCache:
         self._kept: LruCache[object] = LruCache(CACHED_OBJECTS)
 
     def get_or_make(self, kind: type[T], identifier: str, make: Callable[[], T]) -> T:
-        """Return the cached object of an id, or make it.
-
-        Parameters
-        ----------
-        kind : type
-            Class of the object.
-        identifier : str
-            Id of the resource that it belongs to.
-        make : callable
-            Makes the object if it is not cached.
-        """
+        """Return the cached object of an id, or make it."""
         value = self._kept.get(f"{kind.__qualname__} {identifier}")
         if not isinstance(value, kind):
             value = make()
@@ -137,75 +112,8 @@ class Outcome:
     """Further resource that the job creates (a simulation creates a measurement); its id is put into the result under
     the name of its kind with `_id`.
     """
+    request: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of the stored request that the job has decided."""
 
 
 JobFunction = Callable[[Task], Outcome]
-
-
-def pack_value(value: object, objects: ObjectStore) -> bytes:
-    """Pickle a value; raise whatever exception a value causes that cannot leave its process."""
-    content = io.BytesIO()
-    _Packer(content, objects).dump(value)
-    return content.getvalue()
-
-
-def unpack_value(content: bytes, objects: ObjectStore) -> object:
-    """Unpickle a value and fetch its files from the object store; raise what `ObjectStore.path` raises."""
-    value: object = _Unpacker(io.BytesIO(content), objects).load()
-    return value
-
-
-class _Packer(pickle.Pickler):
-    def __init__(self, content: io.BytesIO, objects: ObjectStore) -> None:
-        super().__init__(content, pickle.HIGHEST_PROTOCOL)
-        self._objects = objects
-
-    def persistent_id(self, value: object) -> str | None:
-        """Return the key if a value is the path of a file in the object store."""
-        return self._objects.find_key(value) if isinstance(value, Path) else None
-
-
-class _Unpacker(pickle.Unpickler):
-    def __init__(self, content: io.BytesIO, objects: ObjectStore) -> None:
-        super().__init__(content)
-        self._objects = objects
-
-    def persistent_load(self, key: object) -> Path:
-        """Return the local path of the file with a key."""
-        return self._objects.fetch_file(str(key))
-
-
-log = logging.getLogger("dynident.job")
-
-
-class PartFailed(Exception):
-    """A part was not done: its process died, its computation failed, or nobody waits for it any more."""
-
-
-@dataclass(frozen=True)
-class JobPart:
-    """Part of a job: a function and its argument, pickled by `_Packer`."""
-
-    claim: Claim
-    place: JobEnvironment
-    work: bytes
-    item: bytes
-
-
-def compute_part(job_id: str, url: str, cache_dir: Path, work: bytes, item: bytes) -> bytes:
-    """Compute a part; the function is cached for the next part, with the machine code that it contains."""
-    began = time.monotonic()
-    function, objects = _get_function(work, url, cache_dir), _get_store(url, cache_dir)
-    result = pickle.dumps(function(unpack_value(item, objects), ignore_progress), pickle.HIGHEST_PROTOCOL)
-    log.info("did a part of job %s in %.1f s", job_id, time.monotonic() - began)
-    return result
-
-
-@lru_cache(maxsize=1)
-def _get_store(url: str, cache_dir: Path) -> ObjectStore:
-    return ObjectStore(url, cache_dir)
-
-
-@lru_cache(maxsize=2)
-def _get_function(content: bytes, url: str, cache_dir: Path) -> Callable[[object, Progress], object]:
-    return cast(Callable[[object, Progress], object], unpack_value(content, _get_store(url, cache_dir)))

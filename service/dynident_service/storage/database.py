@@ -36,11 +36,6 @@ class Database:
 
     A reading session sees one snapshot of the database, however many statements it takes: SQLite does so by itself,
     PostgreSQL by `REPEATABLE READ`. To see later changes, open another session.
-
-    Parameters
-    ----------
-    url : str
-        Address as SQLAlchemy takes it, of SQLite or PostgreSQL.
     """
 
     def __init__(self, url: str) -> None:

@@ -27,12 +27,7 @@ log = logging.getLogger("dynident.storage")
 def retry_while_away(action: Callable[[], T], patience: float) -> T:
     """Repeat an action while the database or the store is away.
 
-    Parameters
-    ----------
-    action : callable
-        What to do.
-    patience : float
-        Seconds after which the last exception is raised.
+    After `patience` seconds the last exception is raised.
     """
     until, pause = time.monotonic() + patience, FIRST_PAUSE
     while True:

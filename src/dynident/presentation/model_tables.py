@@ -1,11 +1,11 @@
-"""Tables of a model: errors by joint and on a recording, parameters, shape constants, backward elimination."""
+"""Tables of a model: errors by joint and on a recording, parameters, shape constants, currents, drive gains."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
-from typing import TYPE_CHECKING, Protocol
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any, Protocol
 
 from dynident.effects import Effect, EffectChoice, get_effect
 from dynident.estimation import Errors
@@ -21,12 +21,21 @@ from dynident.presentation.labels import (
     format_shape_constants,
     format_shape_interval,
 )
-from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
+from dynident.presentation.tables import (
+    Cell,
+    ReportedTable,
+    make_interval_cell,
+    make_number_cell,
+    make_percent_cell,
+    make_text_cells,
+)
 
 if TYPE_CHECKING:
     # For type checkers alone: most commands compare nothing.
     from dynident.diagnosis import Comparison, Judgement, WorstInterval
-    from dynident.identification import CurrentModel
+    from dynident.identification import CurrentModel, PayloadEstimate
+    from dynident.identification.loads.drive_gains import DriveGain
+    from dynident.robot import Robot
 
 
 class ErrorNumbers(Protocol):
@@ -403,3 +412,53 @@ def build_current_tables(models: Sequence[CurrentModel]) -> Iterator[ReportedTab
             for parameter in model.parameters
         )
         yield ReportedTable(model.joint, ("parameter", "value", "± 95 %", "unit", "judgement"), parameters)
+
+
+def build_gain_tables(
+    gains: Iterable[tuple[DriveGain | Any, str]], loads: Iterable[tuple[str, PayloadEstimate | Any]]
+) -> Iterator[ReportedTable]:
+    """Yield the table of gains with their units, and that of loads, by name, that were weighed with them.
+
+    Stored ones have the fields of the HTTP contract, where null is an infinite end of an interval.
+    """
+    rows = tuple(
+        (
+            Cell(gain.joint),
+            make_number_cell(gain.stated, 4),
+            *_make_estimate_cells(gain.drive_gain, gain.interval),
+            Cell("factor" if unit == "-" else unit),
+            Cell("✓ yes", mark="ok") if gain.identifiable else Cell("✕ no", mark="error"),
+        )
+        for gain, unit in gains
+    )
+    yield ReportedTable("Drive gains", ("joint", "stated", "identified", "± 95 %", "unit", "identifiable"), rows)
+    load_rows = tuple(
+        (
+            Cell(name),
+            *_make_estimate_cells(load.mass, load.interval),
+            make_interval_cell(load.interval),
+            make_number_cell(load.from_gains, 2),
+            Cell("yes" if load.identifiable else "no"),
+        )
+        for name, load in loads
+    )
+    if load_rows:
+        columns = ("measurement", "mass", "± 95 %", "95 % interval", "σ from the gains", "not zero")
+        yield ReportedTable("Loads weighed with these gains, kg", columns, load_rows)
+
+
+def _make_estimate_cells(value: float, ends: tuple[float | None, float | None]) -> tuple[Cell, Cell]:
+    """Return the cells of a value and of half its interval; the interval decides the digits."""
+    low, high = ends
+    # An end that is null is infinite: then there is no half to show.
+    half = None if low is None or high is None else (high - low) / 2.0
+    texts = format_estimate(value, inf if half is None else half)
+    return Cell(texts[0], value), Cell(texts[1], half)
+
+
+def get_gain_unit(robot: Robot, index: int) -> str:
+    """Return the unit of a joint's drive gain; - for a factor."""
+    # Without a stated gain the recorded torque is multiplied by a factor, which has no unit.
+    if robot.drives[index].gain is None:
+        return "-"
+    return "N m/A" if robot.joints[index].kind == "revolute" else "N/A"

@@ -252,20 +252,7 @@ class Outcome:
 
 
 def run_demonstration(scenario: Scenario, folder: Path, console: Console) -> Outcome:
-    """Run the demonstration, report on it as it goes, and write its files.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    folder : Path
-        For the files; it is made where it does not exist.
-    console : Console
-        For the text.
-
-    Returns
-    -------
-    Outcome
-    """
+    """Run the demonstration, report on it as it goes, and write its files."""
     _make_folder(folder)
     begun = time.monotonic()
     print_introduction(console, scenario)

@@ -54,14 +54,7 @@ class Analysis:
     def compute_floor_ratio(self, model: Identification) -> FloatArray:
         """Return the held-out residual of a model over the noise floor, joint by joint, where joints move.
 
-        Parameters
-        ----------
-        model : Identification
-
-        Returns
-        -------
-        (n,) array
-            1 is the best that a model can reach.
+        Shape (n,); 1 is the best that a model can reach.
         """
         moving = model.held_out_moving
         assert moving is not None
@@ -77,19 +70,7 @@ def analyse_recordings(
 ) -> Analysis:
     """Identify, compare, diagnose, add the recommended effects one by one, and write the report.
 
-    Parameters
-    ----------
-    robot : Robot
-        As its description has it.
-    training, held_out : sequence of Path
-        Recorded files.
-    design : Design
-        Of the first recording, for the report.
-    progress : function
-
-    Returns
-    -------
-    Analysis
+    `design` is of the first recording, for the report.
     """
     runs = dy.read_recordings(*training, *held_out, robot=robot, progress=scale_progress(progress, 0.0, 0.1))
     recordings, validation = runs[: len(training)], runs[len(training) :]
@@ -125,17 +106,7 @@ class MeasuredRun:
 
 
 def design_runs(scenario: Scenario, progress: Progress) -> list[Design]:
-    """Design a trajectory for every course of the plan.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    progress : function
-
-    Returns
-    -------
-    list of Design
-    """
+    """Design a trajectory for every course of the plan."""
     courses = scenario.plan.courses
     designs = []
     for index, course in enumerate(courses):
@@ -163,21 +134,7 @@ def _compute_torque_noise(scenario: Scenario) -> dict[str, float]:
 
 
 def record_runs(scenario: Scenario, designs: Sequence[Design], folder: Path, progress: Progress) -> list[MeasuredRun]:
-    """Let the virtual robot follow the trajectories, and write what its sensors record.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    designs : sequence of Design
-        One for each course of the plan.
-    folder : Path
-        For the files.
-    progress : function
-
-    Returns
-    -------
-    list of MeasuredRun
-    """
+    """Let the virtual robot follow the trajectories, and write what its sensors record."""
     virtual = VirtualRobot(scenario.robot, scenario.effects, inertias=scenario.inertias)
     sensors = Sensors(sampling_rate=scenario.plan.rate)
     total = sum(design.duration for design in designs)
@@ -201,13 +158,7 @@ def record_runs(scenario: Scenario, designs: Sequence[Design], folder: Path, pro
 
 
 def write_hidden_effect(scenario: Scenario, path: Path) -> None:
-    """Write what was hidden to a file that is not read before the end.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    path : Path
-    """
+    """Write what was hidden to a file that is not read before the end."""
     hidden = None if scenario.hidden is None else asdict(scenario.hidden)
     write_atomically(path, json.dumps({"hidden": hidden, "seed": scenario.seed}, indent=1).encode())
 
@@ -215,14 +166,6 @@ def write_hidden_effect(scenario: Scenario, path: Path) -> None:
 def to_reference(design: Design, begins: float = 0.0) -> Reference:
     """Return the motion of a design as the robot's controller takes it.
 
-    Parameters
-    ----------
-    design : Design
-    begins : float
-        Time of the session at which it starts, s.
-
-    Returns
-    -------
-    Reference
+    `begins` is the time of the session at which it starts, s.
     """
     return Reference(design.t + begins, design.q, design.dq, design.ddq)
