@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from dynident.errors import DynidentError
+from dynident.robot.joint import BASE_JOINTS, BaseKind
 
 if TYPE_CHECKING:
     from dynident.recordings import Filters
@@ -96,6 +97,14 @@ def parse_vector(text: str, option: str) -> tuple[float, float, float]:
     if len(values) != 3:
         raise DynidentError(f"{text!r} has {len(values)} numbers; expected three", pointer=option)
     return values[0], values[1], values[2]
+
+
+def parse_base(text: str) -> BaseKind | None:
+    """Parse how the root link of a robot moves; nothing where no text is given."""
+    kinds: dict[str, BaseKind] = {kind: kind for kind in BASE_JOINTS}
+    if text and text not in kinds:
+        raise DynidentError(f"the base is {text!r}; expected {', '.join(kinds)}", pointer="--base")
+    return kinds.get(text)
 
 
 def parse_windows(

@@ -19,6 +19,7 @@ from dynident.known_robots import locate_robot
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot import Description, Drive, Limits, Robot, robot_from_description, robot_from_library
 from dynident.robot.description_formats import FORMATS, DescriptionFormat
+from dynident.robot.joint import BaseKind
 from dynident.robot.json_fields import (
     expect_mapping,
     expect_number,
@@ -143,7 +144,7 @@ def _get_ros_index() -> Any:
 _ROBOT_TITLE = "Unusable robot"
 _FIELDS = (
     "name", "description", "limits", "drives", "locked_joints", "gravity", "base_parameters_tolerance",
-    "has", "has_not",
+    "has", "has_not", "base",
 )  # fmt: skip
 _CONTENT = "/description/content"
 _DRIVE_FIELDS = ("drive_gain", "gear_ratio", "torque_constant", "amplifier_gain", "coupling")
@@ -163,6 +164,7 @@ def load_robot(
     locked_joints: Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
     hardware: Mapping[str, bool] | None = None,
+    base: BaseKind | None = None,
 ) -> Robot:
     """Read a robot.
 
@@ -190,6 +192,8 @@ def load_robot(
         Whether the robot has a part: "gravity_compensator", "spring" (or a cable that pulls a joint to a position),
         "cable" (between two links), "coupled_wrist". A diagnosis does not propose what is not there, and asks about
         what nobody has said. In a file these are the lists `has` and `has_not`.
+    base : {"fixed", "floating", "planar"}, optional
+        How the root link moves; by default as the description says. See docs/how-to/floating-base.md.
 
     Returns
     -------
@@ -219,6 +223,7 @@ def load_robot(
         "gravity": None if gravity is None else tuple(gravity),
         "has": has,
         "has_not": has_not,
+        "base": base,
     }
     robot = _read_robot(source, name, stated)
     return robot if drive_gains is None else set_drive_gains(robot, drive_gains)
@@ -359,6 +364,7 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
         locked_joints={**locked, **stated["locked_joints"]},
         gravity=stated["gravity"]
         or (None if gravity is None else expect_numbers(gravity, 3, "/gravity", _ROBOT_TITLE)),
+        base=stated["base"] or document.get("base"),
         **_merge_hardware(document, stated),
     )
 

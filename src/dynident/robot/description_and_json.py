@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NotRequired, Protocol, TypedDict
 
 from dynident.errors import DynidentError
 from dynident.robot.description_formats import FORMATS, DescriptionFormat
 from dynident.robot.dh_text import robot_from_dh_text
+from dynident.robot.joint import BASE_JOINTS, BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits_and_drives import Drive, Limits, check_hardware
 from dynident.robot.mjcf_reader import robot_from_mjcf
@@ -17,6 +19,7 @@ from dynident.robot.robot_model import Description, Robot
 from dynident.robot.urdf_reader import robot_from_urdf
 
 _POINTER = "/description/content"
+_BASE_TITLE = "Unusable base"
 
 
 class _Reader(Protocol):
@@ -34,12 +37,9 @@ class _Reader(Protocol):
     ) -> Robot: ...
 
 
-_READERS: dict[DescriptionFormat, _Reader] = {
-    "urdf": robot_from_urdf,
-    "modified_dh": robot_from_modified_dh,
-    "mjcf": robot_from_mjcf,
-    "dh": robot_from_dh_text,
-}
+_TREE_READERS = {"urdf": robot_from_urdf, "mjcf": robot_from_mjcf}
+"""Formats that describe a root link, whose base may move."""
+_TABLE_READERS: dict[DescriptionFormat, _Reader] = {"modified_dh": robot_from_modified_dh, "dh": robot_from_dh_text}
 
 
 def robot_from_description(
@@ -52,6 +52,7 @@ def robot_from_description(
     gravity: Sequence[float] | None = None,
     has: Sequence[str] = (),
     has_not: Sequence[str] = (),
+    base: BaseKind | None = None,
 ) -> Robot:
     """Return the robot of a description, with settings that override or complete it.
 
@@ -72,6 +73,9 @@ def robot_from_description(
         Acceleration of gravity in the base frame (m/s²); else the description's, else (0, 0, -9.81).
     has, has_not : sequence of str
         Parts that the robot has or does not have, of `dynident.robot.stated_settings.HARDWARE`.
+    base : {"fixed", "floating", "planar"}, optional
+        How the root link moves. By default as the description says: a floating joint of a URDF, or a free joint of an
+        MJCF, that carries the root link makes a floating base.
 
     Returns
     -------
@@ -83,7 +87,8 @@ def robot_from_description(
     DynidentError
         Its pointer says where: "/description/content/…", "/limits/<joint>/position", "/locked_joints/<joint>", ….
     """
-    reader = _READERS.get(description.format)
+    of_tree = _TREE_READERS.get(description.format)
+    reader: _Reader | None = _TABLE_READERS.get(description.format) if of_tree is None else partial(of_tree, base=base)
     if reader is None:
         raise DynidentError(
             f"Unknown format '{description.format}'; expected {join_names(FORMATS.names)}.",
@@ -91,6 +96,16 @@ def robot_from_description(
             title="Unusable robot description",
         )
     check_hardware(has, has_not)
+    if base not in (None, *BASE_JOINTS):
+        raise DynidentError(
+            f"The base is '{base}'; expected {join_names(BASE_JOINTS)}.", pointer="/base", title=_BASE_TITLE
+        )
+    if base not in (None, "fixed") and of_tree is None:
+        raise DynidentError(
+            f"A Denavit-Hartenberg table describes no root link, so its base cannot be {base}: give a URDF or an MJCF.",
+            pointer="/base",
+            title=_BASE_TITLE,
+        )
     robot = reader(
         name,
         description.content,
@@ -143,6 +158,7 @@ class RobotDocument(TypedDict):
     joints_without_torque: NotRequired[Sequence[str]]
     has: NotRequired[Sequence[str]]
     has_not: NotRequired[Sequence[str]]
+    base: NotRequired[BaseKind]
 
 
 def robot_to_document(robot: Robot) -> RobotDocument:
@@ -161,7 +177,7 @@ def robot_to_document(robot: Robot) -> RobotDocument:
     document: RobotDocument = {
         "name": robot.name,
         "description": {"format": robot.description.format, "content": robot.description.content},
-        "limits": {joint.name: _limits_to_document(joint.limits) for joint in robot.tree.joints},
+        "limits": {joint.name: _limits_to_document(joint.limits) for joint in robot.tree.joints[robot.n_base :]},
         "drives": {
             joint.name: _drive_to_document(drive)
             for joint, drive in zip(robot.joints, robot.drives, strict=True)
@@ -172,6 +188,8 @@ def robot_to_document(robot: Robot) -> RobotDocument:
     }
     if robot.joints_without_torque:
         document["joints_without_torque"] = list(robot.joints_without_torque)
+    if robot.base != "fixed":
+        document["base"] = robot.base
     if robot.has:
         document["has"] = list(robot.has)
     if robot.has_not:
@@ -201,6 +219,7 @@ def robot_from_document(document: RobotDocument) -> Robot:
         gravity=document["gravity"],
         has=document.get("has", ()),
         has_not=document.get("has_not", ()),
+        base=document.get("base"),
     )
     return replace(robot, joints_without_torque=tuple(document.get("joints_without_torque", ())))
 
