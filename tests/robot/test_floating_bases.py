@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.robot.test_clamped_bases import INERTIAL, MJCF, URDF
+from test_clamped_bases import INERTIAL, MJCF, URDF
 
 from dynident.array_types import FloatArray
 from dynident.effects import LINKS, ReferenceParameters, Signals, build_columns

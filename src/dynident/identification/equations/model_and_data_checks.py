@@ -241,7 +241,8 @@ def check_torque(model: Model, torque: Reduction) -> None:
     """
     dead = [
         name
-        for name, equation in zip(model.robot.joint_names, torque.equations, strict=True)
+        # On a base that nothing touches no torque acts.
+        for name, equation in list(zip(model.robot.joint_names, torque.equations, strict=True))[model.robot.n_base :]
         if equation.whole_factor[:, :-1].any() and not equation.whole_factor[:, -1].any()
     ]
     if dead:
