@@ -123,6 +123,8 @@ class RevisionOptions(TypedDict, total=False):
 class RobotOptions(TypedDict, total=False):
     """A request to store a robot."""
 
+    base: Literal["fixed", "floating", "planar"] | None
+    """How the root link moves; null: as the description says, such as by a floating joint."""
     base_parameters_tolerance: float | None
     """Share of a column that other columns may leave unexplained."""
     drives: Mapping[str, Drive]

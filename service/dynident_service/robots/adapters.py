@@ -202,6 +202,7 @@ def build_robot(request: wire.RobotRequest) -> Robot:
         drives=to_requests(request.drives, Drive, "/drives"),
         locked_joints=request.locked_joints,
         gravity=request.gravity,
+        base=request.base,
         has=request.has,
         has_not=request.has_not,
     )
@@ -213,6 +214,7 @@ def describe_robot(robot: Robot, base: wire.BaseParametersView) -> wire.RobotRes
         joints=[_show_joint(robot, index, joint) for index, joint in enumerate(robot.joints)],
         base_parameters=base,
         has_inertias=robot.inertias is not None,
+        base=robot.base,
         meshes=[wire.MeshView(name=name, links=list(links)) for name, links in list_collision_meshes(robot).items()],
     )
 

@@ -53,6 +53,8 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
             pointer="/format",
             title="No such format",
         )
+    if format in ("urdf", "mjcf"):
+        identification.model.robot.require_fixed_base(f"export as {format}")
     return _add_notes(WRITERS[format](identification, nearest), identification)
 
 

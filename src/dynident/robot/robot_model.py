@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.errors import DynidentError
 from dynident.robot.description_formats import DescriptionFormat
 from dynident.robot.joint import BASE_JOINTS, BaseKind, Joint
 from dynident.robot.limits_and_drives import Drive
@@ -170,6 +171,21 @@ class Robot:
     def n_base(self) -> int:
         """Number of coordinates of the base, which are the first joints: 0 for a fixed one."""
         return len(BASE_JOINTS[self.base])
+
+    def require_fixed_base(self, purpose: str) -> None:
+        """Raise where the base moves: `purpose`, such as "a design of a motion", is for fixed bases alone.
+
+        Raises
+        ------
+        DynidentError
+        """
+        if self.base != "fixed":
+            raise DynidentError(
+                f"{self.name} has a {self.base} base, and there is no {purpose} for a base that moves. Read the robot "
+                "with base fixed, as if it were held in a stand.",
+                pointer="/robot",
+                title="Not for a base that moves",
+            )
 
     @property
     def n_massless(self) -> int:
