@@ -45,6 +45,7 @@ def load_robot_argument(text: str, additions: RobotAdditions = _NOTHING_BESIDE) 
         locked_joints=option_parsers.parse_locks(additions.lock),
         gravity=upright,
         base=option_parsers.parse_base(additions.base),
+        contacts=option_parsers.split_contacts(additions.contacts),
         hardware={**dict.fromkeys(has, True), **dict.fromkeys(has_not, False)},
     )
     return with_gains(robot, additions.drive_gains)

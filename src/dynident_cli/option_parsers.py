@@ -107,6 +107,11 @@ def parse_base(text: str) -> BaseKind | None:
     return kinds.get(text)
 
 
+def split_contacts(text: str) -> list[str]:
+    """Split names of contacts; between points of links, which have commas themselves, stand semicolons."""
+    return [item.strip() for item in text.split(";" if "@" in text else ",") if item.strip()]
+
+
 def parse_windows(
     texts: Sequence[str], names: Sequence[str], neighbours: Collection[str] = ()
 ) -> dict[str, tuple[Window, ...]]:

@@ -106,6 +106,14 @@ class RobotAdditions:
             help="How the root link moves: fixed, floating or planar. By default as the description says.",
         ),
     ] = ""
+    contacts: Annotated[
+        str,
+        typer.Option(
+            "--contacts",
+            metavar="LINK,…",
+            help="Feet of a floating robot whose forces were not measured; they are eliminated from the equations.",
+        ),
+    ] = ""
     has: Annotated[str, typer.Option("--has", metavar="PART,…", help=f"Parts of the robot: {', '.join(HARDWARE)}.")] = (
         ""
     )

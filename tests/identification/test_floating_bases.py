@@ -87,6 +87,36 @@ def test_mass_friction_and_rotors_are_found_whatever_holds_the_robot(
         assert errors[name].held_out < 0.02
 
 
+def stand_on_shin(tmp_path: Path, seed: int) -> Path:
+    """Write a log of the walker whose shin carries it, on ground that moves and of whose force nothing is recorded."""
+    model, motion = build_model(), draw_motion(seed)
+    data = model.createData()
+    torque, wrench = compute_motor_torque(motion)
+    for k in range(len(motion.t)):
+        jacobian = pin.computeFrameJacobian(
+            model, data, motion.q[k], model.getFrameId("shin"), pin.ReferenceFrame.LOCAL
+        )
+        force = np.linalg.solve(jacobian[:, :6].T, wrench[k])
+        torque[k] -= jacobian[:, 6:].T @ force
+    return write_log(tmp_path / f"stand{seed}.csv", motion, torque, noise=0.01, seed=seed)
+
+
+def test_unknown_forces_of_the_ground_are_eliminated(tmp_path: Path) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    robot = dy.load_robot(tmp_path / "walker.urdf", base="floating", contacts=["shin"])
+    recordings = dy.read_recordings(*(stand_on_shin(tmp_path, seed) for seed in (1, 2, 3)), robot=robot)
+    model = dy.identify(robot, recordings[:2], validation=recordings[2:])
+    rows = {row.name: row for row in model.parameters}
+    # A link that stands shows nothing of its own mass: what it carries is the rest.
+    assert rows["M6"].value == pytest.approx(MASS - 1.2, rel=0.01)
+    for k in range(3):
+        assert rows[f"Fc{7 + k}"].value == pytest.approx(COULOMB[k], rel=0.03)
+        assert rows[f"Ia{7 + k}"].value == pytest.approx(ROTOR[k], rel=0.05)
+    assert all(row.held_out < 0.02 for row in model.errors)
+    with pytest.raises(DynidentError, match="walker has contacts, whose unknown forces are eliminated"):
+        dy.identify(robot, recordings[:2], choices=dy.IdentificationChoices(model="power"))
+
+
 def test_equation_types_that_a_moving_base_has_not_are_refused(robot: Robot, tmp_path: Path) -> None:
     recordings = dy.read_recordings(*write_runs(tmp_path, "harness", (1,)), robot=robot)
     with pytest.raises(DynidentError, match="walker has a floating base"):

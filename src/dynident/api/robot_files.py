@@ -18,6 +18,7 @@ from dynident.errors import DynidentError
 from dynident.known_robots import locate_robot
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot import Description, Drive, Limits, Robot, robot_from_description, robot_from_library
+from dynident.robot.contacts import check_contacts, parse_contact
 from dynident.robot.description_formats import FORMATS, DescriptionFormat
 from dynident.robot.joint import BaseKind
 from dynident.robot.json_fields import (
@@ -165,6 +166,7 @@ def load_robot(
     gravity: Sequence[float] | None = None,
     hardware: Mapping[str, bool] | None = None,
     base: BaseKind | None = None,
+    contacts: Sequence[str] = (),
 ) -> Robot:
     """Read a robot.
 
@@ -194,6 +196,9 @@ def load_robot(
         what nobody has said. In a file these are the lists `has` and `has_not`.
     base : {"fixed", "floating", "planar"}, optional
         How the root link moves; by default as the description says. See docs/how-to/floating-base.md.
+    contacts : sequence of str
+        Links of a robot with a floating base on which forces act that nobody measured, such as its feet: "left_foot",
+        or a point of a link in its frame (m), "calf@0,0,-0.21". They are eliminated from its equations.
 
     Returns
     -------
@@ -226,6 +231,8 @@ def load_robot(
         "base": base,
     }
     robot = _read_robot(source, name, stated)
+    if contacts:
+        robot = replace(robot, contacts=check_contacts(robot, [parse_contact(text) for text in contacts]))
     return robot if drive_gains is None else set_drive_gains(robot, drive_gains)
 
 

@@ -27,6 +27,7 @@ from dynident.recordings import (
 )
 from dynident.recordings.recording import ModelChecks
 from dynident.robot import Robot, coupling_matrix
+from dynident.robot.contacts import compute_contact_projection
 from dynident.robot.forward_kinematics import project_wrench
 
 
@@ -57,7 +58,18 @@ def build_recorded_joints(robot: Robot) -> RecordedJoints:
     def project(link: str, q: FloatArray, wrench: FloatArray, in_world: bool) -> FloatArray:
         return project_wrench(robot, q, links[link], wrench, in_world=in_world)
 
-    return replace(joints, n_base=robot.n_base, links=tuple(links), project_wrench=project)
+    joints = replace(joints, n_base=robot.n_base, links=tuple(links), project_wrench=project)
+    if not robot.contacts:
+        return joints
+
+    def project_contacts(q: FloatArray, tau: FloatArray) -> FloatArray:
+        out = np.full(tau.shape, np.nan)
+        # Rows without a number, as before an estimator runs, stay without one.
+        known = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
+        out[known] = np.einsum("mij,mj->mi", compute_contact_projection(robot, q[known]), tau[known])
+        return out
+
+    return replace(joints, project_contacts=project_contacts)
 
 
 def import_for_robot(
@@ -106,6 +118,8 @@ def build_support_check(robot: Robot) -> ModelChecks:
     """
 
     def check(recording: Recording, q: Sequence[str], _: Sequence[str], /) -> tuple[Check, ...]:
+        if robot.contacts:
+            return ()
         gravity = float(np.linalg.norm(robot.gravity))
         for segment in recording.segments:
             fall = gravity * (segment.length * recording.period) ** 2 / 8.0

@@ -306,7 +306,7 @@ class ReactionSource:
 
     def rows(self, layout: Layout) -> Iterator[RawRows]:
         """Yield everything that the layout names."""
-        project = self._joints.project_wrench
+        project, without_contacts = self._joints.project_wrench, self._joints.project_contacts
         assert project is not None
         further = tuple(column for reaction in self._reactions for column in reaction.columns)
         extended = _WithReactions(**vars(layout), further=further)
@@ -317,6 +317,8 @@ class ReactionSource:
             for k, reaction in enumerate(self._reactions):
                 wrench = rows.values[:, width + 6 * k : width + 6 * k + 6]
                 values[:, tau] += project(reaction.link, values[:, q], wrench, reaction.in_world)
+            if without_contacts is not None:
+                values[:, tau] = without_contacts(values[:, q], values[:, tau])
             yield rows._replace(values=values)
 
 
@@ -324,6 +326,9 @@ def report_base(joints: RecordedJoints, reactions: Sequence[Reaction]) -> tuple[
     """Return what acts on the base by the columns of the file; nothing for a fixed base."""
     if not joints.n_base:
         return ()
+    if joints.project_contacts is not None:
+        detail = "The unknown forces of the contacts are eliminated: torques and equations are projected."
+        return (Check("base_forces", "ok", detail),)
     if not reactions:
         detail = (
             "The file has no wrench of the surroundings on a link (columns <link>_fx … <link>_mz): it is read as that "

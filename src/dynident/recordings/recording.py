@@ -65,6 +65,8 @@ class RecordedJoints:
     project_wrench : function, optional
         Returns torques Jᵀw (m, n) of a link's wrench: called with its name, positions (m, n), the wrench (m, 6), and
         whether that is along the axes of the world about its origin.
+    project_contacts : function, optional
+        Returns torques (m, n) without what unknown contact forces add, of positions and torques (m, n).
 
     Raises
     ------
@@ -79,6 +81,7 @@ class RecordedJoints:
     n_base: int = 0
     links: Sequence[str] = ()
     project_wrench: WrenchProjection | None = None
+    project_contacts: Callable[[FloatArray, FloatArray], FloatArray] | None = None
 
     def __post_init__(self) -> None:
         counts = [len(values) for values in (self.limits, self.gains) if values is not None]

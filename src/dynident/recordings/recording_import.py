@@ -150,7 +150,7 @@ def import_recording(
     layout, torque_source = find_columns(file.names, joints, metadata)
     # A torque column without any number would leave out every row: it counts as not recorded instead.
     layout = mark_empty_torques(layout, file)
-    source = RestartingSource(ReactionSource(file, reactions, joints) if reactions else file)
+    source = RestartingSource(ReactionSource(file, reactions, joints) if reactions or joints.project_contacts else file)
     destination = Path(destination_path)
     # In the same folder, so that the finished file takes its place in one step.
     with NamedTemporaryFile(dir=destination.parent, prefix=f".{destination.name}.", delete=False) as unfinished:

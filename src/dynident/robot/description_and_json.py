@@ -8,9 +8,10 @@ from functools import partial
 from typing import NotRequired, Protocol, TypedDict
 
 from dynident.errors import DynidentError
+from dynident.robot.contacts import check_contacts
 from dynident.robot.description_formats import FORMATS, DescriptionFormat
 from dynident.robot.dh_text import robot_from_dh_text
-from dynident.robot.joint import BASE_JOINTS, BaseKind
+from dynident.robot.joint import BASE_JOINTS, BaseKind, Contact
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits_and_drives import Drive, Limits, check_hardware
 from dynident.robot.mjcf_reader import robot_from_mjcf
@@ -146,6 +147,13 @@ class DriveDocument(TypedDict):
     coupling: Mapping[str, float]
 
 
+class ContactDocument(TypedDict):
+    """The fields of `Contact`."""
+
+    link: str
+    point: Sequence[float] | None
+
+
 class RobotDocument(TypedDict):
     """A robot: limits and drives by joint name (only drives that differ from the default), gravity (3,) in m/s²."""
 
@@ -159,6 +167,7 @@ class RobotDocument(TypedDict):
     has: NotRequired[Sequence[str]]
     has_not: NotRequired[Sequence[str]]
     base: NotRequired[BaseKind]
+    contacts: NotRequired[Sequence[ContactDocument]]
 
 
 def robot_to_document(robot: Robot) -> RobotDocument:
@@ -190,6 +199,8 @@ def robot_to_document(robot: Robot) -> RobotDocument:
         document["joints_without_torque"] = list(robot.joints_without_torque)
     if robot.base != "fixed":
         document["base"] = robot.base
+    if robot.contacts:
+        document["contacts"] = [{"link": contact.link, "point": contact.point} for contact in robot.contacts]
     if robot.has:
         document["has"] = list(robot.has)
     if robot.has_not:
@@ -221,7 +232,17 @@ def robot_from_document(document: RobotDocument) -> Robot:
         has_not=document.get("has_not", ()),
         base=document.get("base"),
     )
-    return replace(robot, joints_without_torque=tuple(document.get("joints_without_torque", ())))
+    contacts = [_contact_from_document(fields) for fields in document.get("contacts", ())]
+    return replace(
+        robot,
+        joints_without_torque=tuple(document.get("joints_without_torque", ())),
+        contacts=check_contacts(robot, contacts),
+    )
+
+
+def _contact_from_document(fields: ContactDocument) -> Contact:
+    point = fields["point"]
+    return Contact(fields["link"], None if point is None else (point[0], point[1], point[2]))
 
 
 def _limits_to_document(limits: Limits) -> LimitsDocument:

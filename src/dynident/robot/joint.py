@@ -25,6 +25,30 @@ BASE_JOINTS: dict[BaseKind, tuple[str, ...]] = {
 (rad), R = Rz(yaw) Ry(pitch) Rx(roll). They have no motor: their "torque" is what acts on the base from outside, as a
 generalised force. The angles are singular at a pitch of ±90°."""
 
+
+@dataclass(frozen=True)
+class Contact:
+    """Where the surroundings may act on a robot by a force that nobody measures.
+
+    Parameters
+    ----------
+    link : str
+        Name of the link.
+    point : (x, y, z), optional
+        Point of the link, in its frame (m), where a force acts, as on the foot of a quadruped; by default a force and
+        a moment act on the link, as on a sole.
+
+    Examples
+    --------
+    >>> from dynident.robot.contacts import parse_contact
+    >>> parse_contact("calf@0,0,-0.21")
+    Contact(link='calf', point=(0.0, 0.0, -0.21))
+    """
+
+    link: str
+    point: tuple[float, float, float] | None = None
+
+
 WIDEST_RANGE = {"revolute": 20 * math.pi, "prismatic": 1000.0}
 """Widest range of positions, rad or m, that counts as a limit: the last joint of some arms makes a few turns."""
 

@@ -11,7 +11,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.description_formats import DescriptionFormat
-from dynident.robot.joint import BASE_JOINTS, BaseKind, Joint
+from dynident.robot.joint import BASE_JOINTS, BaseKind, Contact, Joint
 from dynident.robot.limits_and_drives import Drive
 from dynident.text_and_html_tables import join_html, render_paragraph, render_table
 from dynident.text_encoding import escape_surrogates
@@ -121,6 +121,9 @@ class Robot:
         diagnoses ask about the others.
     base : {"fixed", "floating", "planar"}
         Whether the root link moves; its coordinates are then the first joints.
+    contacts : tuple of Contact
+        Links of a robot with a floating base on which unknown forces act, such as feet. Its equations, and the torques
+        of its recordings, are projected so that these forces do not appear in them (`dynident.robot.contacts`).
     """
 
     name: str
@@ -135,6 +138,7 @@ class Robot:
     has: tuple[str, ...] = ()
     has_not: tuple[str, ...] = ()
     base: BaseKind = "fixed"
+    contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", escape_surrogates(self.name))
