@@ -18,6 +18,7 @@ from support.floating_robots import (
     compute_motor_torque,
     draw_motion,
     fly,
+    stand_on_shin,
     write_log,
 )
 
@@ -87,24 +88,15 @@ def test_mass_friction_and_rotors_are_found_whatever_holds_the_robot(
         assert errors[name].held_out < 0.02
 
 
-def stand_on_shin(tmp_path: Path, seed: int) -> Path:
-    """Write a log of the walker whose shin carries it, on ground that moves and of whose force nothing is recorded."""
-    model, motion = build_model(), draw_motion(seed)
-    data = model.createData()
-    torque, wrench = compute_motor_torque(motion)
-    for k in range(len(motion.t)):
-        jacobian = pin.computeFrameJacobian(
-            model, data, motion.q[k], model.getFrameId("shin"), pin.ReferenceFrame.LOCAL
-        )
-        force = np.linalg.solve(jacobian[:, :6].T, wrench[k])
-        torque[k] -= jacobian[:, 6:].T @ force
-    return write_log(tmp_path / f"stand{seed}.csv", motion, torque, noise=0.01, seed=seed)
-
-
 def test_unknown_forces_of_the_ground_are_eliminated(tmp_path: Path) -> None:
     (tmp_path / "walker.urdf").write_text(WALKER)
     robot = dy.load_robot(tmp_path / "walker.urdf", base="floating", contacts=["shin"])
-    recordings = dy.read_recordings(*(stand_on_shin(tmp_path, seed) for seed in (1, 2, 3)), robot=robot)
+    files = []
+    for seed in (1, 2, 3):
+        motion = draw_motion(seed)
+        torque, _ = stand_on_shin(motion)
+        files.append(write_log(tmp_path / f"stand{seed}.csv", motion, torque, noise=0.01, seed=seed))
+    recordings = dy.read_recordings(*files, robot=robot)
     model = dy.identify(robot, recordings[:2], validation=recordings[2:])
     rows = {row.name: row for row in model.parameters}
     # A link that stands shows nothing of its own mass: what it carries is the rest.

@@ -151,3 +151,16 @@ def write_log(
     table = np.column_stack(list(columns.values()))
     np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.10g")
     return path
+
+
+def stand_on_shin(motion: Motion) -> tuple[FloatArray, FloatArray]:
+    """Return motor torques (m, 3) of the walker whose shin carries it, and the wrench (m, 6) of the ground on it."""
+    model = build_model()
+    data = model.createData()
+    torque, wrench = compute_motor_torque(motion)
+    force = np.zeros_like(wrench)
+    for k in range(len(motion.t)):
+        jacobian = pin.computeFrameJacobian(model, data, motion.q[k], model.getFrameId("shin"), pin.LOCAL)
+        force[k] = np.linalg.solve(jacobian[:, :6].T, wrench[k])
+        torque[k] -= jacobian[:, 6:].T @ force[k]
+    return torque, force

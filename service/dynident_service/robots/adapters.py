@@ -203,6 +203,7 @@ def build_robot(request: wire.RobotRequest) -> Robot:
         locked_joints=request.locked_joints,
         gravity=request.gravity,
         base=request.base,
+        contacts=request.contacts,
         has=request.has,
         has_not=request.has_not,
     )

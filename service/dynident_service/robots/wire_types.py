@@ -148,6 +148,11 @@ class RobotRequest(RequestModel):
     base: BaseKind | None = Field(
         default=None, description="How the root link moves; null: as the description says, such as by a floating joint."
     )
+    contacts: list[str] = Field(
+        default=[],
+        max_length=20,
+        description="Feet of a floating robot whose forces were not measured: left_foot, or a point, calf@0,0,-0.21",
+    )
     meshes_of: str | None = Field(
         default=None,
         description="A robot whose uploaded meshes are also used for this one, if their names are the same.",

@@ -18,7 +18,6 @@ from dynident.errors import DynidentError
 from dynident.known_robots import locate_robot
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot import Description, Drive, Limits, Robot, robot_from_description, robot_from_library
-from dynident.robot.contacts import check_contacts, parse_contact
 from dynident.robot.description_formats import FORMATS, DescriptionFormat
 from dynident.robot.joint import BaseKind
 from dynident.robot.json_fields import (
@@ -145,7 +144,7 @@ def _get_ros_index() -> Any:
 _ROBOT_TITLE = "Unusable robot"
 _FIELDS = (
     "name", "description", "limits", "drives", "locked_joints", "gravity", "base_parameters_tolerance",
-    "has", "has_not", "base",
+    "has", "has_not", "base", "contacts",
 )  # fmt: skip
 _CONTENT = "/description/content"
 _DRIVE_FIELDS = ("drive_gain", "gear_ratio", "torque_constant", "amplifier_gain", "coupling")
@@ -229,10 +228,9 @@ def load_robot(
         "has": has,
         "has_not": has_not,
         "base": base,
+        "contacts": tuple(contacts),
     }
     robot = _read_robot(source, name, stated)
-    if contacts:
-        robot = replace(robot, contacts=check_contacts(robot, [parse_contact(text) for text in contacts]))
     return robot if drive_gains is None else set_drive_gains(robot, drive_gains)
 
 
@@ -372,6 +370,7 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
         gravity=stated["gravity"]
         or (None if gravity is None else expect_numbers(gravity, 3, "/gravity", _ROBOT_TITLE)),
         base=stated["base"] or document.get("base"),
+        contacts=stated["contacts"] or document.get("contacts") or (),
         **_merge_hardware(document, stated),
     )
 

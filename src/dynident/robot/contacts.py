@@ -44,23 +44,35 @@ def parse_contact(text: str) -> Contact:
     return Contact(link.strip(), (x, y, z))
 
 
-def check_contacts(robot: Robot, contacts: Sequence[Contact]) -> tuple[Contact, ...]:
-    """Return the contacts of a robot whose base moves.
+def read_contacts(robot: Robot, texts: Sequence[str]) -> tuple[Contact, ...]:
+    """Return the contacts of a robot whose base floats.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    texts : sequence of str
+        As `parse_contact` reads them.
+
+    Returns
+    -------
+    tuple of Contact
 
     Raises
     ------
     DynidentError
-        For a fixed base, or a contact on a link that does not move by itself.
+        For another base, a contact on a link that does not move by itself, or a point that is not three numbers.
     """
-    if contacts and robot.base != "floating":
+    if texts and robot.base != "floating":
         raise DynidentError(
             f"Contacts are eliminated from the equations of a floating base, but {robot.name} has a {robot.base} one.",
             pointer="/contacts",
             title=_TITLE,
         )
+    contacts = tuple(parse_contact(text) for text in texts)
     for contact in contacts:
         _find_link(robot, contact)
-    return tuple(contacts)
+    return contacts
 
 
 def _find_link(robot: Robot, contact: Contact) -> int:

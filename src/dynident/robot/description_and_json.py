@@ -8,10 +8,10 @@ from functools import partial
 from typing import NotRequired, Protocol, TypedDict
 
 from dynident.errors import DynidentError
-from dynident.robot.contacts import check_contacts
+from dynident.robot.contacts import read_contacts
 from dynident.robot.description_formats import FORMATS, DescriptionFormat
 from dynident.robot.dh_text import robot_from_dh_text
-from dynident.robot.joint import BASE_JOINTS, BaseKind, Contact
+from dynident.robot.joint import BASE_JOINTS, BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits_and_drives import Drive, Limits, check_hardware
 from dynident.robot.mjcf_reader import robot_from_mjcf
@@ -54,6 +54,7 @@ def robot_from_description(
     has: Sequence[str] = (),
     has_not: Sequence[str] = (),
     base: BaseKind | None = None,
+    contacts: Sequence[str] = (),
 ) -> Robot:
     """Return the robot of a description, with settings that override or complete it.
 
@@ -77,6 +78,8 @@ def robot_from_description(
     base : {"fixed", "floating", "planar"}, optional
         How the root link moves. By default as the description says: a floating joint of a URDF, or a free joint of an
         MJCF, that carries the root link makes a floating base.
+    contacts : sequence of str
+        Links, or points of links, on which forces act that nobody measures: `dynident.robot.contacts.read_contacts`.
 
     Returns
     -------
@@ -116,7 +119,7 @@ def robot_from_description(
         gravity=gravity,
         pointer=_POINTER,
     )
-    return replace(robot, has=tuple(has), has_not=tuple(has_not))
+    return replace(robot, has=tuple(has), has_not=tuple(has_not), contacts=read_contacts(robot, contacts))
 
 
 class DescriptionDocument(TypedDict):
@@ -147,13 +150,6 @@ class DriveDocument(TypedDict):
     coupling: Mapping[str, float]
 
 
-class ContactDocument(TypedDict):
-    """The fields of `Contact`."""
-
-    link: str
-    point: Sequence[float] | None
-
-
 class RobotDocument(TypedDict):
     """A robot: limits and drives by joint name (only drives that differ from the default), gravity (3,) in m/s²."""
 
@@ -167,7 +163,7 @@ class RobotDocument(TypedDict):
     has: NotRequired[Sequence[str]]
     has_not: NotRequired[Sequence[str]]
     base: NotRequired[BaseKind]
-    contacts: NotRequired[Sequence[ContactDocument]]
+    contacts: NotRequired[Sequence[str]]
 
 
 def robot_to_document(robot: Robot) -> RobotDocument:
@@ -200,7 +196,7 @@ def robot_to_document(robot: Robot) -> RobotDocument:
     if robot.base != "fixed":
         document["base"] = robot.base
     if robot.contacts:
-        document["contacts"] = [{"link": contact.link, "point": contact.point} for contact in robot.contacts]
+        document["contacts"] = [str(contact) for contact in robot.contacts]
     if robot.has:
         document["has"] = list(robot.has)
     if robot.has_not:
@@ -231,18 +227,9 @@ def robot_from_document(document: RobotDocument) -> Robot:
         has=document.get("has", ()),
         has_not=document.get("has_not", ()),
         base=document.get("base"),
+        contacts=document.get("contacts", ()),
     )
-    contacts = [_contact_from_document(fields) for fields in document.get("contacts", ())]
-    return replace(
-        robot,
-        joints_without_torque=tuple(document.get("joints_without_torque", ())),
-        contacts=check_contacts(robot, contacts),
-    )
-
-
-def _contact_from_document(fields: ContactDocument) -> Contact:
-    point = fields["point"]
-    return Contact(fields["link"], None if point is None else (point[0], point[1], point[2]))
+    return replace(robot, joints_without_torque=tuple(document.get("joints_without_torque", ())))
 
 
 def _limits_to_document(limits: Limits) -> LimitsDocument:

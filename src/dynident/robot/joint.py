@@ -48,6 +48,9 @@ class Contact:
     link: str
     point: tuple[float, float, float] | None = None
 
+    def __str__(self) -> str:
+        return self.link if self.point is None else f"{self.link}@{','.join(map(repr, self.point))}"
+
 
 WIDEST_RANGE = {"revolute": 20 * math.pi, "prismatic": 1000.0}
 """Widest range of positions, rad or m, that counts as a limit: the last joint of some arms makes a few turns."""
