@@ -31,7 +31,7 @@ from dynident.robot import Robot
 @pytest.fixture(name="robot")
 def walker(tmp_path: Path) -> Robot:
     (tmp_path / "walker.urdf").write_text(WALKER)
-    return dy.load_robot(tmp_path / "walker.urdf", base="floating")
+    return dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating")
 
 
 def push_shin(motion: Motion, seed: int) -> FloatArray:
@@ -90,7 +90,7 @@ def test_mass_friction_and_rotors_are_found_whatever_holds_the_robot(
 
 def test_unknown_forces_of_the_ground_are_eliminated(tmp_path: Path) -> None:
     (tmp_path / "walker.urdf").write_text(WALKER)
-    robot = dy.load_robot(tmp_path / "walker.urdf", base="floating", contacts=["shin"])
+    robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["shin"])
     files = []
     for seed in (1, 2, 3):
         motion = draw_motion(seed)

@@ -22,7 +22,7 @@ PLAIN = ("base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw
 
 def walker(tmp_path: Path, base: str = "floating") -> Robot:
     (tmp_path / "walker.urdf").write_text(WALKER)
-    return dy.load_robot(tmp_path / "walker.urdf", base=base)  # type: ignore[arg-type]
+    return dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), base)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -16,14 +16,14 @@ from dynident.errors import DynidentError
 from dynident.recordings.base_motion import compute_base_angles
 from dynident.robot import Description, robot_from_description
 from dynident.robot.contacts import compute_contact_jacobian, compute_contact_projection, parse_contact
-from dynident.robot.description_and_json import robot_from_document, robot_to_document
+from dynident.robot.description_and_json import robot_from_document, robot_to_document, set_base
 from dynident.robot.joint import Contact
 
 DESCRIPTION = Description("urdf", WALKER)
 
 
 def test_no_force_on_the_contacts_is_left_in_the_projected_torques() -> None:
-    floating = robot_from_description("walker", DESCRIPTION, base="floating")
+    floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
     robot = replace(floating, contacts=(Contact("shin", (0.0, 0.02, -0.4)), Contact("arm")))
     model, motion = build_model(), draw_motion(3, 0.5, 50.0)
     data = model.createData()
@@ -47,13 +47,13 @@ def test_no_force_on_the_contacts_is_left_in_the_projected_torques() -> None:
 
 def test_contacts_are_named_in_text_and_kept_with_the_robot(tmp_path: Path) -> None:
     (tmp_path / "walker.urdf").write_text(WALKER)
-    robot = dy.load_robot(tmp_path / "walker.urdf", base="floating", contacts=["shin@0,0,-0.4", "arm"])
+    robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["shin@0,0,-0.4", "arm"])
     assert robot.contacts == (Contact("shin", (0.0, 0.0, -0.4)), Contact("arm"))
     again = robot_from_document(json.loads(json.dumps(robot_to_document(robot))))
     assert again.contacts == robot.contacts
     with pytest.raises(DynidentError, match="no link 'foot' that moves by itself; links: trunk, thigh, shin, arm"):
-        dy.load_robot(tmp_path / "walker.urdf", base="floating", contacts=["foot"])
+        dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["foot"])
     with pytest.raises(DynidentError, match="floating base, but walker has a fixed one"):
-        dy.load_robot(tmp_path / "walker.urdf", contacts=["shin"])
+        dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), contacts=["shin"])
     with pytest.raises(DynidentError, match="names no point; write three numbers"):
         parse_contact("shin@0,0")

@@ -15,7 +15,7 @@ from dynident.errors import DynidentError
 from dynident.regressors.model_structure import find_inertial_base_parameters
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot import Description, Robot, robot_from_description
-from dynident.robot.description_and_json import robot_from_document, robot_to_document
+from dynident.robot.description_and_json import robot_from_document, robot_to_document, set_base
 from dynident.robot.joint import BASE_JOINTS
 from dynident.robot.pinocchio_conversion import compute_described_torque, from_dynamic_parameters
 
@@ -30,7 +30,7 @@ TREE = f"""<robot name="walker"><link name="trunk">{INERTIAL}</link><link name="
 
 
 def walker(base: str | None = "floating", text: str = TREE) -> Robot:
-    return robot_from_description("walker", Description("urdf", text), base=base)  # type: ignore[arg-type]
+    return set_base(robot_from_description("walker", Description("urdf", text)), base)  # type: ignore[arg-type]
 
 
 def to_free_flyer(
@@ -186,10 +186,10 @@ def test_what_cannot_be_is_refused_with_a_sentence() -> None:
     with pytest.raises(DynidentError, match="The base is 'flying'; expected fixed, floating"):
         walker("flying")
     with pytest.raises(DynidentError, match="no joint 'base_z'"):
-        robot_from_description("walker", Description("urdf", TREE), base="floating", locked_joints={"base_z": 0.0})
-    table = "joint alpha a d theta\n1 0 0 0.3 q1\n2 90 0.2 0 q2\n"
+        robot_from_description("walker", Description("urdf", TREE), locked_joints={"base_z": 0.0})
+    table = "classical\na alpha d theta\n0 pi/2 0.3 q1\n0.4 0 0 q2\n"
     with pytest.raises(DynidentError, match="describes no root link, so its base cannot be floating"):
-        robot_from_description("arm", Description("dh", table), base="floating")
+        set_base(robot_from_description("arm", Description("dh", table)), "floating")
     two = MJCF.replace("</worldbody>", '<body name="ball"><freejoint/><geom size="1"/></body></worldbody>')
     with pytest.raises(DynidentError, match="The bodies trunk, ball all hang on the world"):
         robot_from_description("leg", Description("mjcf", two.format(joint="<freejoint/>", key="")))

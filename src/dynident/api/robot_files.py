@@ -18,8 +18,8 @@ from dynident.errors import DynidentError
 from dynident.known_robots import locate_robot
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot import Description, Drive, Limits, Robot, robot_from_description, robot_from_library
+from dynident.robot.description_and_json import set_base
 from dynident.robot.description_formats import FORMATS, DescriptionFormat
-from dynident.robot.joint import BaseKind
 from dynident.robot.json_fields import (
     expect_mapping,
     expect_number,
@@ -164,8 +164,6 @@ def load_robot(
     locked_joints: Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
     hardware: Mapping[str, bool] | None = None,
-    base: BaseKind | None = None,
-    contacts: Sequence[str] = (),
 ) -> Robot:
     """Read a robot.
 
@@ -193,11 +191,6 @@ def load_robot(
         Whether the robot has a part: "gravity_compensator", "spring" (or a cable that pulls a joint to a position),
         "cable" (between two links), "coupled_wrist". A diagnosis does not propose what is not there, and asks about
         what nobody has said. In a file these are the lists `has` and `has_not`.
-    base : {"fixed", "floating", "planar"}, optional
-        How the root link moves; by default as the description says. See docs/how-to/floating-base.md.
-    contacts : sequence of str
-        Links of a robot with a floating base on which forces act that nobody measured, such as its feet: "left_foot",
-        or a point of a link in its frame (m), "calf@0,0,-0.21". They are eliminated from its equations.
 
     Returns
     -------
@@ -227,8 +220,6 @@ def load_robot(
         "gravity": None if gravity is None else tuple(gravity),
         "has": has,
         "has_not": has_not,
-        "base": base,
-        "contacts": tuple(contacts),
     }
     robot = _read_robot(source, name, stated)
     return robot if drive_gains is None else set_drive_gains(robot, drive_gains)
@@ -361,7 +352,7 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
         for joint, value in _get_object(document, "locked_joints").items()
     }
     gravity = document.get("gravity")
-    return robot_from_description(
+    robot = robot_from_description(
         name,
         _parse_description(document["description"]),
         limits=limits,
@@ -369,10 +360,11 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
         locked_joints={**locked, **stated["locked_joints"]},
         gravity=stated["gravity"]
         or (None if gravity is None else expect_numbers(gravity, 3, "/gravity", _ROBOT_TITLE)),
-        base=stated["base"] or document.get("base"),
-        contacts=stated["contacts"] or document.get("contacts") or (),
         **_merge_hardware(document, stated),
     )
+    if not (document.get("base") or document.get("contacts")):
+        return robot
+    return set_base(robot, document.get("base"), document.get("contacts") or ())
 
 
 def _merge_hardware(document: Mapping[str, Any], stated: Mapping[str, Any]) -> dict[str, list[str]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import NotRequired, Protocol, TypedDict
 
 from dynident.errors import DynidentError
@@ -17,7 +16,8 @@ from dynident.robot.limits_and_drives import Drive, Limits, check_hardware
 from dynident.robot.mjcf_reader import robot_from_mjcf
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.robot.robot_model import Description, Robot
-from dynident.robot.urdf_reader import robot_from_urdf
+from dynident.robot.stated_settings import Settings
+from dynident.robot.urdf_reader import read_urdf, robot_from_urdf
 
 _POINTER = "/description/content"
 _BASE_TITLE = "Unusable base"
@@ -38,9 +38,12 @@ class _Reader(Protocol):
     ) -> Robot: ...
 
 
-_TREE_READERS = {"urdf": robot_from_urdf, "mjcf": robot_from_mjcf}
-"""Formats that describe a root link, whose base may move."""
-_TABLE_READERS: dict[DescriptionFormat, _Reader] = {"modified_dh": robot_from_modified_dh, "dh": robot_from_dh_text}
+_READERS: dict[DescriptionFormat, _Reader] = {
+    "urdf": robot_from_urdf,
+    "modified_dh": robot_from_modified_dh,
+    "mjcf": robot_from_mjcf,
+    "dh": robot_from_dh_text,
+}
 
 
 def robot_from_description(
@@ -53,8 +56,6 @@ def robot_from_description(
     gravity: Sequence[float] | None = None,
     has: Sequence[str] = (),
     has_not: Sequence[str] = (),
-    base: BaseKind | None = None,
-    contacts: Sequence[str] = (),
 ) -> Robot:
     """Return the robot of a description, with settings that override or complete it.
 
@@ -75,11 +76,6 @@ def robot_from_description(
         Acceleration of gravity in the base frame (m/s²); else the description's, else (0, 0, -9.81).
     has, has_not : sequence of str
         Parts that the robot has or does not have, of `dynident.robot.stated_settings.HARDWARE`.
-    base : {"fixed", "floating", "planar"}, optional
-        How the root link moves. By default as the description says: a floating joint of a URDF, or a free joint of an
-        MJCF, that carries the root link makes a floating base.
-    contacts : sequence of str
-        Links, or points of links, on which forces act that nobody measures: `dynident.robot.contacts.read_contacts`.
 
     Returns
     -------
@@ -91,8 +87,7 @@ def robot_from_description(
     DynidentError
         Its pointer says where: "/description/content/…", "/limits/<joint>/position", "/locked_joints/<joint>", ….
     """
-    of_tree = _TREE_READERS.get(description.format)
-    reader: _Reader | None = _TABLE_READERS.get(description.format) if of_tree is None else partial(of_tree, base=base)
+    reader = _READERS.get(description.format)
     if reader is None:
         raise DynidentError(
             f"Unknown format '{description.format}'; expected {join_names(FORMATS.names)}.",
@@ -100,16 +95,6 @@ def robot_from_description(
             title="Unusable robot description",
         )
     check_hardware(has, has_not)
-    if base not in (None, *BASE_JOINTS):
-        raise DynidentError(
-            f"The base is '{base}'; expected {join_names(BASE_JOINTS)}.", pointer="/base", title=_BASE_TITLE
-        )
-    if base not in (None, "fixed") and of_tree is None:
-        raise DynidentError(
-            f"A Denavit-Hartenberg table describes no root link, so its base cannot be {base}: give a URDF or an MJCF.",
-            pointer="/base",
-            title=_BASE_TITLE,
-        )
     robot = reader(
         name,
         description.content,
@@ -119,7 +104,75 @@ def robot_from_description(
         gravity=gravity,
         pointer=_POINTER,
     )
-    return replace(robot, has=tuple(has), has_not=tuple(has_not), contacts=read_contacts(robot, contacts))
+    return replace(robot, has=tuple(has), has_not=tuple(has_not))
+
+
+def set_base(robot: Robot, base: BaseKind | None = None, contacts: Sequence[str] = ()) -> Robot:
+    """Return a robot whose root link moves in another way; it is read anew, and what was stated of it stays.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    base : {"fixed", "floating", "planar"}, optional
+        How its root link moves. By default as the description says: a floating joint of a URDF, or a free joint of an
+        MJCF, that carries the root link makes a floating base.
+    contacts : sequence of str
+        Links of a robot with a floating base on which forces act that nobody measured, such as its feet: "left_foot",
+        or a point of a link in its frame (m), "calf@0,0,-0.21". They are eliminated from its equations.
+
+    Returns
+    -------
+    Robot
+        With the coordinates of the base in front of its joints.
+
+    Raises
+    ------
+    DynidentError
+        For a robot whose description has no root link, such as a Denavit-Hartenberg table, or an unusable contact.
+
+    Examples
+    --------
+    >>> import dynident as dy
+    >>> dy.set_base(dy.load_robot("scara"), "fixed").base
+    'fixed'
+    """
+    if base not in (None, *BASE_JOINTS):
+        raise DynidentError(
+            f"The base is '{base}'; expected {join_names(BASE_JOINTS)}.", pointer="/base", title=_BASE_TITLE
+        )
+    if robot.description.format not in ("urdf", "mjcf"):
+        if base in (None, "fixed"):
+            return replace(robot, contacts=read_contacts(robot, contacts))
+        raise DynidentError(
+            f"A Denavit-Hartenberg table describes no root link, so its base cannot be {base}: give a URDF or an MJCF.",
+            pointer="/base",
+            title=_BASE_TITLE,
+        )
+    name, content = robot.name, robot.description.content
+    limits = {joint.name: joint.limits for joint in robot.tree.joints[robot.n_base :]}
+    drives = {joint.name: drive for joint, drive in zip(robot.joints, robot.drives, strict=True) if drive != Drive()}
+    locked, gravity = robot.locked_joints, robot.gravity
+    if robot.description.format == "urdf":
+        released = read_urdf(name, content, Settings(limits, drives, locked, gravity), base, pointer=_POINTER)
+    else:
+        released = robot_from_mjcf(
+            name,
+            content,
+            limits=limits,
+            drives=drives,
+            locked_joints=locked,
+            gravity=gravity.tolist(),
+            base=base,
+            pointer=_POINTER,
+        )
+    return replace(
+        released,
+        has=robot.has,
+        has_not=robot.has_not,
+        joints_without_torque=robot.joints_without_torque,
+        contacts=read_contacts(released, contacts),
+    )
 
 
 class DescriptionDocument(TypedDict):
@@ -226,9 +279,9 @@ def robot_from_document(document: RobotDocument) -> Robot:
         gravity=document["gravity"],
         has=document.get("has", ()),
         has_not=document.get("has_not", ()),
-        base=document.get("base"),
-        contacts=document.get("contacts", ()),
     )
+    if "base" in document or "contacts" in document:
+        robot = set_base(robot, document.get("base"), document.get("contacts", ()))
     return replace(robot, joints_without_torque=tuple(document.get("joints_without_torque", ())))
 
 

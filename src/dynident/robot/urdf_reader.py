@@ -15,7 +15,7 @@ from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.linkage import link_joints, lock_followers
 from dynident.robot.pinocchio_conversion import ROUNDING_TOLERANCE, DescribedJoints, from_pinocchio, release_base
 from dynident.robot.robot_model import Description, Robot, Tie
-from dynident.robot.stated_settings import build_settings
+from dynident.robot.stated_settings import Settings, build_settings
 from dynident.robot.xml_text import Element, parse_xml, write_xml
 
 TITLE = "Unusable URDF"
@@ -91,28 +91,8 @@ def parse_urdf(text: str, pointer: str = "") -> Element:
     return root
 
 
-def find_clamped_joints(root: Element, locked: Mapping[str, float], pointer: str = "") -> frozenset[str]:
-    """Return the joints of more than one degree of freedom that are locked, such as the base of a robot in a stand.
-
-    Parameters
-    ----------
-    root : Element
-        The root element of the URDF.
-    locked : mapping of str to float
-        Positions of locked joints by name; such a joint can be locked at 0 alone.
-    pointer : str
-        JSON pointer to the text in the caller's request.
-
-    Returns
-    -------
-    frozenset of str
-        Names of the joints.
-
-    Raises
-    ------
-    DynidentError
-        If one is locked elsewhere than at its origin: one number cannot say where.
-    """
+def _find_clamped_joints(root: Element, locked: Mapping[str, float], pointer: str) -> frozenset[str]:
+    """Return the joints of more than one degree of freedom that are locked, at 0, as a base in a stand is."""
     clamped = set()
     for joint in root.iter_children("joint"):
         name, kind = joint.attributes.get("name", ""), joint.attributes.get("type", "")
@@ -126,7 +106,7 @@ def find_clamped_joints(root: Element, locked: Mapping[str, float], pointer: str
     return frozenset(clamped)
 
 
-def find_root_joint(root: Element, base: BaseKind | None, clamped: Collection[str]) -> tuple[str, BaseKind]:
+def _find_root_joint(root: Element, base: BaseKind | None, clamped: Collection[str]) -> tuple[str, BaseKind]:
     """Return the floating joint that carries the root link, "" for none, and how the base moves.
 
     Where the user says nothing of the base (None), the description does; joints in `clamped` are held.
@@ -411,7 +391,6 @@ def robot_from_urdf(
     drives: Mapping[str, Drive] | None = None,
     locked_joints: Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
-    base: BaseKind | None = None,
     rounding_tolerance: float = ROUNDING_TOLERANCE,
     pointer: str = "",
 ) -> Robot:
@@ -435,9 +414,7 @@ def robot_from_urdf(
     locked_joints : mapping of str to float, optional
         Positions (rad, m) of joints that no longer move; their links become part of the link before.
     gravity : sequence of float, optional
-        Acceleration of gravity in the base frame (m/s²), or in the world if the base moves; (0, 0, -9.81) by default.
-    base : {"fixed", "floating", "planar"}, optional
-        How the root link moves; by default it floats if a floating joint carries it, and is fixed otherwise.
+        Acceleration of gravity in the base frame (m/s²), or the world if it moves; (0, 0, -9.81) by default.
     rounding_tolerance : float
         Constants this near to 0, ±1/2, ±1 are mended, see `dynident.robot.pinocchio_conversion`.
     pointer : str
@@ -455,10 +432,23 @@ def robot_from_urdf(
         joint), or a setting does not fit.
     """
     settings = build_settings(limits, drives, locked_joints, gravity)
+    return read_urdf(name, text, settings, rounding_tolerance=rounding_tolerance, pointer=pointer)
+
+
+def read_urdf(
+    name: str,
+    text: str,
+    settings: Settings,
+    base: BaseKind | None = None,
+    *,
+    rounding_tolerance: float = ROUNDING_TOLERANCE,
+    pointer: str = "",
+) -> Robot:
+    """Return the same robot with settings that are checked, on any base; None: as the URDF says."""
     root = parse_urdf(text, pointer)
     locked_by_user = settings.locked_joints
-    clamped = find_clamped_joints(root, locked_by_user, pointer)
-    root_joint, kind = find_root_joint(root, base, clamped)
+    clamped = _find_clamped_joints(root, locked_by_user, pointer)
+    root_joint, kind = _find_root_joint(root, base, clamped)
     tree, ties = reduce_urdf(root, pointer, clamped, root_joint), read_mimics(root, pointer)
     # Clamped joints are fixed ones in the reduced text, so that Pinocchio has none of their names to lock.
     locked = {name: position for name, position in locked_by_user.items() if name not in clamped}
