@@ -67,20 +67,7 @@ def create_key(
 ) -> str:
     """Create a key and store its hash; the key itself is returned only this once.
 
-    Parameters
-    ----------
-    database : Database
-        Database with the keys.
-    name : str
-        Name of the key, and of the account that it acts for.
-    scope : Scope
-        What the key allows.
-    owner : str, optional
-        Who is responsible for it.
-    days : float, optional
-        Days until it expires.
-    limits : QuotaLimits, optional
-        Quotas of its own.
+    `name` is that of the account, too, that it acts for; `days` is how long it is valid.
     """
     # The prefix tells what it is wherever it turns up, also to programs that search for leaked secrets.
     key = f"dynident_{secrets.token_urlsafe(32)}"

@@ -16,6 +16,7 @@ from starlette.types import Scope
 from dynident.version import __version__
 from dynident_service import service_routes, tracing
 from dynident_service.api_keys import KeyRing
+from dynident_service.campaigns import routes as campaigns
 from dynident_service.comparisons import routes as comparisons
 from dynident_service.designs import routes as designs
 from dynident_service.diagnoses import routes as diagnoses
@@ -32,12 +33,11 @@ from dynident_service.problem_responses import REQUEST_ID, SafeHeaders
 from dynident_service.problem_responses import install_handlers as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
 from dynident_service.reports import routes as reports
-from dynident_service.request_limits import Admission, BodyLimit, set_threads
+from dynident_service.request_limits import Admission, BodyLimit, UploadRoom, get_quota_limits, set_threads
 from dynident_service.robots import routes as robots
 from dynident_service.settings import Settings
 from dynident_service.storage_and_engine import Services, open_services
 from dynident_service.tracing import RequestTracing
-from dynident_service.upload_quotas import UploadRoom, get_quota_limits
 from dynident_service.validations import routes as validations
 from dynident_service.workbench import mount_workbench as mount_workbench
 
@@ -62,6 +62,7 @@ ROUTERS = (
     robots.known_router,
     robots.meshes_router,
     service_routes.effects_router,
+    campaigns.router,
     designs.router,
     designs.simulations_router,
     import_routes.router,
@@ -82,18 +83,7 @@ ROUTERS = (
 def create_app(settings: Settings | None = None, fork_server: ForkServer | None = None) -> FastAPI:
     """Assemble the application; nothing is opened before it starts.
 
-    Parameters
-    ----------
-    settings : Settings, optional
-        Settings; those of the environment by default.
-    fork_server : ForkServer, optional
-        Process that child processes are forked from. Several applications of one process may share it; whoever made it
-        closes it.
-
-    Returns
-    -------
-    FastAPI
-        The application.
+    Several applications of one process may share the fork server; whoever made it closes it.
     """
     settings = settings or Settings()
     metrics = Metrics()

@@ -38,17 +38,7 @@ def render_page(
     paths: Mapping[str, Mapping[str, Mapping[str, object]]],
     schemas: Mapping[str, Mapping[str, object]],
 ) -> str:
-    """Render an OpenAPI document as HTML.
-
-    Parameters
-    ----------
-    info : mapping
-        Title, version and description.
-    paths : mapping
-        Operations by path and verb.
-    schemas : mapping
-        Schemas by name.
-    """
+    """Render an OpenAPI document as HTML."""
     title = f"{escape(info['title'])} {escape(info['version'])}"
     body = [
         f"<h1>{title}</h1><p>{escape(info['description'])}</p>",

@@ -17,10 +17,10 @@ from anyio import to_thread
 from fastapi import Request
 
 from dynident_service.fair_queue import SharedPlaces, SharedQueue, Ticket
-from dynident_service.jobs.child_messages import Answer, Call
 from dynident_service.jobs.child_pool import ChildPool, ChildProcess, ForkServer, ProcessExit
 from dynident_service.jobs.confinement import ComputationLimits, Confinement
 from dynident_service.jobs.job_supervisor import measure_processor_time
+from dynident_service.jobs.task_input_output import Answer, Call
 from dynident_service.problems import ProblemError
 from dynident_service.request_limits import find_request_party, mark_long
 
@@ -60,26 +60,10 @@ class InteractiveCompute:
     ) -> T:
         """Call a function in a child process and return its value.
 
-        Parameters
-        ----------
-        request : Request
-            Request that waits; if its client leaves, the child process is killed.
-        function : str
-            Function as "module:name".
-        gives : type
-            Type of the value.
-        arguments : mapping
-            Keyword arguments, plain values.
-        limits : ComputationLimits, optional
-            Limits of the computation.
-        is_long : bool
-            Whether the function reads a file, which may take long.
+        If the client of the request leaves, the child process is killed. `is_long` says that the function reads a file.
 
-        Raises
-        ------
-        ProblemError
-            429 if too many requests wait, 503 if it takes too long, 408 if the client left, or the problem of the
-            function.
+        Raise a `ProblemError`: 429 if too many requests wait, 503 if it takes too long, 408 if the client left, or the
+        problem of the function.
         """
         party = find_request_party(request.scope)
         if not self._waiting.may_take(party):

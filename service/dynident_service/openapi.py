@@ -21,6 +21,7 @@ ANSWERS_FOLDER = "src/dynident_client/answers"
 _REQUESTS = {
     "IdentificationRequest": ("robot_id", "measurement_ids", "validation_ids", "effects"),
     "DesignRequest": ("robot_id", "kind"),
+    "CampaignRequest": ("robot_id", "measurement_ids"),
     "SimulationRequest": ("robot_id", "design_id", "trajectory", "effects"),
     "DiagnosisRequest": ("identification_id", "measurement_ids", "baseline_ids"),
     "DriveGainsRequest": ("robot_id", "unloaded", "loaded", "weigh", "weigh_unloaded"),
@@ -37,11 +38,11 @@ _DESCRIPTIONS = {
 _STATED = _REQUESTS | _DESCRIPTIONS
 _ANSWERS = {
     "comparisons": ("AutocorrelationView", "ComparisonResult", "ResidualMap", "Series", "Spectrum"),
-    "designs": ("DesignClearances", "DesignResult", "SimulationResult"),
-    "diagnoses": ("DiagnosisResult", "Evidence", "SeriesResult"),
+    "designs": ("CampaignStep", "DesignClearances", "DesignResult", "SimulationResult"),
+    "diagnoses": ("DetectionLimitOfJoint", "DiagnosisResult", "Evidence", "SeriesResult"),
     "identifications": (
         *("CorrelationView", "CurrentModelsResult", "EssentialView", "IdentificationResult", "Lineage"),
-        *("ReportResult", "Tables", "VerdictView"),
+        *("PredictedTorqueView", "ReportResult", "Tables", "VerdictView"),
     ),
     "resources": (
         *(

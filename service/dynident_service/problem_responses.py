@@ -14,7 +14,6 @@ from starlette.exceptions import HTTPException as StarletteHTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from dynident.errors import DynidentError
-from dynident_service.log_lines import get_current_request
 from dynident_service.problems import (
     MEDIA_TYPE,
     Problem,
@@ -25,22 +24,15 @@ from dynident_service.problems import (
     to_problem_fields,
 )
 from dynident_service.storage.data_directory import is_disk_full
-from dynident_service.storage.retry_while_away import AWAY, describe_error
+from dynident_service.storage.database import AWAY, describe_error
+from dynident_service.tracing import get_current_request
 
 REQUEST_ID = "X-Request-ID"
 log = logging.getLogger("dynident.service")
 
 
 def respond(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
-    """Return the answer for a problem.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    headers : dict of str to str, optional
-        Further headers.
-    """
+    """Return the answer for a problem."""
     identifier = get_current_request()
     # Set here as well: an answer to an unexpected error does not pass the middleware that adds these headers.
     carried = {**SAFE, **({} if identifier is None else {REQUEST_ID: identifier}), **(headers or {})}
@@ -51,12 +43,7 @@ def respond(problem: Problem, headers: dict[str, str] | None = None) -> JSONResp
 def install_handlers(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
     """Register handlers that turn every error of the application into a problem.
 
-    Parameters
-    ----------
-    app : FastAPI
-        Application.
-    allowed_methods : callable
-        Returns the methods of a path, for the header `Allow` of 405.
+    `allowed_methods` returns the methods of a path, for the header `Allow` of 405.
     """
     app.exception_handler(ProblemError)(_on_problem)
     app.exception_handler(DynidentError)(_on_unusable_input)

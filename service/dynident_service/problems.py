@@ -81,16 +81,7 @@ class ProblemError(Exception):
 def make_problem(status: int, detail: str, *, title: str = "", **more: Unpack[Further]) -> Problem:
     """Create a problem whose type follows from its title, so that programs can tell kinds apart.
 
-    Parameters
-    ----------
-    status : int
-        HTTP status code.
-    detail : str
-        What is wrong, and what to do.
-    title : str
-        Short name of the kind; the phrase of the status by default.
-    **more
-        Optional members.
+    `detail` says what is wrong and what to do; the title is the phrase of the status by default.
     """
     title = title or HTTPStatus(status).phrase
     # The type is made from the title alone: it stays the same whatever the detail says.
@@ -115,12 +106,8 @@ _FIELDS = {"recordings": "measurement_ids", "validation": "validation_ids"}
 def to_problem(error: DynidentError | ProblemError, fields_by_parameter: Mapping[str, str] = _FIELDS) -> Problem:
     """Convert an error that the user can correct into a problem.
 
-    Parameters
-    ----------
-    error : DynidentError or ProblemError
-        What was raised. The library points to its own parameters.
-    fields_by_parameter : mapping of str to str
-        Fields of the request by parameter, where they have other names.
+    The library points to its own parameters: `fields_by_parameter` names the fields of the request that are called
+    otherwise.
     """
     if isinstance(error, ProblemError):
         return error.problem

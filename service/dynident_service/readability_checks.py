@@ -5,19 +5,28 @@ Files are read in a child process, so that one that kills or blocks its reader i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import TracebackType
 
-import dynident_service.app  # noqa: F401 - its routers register what shows each kind of resource
+from dynident_service.campaigns.wire_types import CampaignRequest
+from dynident_service.comparisons.wire_types import ComparisonView
+from dynident_service.designs.wire_types import DesignView, SimulationView
+from dynident_service.diagnoses.wire_types import DiagnosisView, SeriesView
+from dynident_service.drive_gains.wire_types import CurrentModelsView, DriveGainsView
 from dynident_service.identifications.batch_routes import member_ids
-from dynident_service.jobs.child_messages import Answer, Call
+from dynident_service.identifications.routes import show_identification
 from dynident_service.jobs.child_pool import ChildProcess, ForkServer
 from dynident_service.jobs.confinement import REQUEST_MEMORY, AllowedFolders, Confinement
+from dynident_service.jobs.task_input_output import Answer, Call
+from dynident_service.measurements.import_routes import show_import
+from dynident_service.measurements.routes import show_measurement
 from dynident_service.problems import ProblemError
+from dynident_service.reports.wire_types import ReportView
+from dynident_service.robots.routes import show_robot
 from dynident_service.service_routes import show_job
-from dynident_service.shared.resource_routes import SHOW_FUNCTIONS
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.repository_values import Kind, Resource
+from dynident_service.validations.wire_types import ValidationView
 
 LONGEST = 120.0
 """Seconds to read one resource, including the start of the process; as long as a request that reads it may take."""
@@ -93,6 +102,27 @@ _FILES: Mapping[Kind, frozenset[str]] = {
 """What there is of each, once it has been computed."""
 
 
+SHOW_FUNCTIONS: Mapping[Kind, Callable[[Resource], object]] = {
+    "robot": show_robot,
+    "import": show_import,
+    "measurement": show_measurement,
+    "identification": show_identification,
+    "batch": member_ids,
+    # Its steps are resources of their own.
+    "campaign": lambda campaign: CampaignRequest.model_validate(campaign.request),
+    "comparison": ComparisonView.show,
+    "current_models": CurrentModelsView.show,
+    "design": DesignView.show,
+    "diagnosis": DiagnosisView.show,
+    "drive_gains": DriveGainsView.show,
+    "report": ReportView.show,
+    "series": SeriesView.show,
+    "simulation": SimulationView.show,
+    "validation": ValidationView.show,
+}
+"""The function that shows a resource, by kind."""
+
+
 def check_stored_resource(resource: Resource) -> None:
     """Show a resource and its job; raises ValueError, or whatever showing it does, where this service could not."""
     show_resource(resource)
@@ -106,7 +136,4 @@ def show_resource(resource: Resource) -> None:
     """Show a resource and its job, whatever files it has; raises what showing it does where this service cannot."""
     if resource.job is not None:
         show_job(resource.job)
-    if resource.kind == "batch":
-        member_ids(resource)
-    else:
-        SHOW_FUNCTIONS[resource.kind](resource)
+    SHOW_FUNCTIONS[resource.kind](resource)

@@ -147,10 +147,7 @@ class Settings(LogSettings):
 def load_settings(**given: object) -> Settings:
     """Read the settings of the environment; `given` replaces some of them.
 
-    Raises
-    ------
-    DynidentError
-        For an unusable setting, with its name.
+    An unusable setting is refused by its name.
     """
     try:
         return Settings(**given)  # type: ignore[arg-type]

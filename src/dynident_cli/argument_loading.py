@@ -24,8 +24,8 @@ from dynident.robot.description_and_json import set_base
 from dynident.robot.limits_and_drives import check_hardware
 from dynident_cli import option_parsers
 from dynident_cli.command_output import show_progress_bar
-from dynident_cli.input_checks import check_readable
 from dynident_cli.metadata_files import StatedAnswers, accept_proposal, read_metadata
+from dynident_cli.option_parsers import check_readable
 from dynident_cli.request_options import write_option
 from dynident_cli.shared_options import RobotAdditions, TimedReading
 
@@ -75,29 +75,8 @@ def read_recordings(
 ) -> Iterator[tuple[Recordings, Recordings, Progress]]:
     """Read and check measurement files, with a progress bar.
 
-    Parameters
-    ----------
-    title : str
-        What the bar says.
-    paths : sequence of Path
-        Files that the command is about.
-    robot : Robot
-        The robot that they are recordings of.
-    reading : TimedReading
-        How they are read. With `cure`, files that would be refused are read as their checks propose.
-    others : sequence of Path
-        Further files, for example held-out data.
-    friction : collection of Path
-        Those of the files that test the friction of single joints.
-    share : float
-        The share of the bar that reading takes, 0 to 1; the rest is for the computation.
-
-    Yields
-    ------
-    recordings, others : Recordings
-        Those of `paths` and of `others`.
-    progress : callable
-        Reports progress on the part of the bar that reading has left.
+    `friction` are those of the files that test the friction of single joints. Reading takes `share` of the bar; yield
+    the recordings, the others, and a function that reports progress on the rest.
     """
     with show_progress_bar(title) as progress:
         everything = [*paths, *others]

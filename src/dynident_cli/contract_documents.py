@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from dynident.errors import DynidentError
-from dynident_cli.input_checks import read_json_object, read_text
+from dynident_cli.option_parsers import read_json_object, read_text
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, TypeAdapter
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from dynident.identification.identified_models.correlated_and_essential_parameters import EssentialPath
     from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate
     from dynident.motion import Surroundings
-    from dynident.presentation.tables import ReportedTable
     from dynident.recordings import RecordingMetadata
     from dynident.reports import ReportedValidation
     from dynident.robot import Limits, Robot
@@ -178,21 +177,17 @@ def describe_error(error: DynidentError) -> Document:
 
 
 def describe_validation(trial: Trial, outcome: TrialResult, names: Sequence[str]) -> ValidationResult:
-    """Describe a test of a model on the recordings of these names, for `to_document` and `build_validation_tables`."""
+    """Describe a test of a model on the recordings of these names, for `to_document` and its tables."""
     from dynident_service.validations.adapters import describe_validation as describe
 
     return describe(trial, outcome, names)
 
 
-def describe_gains(
-    robot: Robot, gains: DriveGains, loads: Sequence[tuple[str, PayloadEstimate]]
-) -> tuple[Document, list[ReportedTable]]:
-    """Describe drive gains and the loads that were weighed by them, by name: their document, and their tables."""
-    from dynident_service.drive_gains.adapters import build_gain_tables
+def describe_gains(robot: Robot, gains: DriveGains, loads: Sequence[tuple[str, PayloadEstimate]]) -> Document:
+    """Describe drive gains, and the loads that were weighed by them, by name."""
     from dynident_service.drive_gains.adapters import describe_gains as describe
 
-    view = describe(robot, gains, [(name, name, load) for name, load in loads])
-    return to_document(view), list(build_gain_tables(view))
+    return to_document(describe(robot, gains, [(name, name, load) for name, load in loads]))
 
 
 def load_validation(path: Path) -> ValidationResult:
@@ -213,13 +208,6 @@ def load_reported_validation(path: Path, joint_names: Sequence[str]) -> Reported
     from dynident_service.validations.adapters import build_reported_validation
 
     return build_reported_validation(load_validation(path), joint_names)
-
-
-def build_validation_tables(result: ValidationResult, joint_names: Sequence[str]) -> list[ReportedTable]:
-    """Return the tables of a validation."""
-    from dynident_service.validations.adapters import build_validation_tables as build
-
-    return list(build(result, joint_names))
 
 
 def parse_metadata(path: Path, values: Mapping[str, object]) -> RecordingMetadata:

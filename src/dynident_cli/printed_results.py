@@ -49,10 +49,15 @@ from dynident.presentation.model_tables import (
     list_error_kinds,
 )
 from dynident.presentation.recording_tables import ShownRecording, build_recording_table, describe_findings
-from dynident.presentation.validation_and_verdict_tables import VALIDATION_WORDS, build_verdict_tables
+from dynident.presentation.validation_and_verdict_tables import (
+    VALIDATION_WORDS,
+    build_figure_tables,
+    build_verdict_tables,
+)
 from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
 from dynident_cli.command_output import print_tables, write_model
+from dynident_cli.contract_documents import to_document
 
 if TYPE_CHECKING:
     from dynident.api.model import Model
@@ -262,9 +267,7 @@ def show_validation(console: Console, result: ValidationResult, robot: Robot) ->
     """Print the tables of a validation, its verdict, and the reason."""
     names = robot.joint_names
     by_number = {name: str(number) for number, name in enumerate(names, start=1)}
-    from dynident_cli.contract_documents import build_validation_tables
-
-    for reported_table in build_validation_tables(result, names):
+    for reported_table in build_figure_tables(to_document(result), names):
         # Where the terminal is too narrow for the joints' names as columns, their numbers stand there.
         short = by_number if _table_width(reported_table) > console.width else {}
         # Only names of joints are shortened; other heads stay as they are.

@@ -28,12 +28,7 @@ _UNUSABLE = "Unusable option"
 class RequestOptions:
     """Marker in the annotation of a command's parameter: the fields of a request are options of the command.
 
-    Parameters
-    ----------
-    science : type
-        The request dataclass.
-    but : tuple of str
-        Names of fields that are not options.
+    Fields named in `but` are not options.
     """
 
     science: type

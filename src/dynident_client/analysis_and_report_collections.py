@@ -225,6 +225,31 @@ class Diagnoses(Collection[Diagnosis]):
             f"{self.path}/{get_identifier(diagnosis)}/evidence", answers.Evidence, rank=rank, joint=joint
         )
 
+    def why_not(self, diagnosis: Record | str, effect: str, joint: str | None = None) -> answers.Reason:
+        """Read why an effect is, or is not, among those that are recommended.
+
+        Parameters
+        ----------
+        diagnosis : Record or str
+            The diagnosis or its identifier.
+        effect : str
+            Id of the effect.
+        joint : str, optional
+            Name of the joint; by default, the one that the effect explains most.
+
+        Returns
+        -------
+        answers.Reason
+            The reason: code, values, and the sentence `text`.
+        """
+        path = f"{self.path}/{get_identifier(diagnosis)}/why"
+        return self._transport.get(path, answers.Reason, effect=effect, joint=joint)
+
+    def detection_limits(self, diagnosis: Record | str) -> list[answers.DetectionLimitOfJoint]:
+        """Read the smallest size of each effect on each joint that the recordings would have shown (95 %)."""
+        path = f"{self.path}/{get_identifier(diagnosis)}/limits"
+        return self._transport.get(path, list[answers.DetectionLimitOfJoint])
+
 
 class SeriesOfDays(Collection[Series]):
     """Robots over many days."""

@@ -20,7 +20,14 @@ from dynident_client.analysis_and_report_collections import (
 )
 from dynident_client.identification_collection import Identifications
 from dynident_client.resource_objects import Job, Page, Record, get_identifier
-from dynident_client.robot_measurement_design_collections import Designs, Imports, Measurements, Robots, Simulations
+from dynident_client.robot_measurement_design_collections import (
+    Campaigns,
+    Designs,
+    Imports,
+    Measurements,
+    Robots,
+    Simulations,
+)
 from dynident_client.transport import Event, ListPart, Transport
 
 
@@ -106,6 +113,7 @@ class Client:
         self.imports = Imports(self._transport)
         self.measurements = Measurements(self._transport)
         self.designs = Designs(self._transport)
+        self.campaigns = Campaigns(self._transport)
         self.simulations = Simulations(self._transport)
         self.identifications = Identifications(self._transport)
         self.comparisons = Comparisons(self._transport)

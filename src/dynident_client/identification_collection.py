@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, Unpack
 
 from dynident_client import answers
@@ -18,6 +18,7 @@ from dynident_client.resource_objects import (
 )
 
 Effects = Sequence[Mapping[str, object] | str]
+Rows = Iterable[Iterable[float]]
 
 
 class Identifications(LabelledCollection[Identification]):
@@ -147,6 +148,48 @@ class Identifications(LabelledCollection[Identification]):
         """Read for which uses the model is fit and why or why not, and whether to stop: uses, held_out, stop, …."""
         return self._transport.get(f"{self.path}/{get_identifier(identification)}/verdict", answers.VerdictView)
 
+    def predict(
+        self,
+        identification: Record | str,
+        q: Rows,
+        dq: Rows,
+        ddq: Rows,
+        *,
+        t: Iterable[float] | None = None,
+        interval: float | None = None,
+        steady: bool = False,
+    ) -> answers.PredictedTorqueView:
+        """Predict the torque of states, or along a motion.
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+        q, dq, ddq : rows of numbers (m, n)
+            Positions, velocities and accelerations in rad, rad/s and rad/s² (m, m/s and m/s² of joints that slide).
+        t : numbers, optional
+            Times in s, for effects that depend on them or on derivatives of the acceleration.
+        interval : float, optional
+            Probability of intervals, such as 0.95; None for the torque alone.
+        steady : bool
+            Whether each row stands for itself, with friction that slides steadily; otherwise hysteresis remembers the
+            rows before.
+
+        Returns
+        -------
+        answers.PredictedTorqueView
+            Torques in N m or N, with the ends of the intervals where they are asked for.
+        """
+        # Arrays are sent as numbers, too.
+        motion = {
+            name: [[float(value) for value in row] for row in rows]
+            for name, rows in (("q", q), ("dq", dq), ("ddq", ddq))
+        }
+        times = None if t is None else [float(time) for time in t]
+        body = {**motion, "t": times, "interval": interval, "steady": steady}
+        path = f"{self.path}/{get_identifier(identification)}/predictions"
+        return self._transport.post(path, answers.PredictedTorqueView, body)
+
     def lineage(self, identification: Record | str) -> list[answers.LadderStep]:
         """Read the ladder of models that led to this one, the first one first.
 
@@ -187,7 +230,12 @@ class Identifications(LabelledCollection[Identification]):
         format: Literal[
             "json",
             "urdf",
+            "sdf",
             "mjcf",
+            "usd",
+            "fmu",
+            "mjlab",
+            "isaac_lab",
             "c",
             "c_header",
             "cpp_header",
@@ -208,12 +256,12 @@ class Identifications(LabelledCollection[Identification]):
         identification : Record or str
             The model or its identifier.
         format : str
-            "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", or for the load alone "urscript",
-            "franka_load", "kuka_load", "load_urdf".
+            "json", "urdf", "sdf", "mjcf", "usd", "fmu", "mjlab", "isaac_lab", "c", "c_header", "cpp_header", "casadi",
+            or for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
             Format of the file.
         nearest : bool, optional
-            For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that
-            can.
+            For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab): where no bodies that can exist have
+            the identified parameters, write the nearest that can.
         anyway : bool, optional
             Whether a model whose error says that it is not to be used is written, too; it is refused otherwise.
 

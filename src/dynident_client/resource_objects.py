@@ -193,6 +193,52 @@ class Design(Computed[answers.DesignResult]):
     path = "/v1/designs"
 
 
+class Campaign(Record):
+    """Runs of a robot, one after the other, until its torque is predicted as well as asked for."""
+
+    path = "/v1/campaigns"
+
+    @property
+    def state(self) -> str:
+        """asking, designing, waiting, estimating, reached, unreachable or stopped."""
+        return str(self.data["state"])
+
+    @property
+    def sentence(self) -> str:
+        """What to do next, and why."""
+        return str(self.data["decision"]["sentence"])
+
+    @property
+    def robot_time(self) -> float:
+        """Time of all runs so far, s."""
+        return float(self.data["robot_time"])
+
+    @property
+    def promised_error(self) -> float | None:
+        """Relative error of the worst joint that the last motion promises."""
+        return None if self.data["promised"] is None else float(self.data["promised"])
+
+    @property
+    def achieved_error(self) -> float | None:
+        """Relative error of the worst joint after the last run."""
+        return None if self.data["achieved"] is None else float(self.data["achieved"])
+
+    @property
+    def design_id(self) -> str | None:
+        """Identifier of the motion to make; None if none is waiting."""
+        return None if self.data["design_id"] is None else str(self.data["design_id"])
+
+    @property
+    def identification_id(self) -> str | None:
+        """Identifier of the model from all runs; None before the first."""
+        return None if self.data["identification_id"] is None else str(self.data["identification_id"])
+
+    @property
+    def steps(self) -> list[answers.CampaignStep]:
+        """Motions that were asked for and recordings that were told, in order."""
+        return list(self.data["steps"])
+
+
 class Simulation(Computed[answers.SimulationResult]):
     """A virtual robot's recorded motion."""
 

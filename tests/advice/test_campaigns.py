@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import dynident as dy
 from dynident.advice.campaign import add_run, decide, plan_run, start_campaign
 from dynident.advice.campaign_request import CampaignRequest
-from dynident.advice.prediction_error import RegionRows, compute_region_rows, predict_errors
+from dynident.advice.prediction_error import RegionRows, compute_region_rows, follows_design, predict_errors
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.design_criterion import build_design_criterion
 from dynident.excitation.criteria.optimality_criteria import compute_true_values
@@ -137,6 +137,17 @@ def test_decisions_say_what_is_in_the_way():
     assert (hopeless.code, "Give more minutes" in hopeless.sentence) == ("not_reachable", True)
     broken = decided(parameters=0.5, lacking=0.0, promised=0.01)
     assert "less than promised" in broken.sentence
+
+
+def test_a_promise_counts_for_its_own_motion_alone():
+    plan, state, following = first_run()
+    own = recorded(following.design, "run2")
+    assert follows_design(own, following.design)
+    assert not follows_design(own, plan.design)
+    # The first motion is slow and small.
+    assert not follows_design(state.recordings[0], following.design)
+    other = add_run(state, recorded(plan.design, "run3"), following)
+    assert other.runs[-1].promised is None
 
 
 def test_a_run_is_told_once_and_only_motions_of_all_joints_add_up():

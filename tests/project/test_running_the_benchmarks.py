@@ -45,7 +45,6 @@ SMALL = {
     "next_experiment": "--cases 1",
     "outlying_spans": "--cases 1 --processes 1",
     "placebo": "--shifts 1 --arms 1 --only simulated",
-    "recordings_on_a_cluster": "--recordings 2 --samples 50000 --times 1",
     "recordings_side_by_side": "--recordings 2 --samples 50000",
     "regressor_throughput": "",
     "reidentification": "",

@@ -28,12 +28,6 @@ class WithoutScience(ForkServer):
     PROGRAM = (str(Path(__file__)), "without_science")
 
 
-class Sharing(ForkServer):
-    """One with the science whose children share what is small, too, with other workers, and note who reduces what."""
-
-    PROGRAM = (str(Path(__file__)), "sharing")
-
-
 class StandingBack(ForkServer):
     """One for small jobs whose children stand back as those of the service do."""
 
@@ -51,11 +45,7 @@ def main() -> None:
     child_process.HEARTBEAT = HEARTBEAT
     if what != "standing_back":
         child_process.STANDS_BACK = 0
-    if what == "sharing":
-        from shared_parts import share_what_is_small
-
-        share_what_is_small()
-    elif what != "with_science":
+    if what != "with_science":
         fork_server_main.PRELOADED = ()
     fork_server_main.main()
 

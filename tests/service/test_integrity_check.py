@@ -162,4 +162,4 @@ def test_the_check_alone_knows_how_each_kind_is_shown() -> None:
         "print(sorted(set(typing.get_args(Kind)) - set(checks.SHOW_FUNCTIONS)), 'numpy' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "['batch'] False"
+    assert done.stdout.strip() == "[] False"

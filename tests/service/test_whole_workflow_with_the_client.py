@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import httpx2
+import numpy as np
 import pytest
 
 from dynident.robot import library_table
@@ -68,6 +69,11 @@ def test_a_hidden_effect_is_found_added_and_reported(live: Client, tmp_path: Pat
     first = diagnosis.result["candidates"][0]
     assert (first["effect"], first["joints"]) == ("joint_spring", [joint])
 
+    assert live.diagnoses.why_not(diagnosis, first["effect"], joint)["code"] == "accepted"
+    assert {row["effect"] for row in live.diagnoses.detection_limits(diagnosis)} > {first["effect"]}
+    predicted = live.identifications.predict(model, np.zeros((1, 4)), np.zeros((1, 4)), np.zeros((1, 4)), interval=0.9)
+    assert predicted["lower"] is not None
+    assert (np.array(predicted["lower"]) < np.array(predicted["torque"])).all()
     drawn = live.diagnoses.evidence(diagnosis, 1)
     assert (drawn["effect"], drawn["joint"], drawn["variable"]) == ("joint_spring", joint, "position")
     assert drawn["explained"] > 0.3

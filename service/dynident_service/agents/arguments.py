@@ -38,10 +38,7 @@ _TITLE = "Outside of the folder"
 class Folder:
     """A folder, as far as tools may reach: files in it, and none that a link, `..` or an absolute path leads to.
 
-    Parameters
-    ----------
-    root : Path
-        The folder; the process works in it, so that paths of messages are relative to it.
+    The process works in it, so that paths of messages are relative to it.
     """
 
     def __init__(self, root: Path) -> None:
@@ -50,10 +47,7 @@ class Folder:
     def find_recording(self, text: str, pointer: str) -> Path:
         """Return the path of a recording, whose files may be joined by +.
 
-        Raises
-        ------
-        DynidentError
-            Where a file is outside of the folder, or is not there.
+        Refuse a file that is outside of the folder, or not there.
         """
         # Parts are looked at one by one before any is opened: the second of `a.csv+../b.csv` could lead outside.
         for part in text.split(JOINT):
@@ -85,10 +79,7 @@ class Folder:
     def find_new_file(self, text: str, pointer: str) -> Path:
         """Return the path of a file to write.
 
-        Raises
-        ------
-        DynidentError
-            Where it is outside of the folder, or would replace a file: recordings lie there, too.
+        Refuse one that is outside of the folder, or would replace a file: recordings lie there, too.
         """
         path = Path(text)
         self._check_inside(path, pointer)
@@ -267,23 +258,7 @@ def read_recordings(
 ) -> dy.Recordings:
     """Return the recordings of an argument, read and checked.
 
-    Parameters
-    ----------
-    folder : Folder
-        The folder that they lie in.
-    robot : Robot
-        The robot that was recorded.
-    recordings : sequence of str or RecordingFile
-        The argument.
-    place : str
-        Its name, for messages.
-    progress : function
-        Called with the fraction done and a message.
-
-    Returns
-    -------
-    Recordings
-        In their order; empty where the argument is.
+    Returned in their order; `place` is the argument's name, for messages.
     """
     stated = [RecordingFile(path=item) if isinstance(item, str) else item for item in recordings]
     # All of them are looked for before the first is read, which may take minutes.

@@ -76,18 +76,7 @@ def _locate(error: ValidationError) -> list[ErrorDetails]:
 
 
 def create_server(folder: Folder) -> Server[dict[str, object]]:
-    """Build the server.
-
-    Parameters
-    ----------
-    folder : Folder
-        The only folder that its tools read and write.
-
-    Returns
-    -------
-    Server
-        The server of the protocol's package, to be run on a transport.
-    """
+    """Build the server. Its tools read and write in this folder alone."""
     tools = {tool.name: tool for tool in TOOLS}
 
     async def list_tools(
@@ -157,13 +146,7 @@ def _refuse(problem: Problem) -> types.CallToolResult:
 
 
 def serve_folder(root: Path) -> None:
-    """Serve the tools over stdin and stdout until stdin ends.
-
-    Parameters
-    ----------
-    root : Path
-        The folder that the tools work in; the process goes there.
-    """
+    """Serve the tools over stdin and stdout until stdin ends."""
     os.chdir(root)
     server = create_server(Folder(Path()))
 

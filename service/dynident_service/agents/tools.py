@@ -54,18 +54,7 @@ class Answer:
 class Tool:
     """A tool: the function that does its work, its arguments and its result.
 
-    Parameters
-    ----------
-    name : str
-        Name of the tool.
-    function : callable
-        The function of the library; the tool is described by its docstring.
-    arguments, result : type
-        Models of what goes in and comes out.
-    call : callable
-        Calls the function: folder, arguments and progress in, answer out.
-    writes : bool
-        Whether it writes a file.
+    `call` takes folder, arguments and progress; the docstring of `function`, the library's, describes the tool.
     """
 
     name: str

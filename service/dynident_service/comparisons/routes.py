@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 from fastapi import APIRouter, Query
@@ -18,9 +17,9 @@ from dynident_service.comparisons.wire_types import (
 )
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.required_resources import depend_on, require_measurements, require_model
-from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route, require_succeeded
-from dynident_service.shared.wire_types import Table, ViewModel
-from dynident_service.storage.repository_values import Dependency, NewJob, Resource
+from dynident_service.shared.resource_routes import PagesDep, SubmissionDep, require_succeeded, show_with_tables
+from dynident_service.shared.wire_types import Page, Table, ViewModel
+from dynident_service.storage.repository_values import NewJob, Resource
 from dynident_service.storage_and_engine import Services, ServicesDep
 
 ShownT = TypeVar("ShownT", bound=ViewModel)
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from dynident.diagnosis.comparison.comparison_files import StoredComparison
 
 router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
+JOB = NewJob("comparison", "dynident_service.comparisons.jobs:compare_model")
 
 
 def _build_tables(_: Services, resource: Resource) -> list[Table]:
@@ -38,18 +38,32 @@ def _build_tables(_: Services, resource: Resource) -> list[Table]:
     return build_tables(ComparisonResult.model_validate(resource.result))
 
 
-@add_create_route(
-    router,
-    ResourceRoutes("comparison", ComparisonView, parent_kind="identification", tables=_build_tables),
-    NewJob("comparison", "dynident_service.comparisons.jobs:compare_model"),
-)
-def create_comparison(services: Services, body: ComparisonRequest) -> Sequence[Dependency]:
+@router.post("", status_code=202)
+def create_comparison(body: ComparisonRequest, services: ServicesDep, submit: SubmissionDep) -> ComparisonView:
     """Compare a model with a measurement."""
     model = require_model(services, body.identification_id)
     # A measurement fits if it is of the model's robot, or of one with the same drives.
     robot = services.resources.get("robot", model.get_dependency("robot"))
     (measurement,) = require_measurements(services, robot, [body.measurement_id], "measurement", "/measurement_id")
-    return (depend_on(model), measurement)
+    return submit(ComparisonView, "comparison", body, JOB, [depend_on(model), measurement])
+
+
+@router.get("")
+def list_comparisons(pages: PagesDep, identification_id: str | None = None) -> Page[ComparisonView]:
+    """List the comparisons, newest first; those of one identification if requested."""
+    return pages.show("comparison", ComparisonView.show, identification_id)
+
+
+@router.get("/{comparison_id}")
+def get_comparison(comparison_id: str, services: ServicesDep) -> ComparisonView:
+    """Show a comparison, with its result once there is one."""
+    return show_with_tables(ComparisonView, services, "comparison", comparison_id, _build_tables)
+
+
+@router.delete("/{comparison_id}", status_code=204)
+def delete_comparison(comparison_id: str, services: ServicesDep) -> None:
+    """Delete a comparison."""
+    services.resources.delete("comparison", comparison_id)
 
 
 @router.get("/{comparison_id}/series")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated, Any
 
 from anyio import to_thread
@@ -30,12 +29,14 @@ from dynident_service.shared.required_resources import (
     require_model_of,
     require_robot,
 )
-from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route, require_succeeded
-from dynident_service.shared.wire_types import Table
-from dynident_service.storage.repository_values import Dependency, NewJob, Resource, find_mesh_files
+from dynident_service.shared.resource_routes import PagesDep, SubmissionDep, require_succeeded, show_with_tables
+from dynident_service.shared.wire_types import Page, Table
+from dynident_service.storage.repository_values import NewJob, Resource, find_mesh_files
 from dynident_service.storage_and_engine import Services, ServicesDep
 
 router = APIRouter(prefix="/v1/designs", tags=["designs"])
+DESIGN = NewJob("design", "dynident_service.designs.jobs:design")
+SIMULATION = NewJob("simulation", "dynident_service.designs.jobs:measure_virtual_robot")
 
 CLEARANCES = "dynident_service.designs.jobs:answer_clearances"
 PARQUET = "application/vnd.apache.parquet"
@@ -51,18 +52,8 @@ def _build_tables(services: Services, resource: Resource) -> list[Table]:
     return build_tables(resource.request, resource.result or {}, restore_robot(robot.request))
 
 
-@add_create_route(
-    router,
-    ResourceRoutes(
-        "design",
-        DesignView,
-        parent_kind="robot",
-        tables=_build_tables,
-        delete_description="Delete a design; 409 while other resources need it.",
-    ),
-    NewJob("design", "dynident_service.designs.jobs:design"),
-)
-def create_design(services: Services, body: DesignRequest) -> Sequence[Dependency]:
+@router.post("", status_code=202)
+def create_design(body: DesignRequest, services: ServicesDep, submit: SubmissionDep) -> DesignView:
     """Design an experiment: a motion within the limits that determines the parameters."""
     with hold_import_lock():
         from dynident_service.designs.adapters import to_checked_request
@@ -70,15 +61,31 @@ def create_design(services: Services, body: DesignRequest) -> Sequence[Dependenc
 
     robot = require_robot(services, body.robot_id)
     to_checked_request(body, restore_robot(robot.request))
-    return (
+    needs = [
         depend_on(robot),
         *require_measurements(services, robot, body.earlier_ids, "earlier", "/earlier_ids"),
-        *(
-            ()
-            if body.identification_id is None
-            else (depend_on(require_model_of(services, robot, body.identification_id)),)
-        ),
-    )
+    ]
+    if body.identification_id is not None:
+        needs.append(depend_on(require_model_of(services, robot, body.identification_id)))
+    return submit(DesignView, "design", body, DESIGN, needs)
+
+
+@router.get("")
+def list_designs(pages: PagesDep, robot_id: str | None = None) -> Page[DesignView]:
+    """List the designs, newest first; those of one robot if requested."""
+    return pages.show("design", DesignView.show, robot_id)
+
+
+@router.get("/{design_id}")
+def get_design(design_id: str, services: ServicesDep) -> DesignView:
+    """Show a design, with its result once there is one."""
+    return show_with_tables(DesignView, services, "design", design_id, _build_tables)
+
+
+@router.delete("/{design_id}", status_code=204)
+def delete_design(design_id: str, services: ServicesDep) -> None:
+    """Delete a design; 409 while other resources need it."""
+    services.resources.delete("design", design_id)
 
 
 @router.get(
@@ -145,25 +152,33 @@ async def get_clearances(
 simulations_router = APIRouter(prefix="/v1/simulations", tags=["simulations"])
 
 
-@add_create_route(
-    simulations_router,
-    ResourceRoutes(
-        "simulation",
-        SimulationView,
-        parent_kind="robot",
-        show_description="Show a simulation; its result names the measurement.",
-        delete_description="Delete a simulation; its measurement stays.",
-    ),
-    NewJob("simulation", "dynident_service.designs.jobs:measure_virtual_robot"),
-)
-def create_simulation(services: Services, body: SimulationRequest) -> Sequence[Dependency]:
+@simulations_router.post("", status_code=202)
+def create_simulation(body: SimulationRequest, services: ServicesDep, submit: SubmissionDep) -> SimulationView:
     """Simulate a motion of a virtual robot; this makes a measurement."""
     robot = require_robot(services, body.robot_id)
     _check_simulation(body, robot)
     needs = [depend_on(robot)]
     if body.design_id is not None:
         needs.append(require_design(services, body.design_id, robot))
-    return needs
+    return submit(SimulationView, "simulation", body, SIMULATION, needs)
+
+
+@simulations_router.get("")
+def list_simulations(pages: PagesDep, robot_id: str | None = None) -> Page[SimulationView]:
+    """List the simulations, newest first; those of one robot if requested."""
+    return pages.show("simulation", SimulationView.show, robot_id)
+
+
+@simulations_router.get("/{simulation_id}")
+def get_simulation(simulation_id: str, services: ServicesDep) -> SimulationView:
+    """Show a simulation; its result names the measurement."""
+    return SimulationView.show(services.resources.get("simulation", simulation_id))
+
+
+@simulations_router.delete("/{simulation_id}", status_code=204)
+def delete_simulation(simulation_id: str, services: ServicesDep) -> None:
+    """Delete a simulation; its measurement stays."""
+    services.resources.delete("simulation", simulation_id)
 
 
 def _check_simulation(body: SimulationRequest, robot_resource: Resource) -> None:

@@ -139,6 +139,10 @@ class DesignResult(ViewModel):
         description="Height in m of the floor that was checked, in the base frame; if the request states none, the "
         "floor was assumed. null: no floor was checked",
     )
+    promised: list[float] | None = Field(
+        default=None,
+        description="For a motion of a campaign: relative error of the predicted torque that it leaves, by joint",
+    )
 
 
 class TrajectorySamples(ViewModel):

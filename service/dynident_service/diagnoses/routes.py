@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from dynident_service.diagnoses.wire_types import DiagnosisRequest, DiagnosisView, Evidence, SeriesRequest, SeriesView
+from dynident_service.diagnoses.wire_types import (
+    DetectionLimitOfJoint,
+    DiagnosisRequest,
+    DiagnosisResult,
+    DiagnosisView,
+    Evidence,
+    Reason,
+    SeriesRequest,
+    SeriesView,
+)
 from dynident_service.problems import ProblemError, make_unusable
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.required_resources import depend_on, get_model_joints, require_measurements, require_model
-from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route, require_succeeded
-from dynident_service.shared.wire_types import Table
+from dynident_service.shared.resource_routes import PagesDep, SubmissionDep, require_succeeded, show_with_tables
+from dynident_service.shared.wire_types import Page, Table
 from dynident_service.storage.repository_values import Dependency, NewJob, Resource
 from dynident_service.storage_and_engine import Services, ServicesDep
 
 router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
+DIAGNOSIS = NewJob("diagnosis", "dynident_service.diagnoses.jobs:diagnose_model")
+SERIES = NewJob("series", "dynident_service.diagnoses.jobs:follow_robot")
 
 
 def _build_tables(services: Services, resource: Resource) -> list[Table]:
@@ -26,19 +36,8 @@ def _build_tables(services: Services, resource: Resource) -> list[Table]:
     return build_stored_tables(resource.result or {}, get_model_joints(services, resource))
 
 
-@add_create_route(
-    router,
-    ResourceRoutes(
-        "diagnosis",
-        DiagnosisView,
-        tables=_build_tables,
-        parent_kind="identification",
-        plural="diagnoses",
-        delete_description="Delete a diagnosis; 409 while other resources need it.",
-    ),
-    NewJob("diagnosis", "dynident_service.diagnoses.jobs:diagnose_model"),
-)
-def create_diagnosis(services: Services, body: DiagnosisRequest) -> Sequence[Dependency]:
+@router.post("", status_code=202)
+def create_diagnosis(body: DiagnosisRequest, services: ServicesDep, submit: SubmissionDep) -> DiagnosisView:
     """Find the effects that an identified model lacks, by name, and what to add."""
     with hold_import_lock():
         from dynident.diagnosis import DiagnosisChoices
@@ -56,11 +55,30 @@ def create_diagnosis(services: Services, body: DiagnosisRequest) -> Sequence[Dep
                 "ones as measurement_ids."
             )
             raise make_unusable(detail, f"/baseline_ids/{index}")
-    return (
+    needs = (
         depend_on(model),
         *require_measurements(services, robot, body.measurement_ids or [], "measurement", "/measurement_ids"),
         *require_measurements(services, robot, body.baseline_ids, "baseline", "/baseline_ids"),
     )
+    return submit(DiagnosisView, "diagnosis", body, DIAGNOSIS, needs)
+
+
+@router.get("")
+def list_diagnoses(pages: PagesDep, identification_id: str | None = None) -> Page[DiagnosisView]:
+    """List the diagnoses, newest first; those of one identification if requested."""
+    return pages.show("diagnosis", DiagnosisView.show, identification_id)
+
+
+@router.get("/{diagnosis_id}")
+def get_diagnosis(diagnosis_id: str, services: ServicesDep) -> DiagnosisView:
+    """Show a diagnosis, with its result once there is one."""
+    return show_with_tables(DiagnosisView, services, "diagnosis", diagnosis_id, _build_tables)
+
+
+@router.delete("/{diagnosis_id}", status_code=204)
+def delete_diagnosis(diagnosis_id: str, services: ServicesDep) -> None:
+    """Delete a diagnosis; 409 while other resources need it."""
+    services.resources.delete("diagnosis", diagnosis_id)
 
 
 @router.get("/{diagnosis_id}/evidence")
@@ -83,6 +101,35 @@ def get_evidence(
     return read_evidence(services.objects.get(diagnosis.objects["evidence"].key), rank, joint)
 
 
+@router.get("/{diagnosis_id}/why")
+def get_reason(
+    diagnosis_id: str,
+    services: ServicesDep,
+    effect: Annotated[str, Query(max_length=100, description="Id of the effect")],
+    joint: Annotated[
+        str, Query(max_length=200, description="Name of the joint; by default, the one that the effect explains most")
+    ] = "",
+) -> Reason:
+    """Say why an effect is, or is not, among those that are recommended."""
+    with hold_import_lock():
+        from dynident_service.diagnoses.adapters import restore_diagnosis
+        from dynident_service.shared.field_by_field import to_view
+
+    diagnosis = require_succeeded(services.resources.get("diagnosis", diagnosis_id))
+    return to_view(Reason, restore_diagnosis(diagnosis.result or {}).why_not(effect, joint))
+
+
+@router.get("/{diagnosis_id}/limits")
+def get_detection_limits(diagnosis_id: str, services: ServicesDep) -> list[DetectionLimitOfJoint]:
+    """List the smallest size of each effect on each joint that the recordings would have shown in 95 of 100 cases."""
+    with hold_import_lock():
+        from dynident_service.shared.field_by_field import to_view
+
+    diagnosis = require_succeeded(services.resources.get("diagnosis", diagnosis_id))
+    limits = DiagnosisResult.model_validate(diagnosis.result).detection_limits
+    return [to_view(DetectionLimitOfJoint, limit, joint=limit.joints[0] if limit.joints else None) for limit in limits]
+
+
 series_router = APIRouter(prefix="/v1/series", tags=["series"])
 
 
@@ -93,21 +140,8 @@ def _build_series_tables(services: Services, resource: Resource) -> list[Table]:
     return build_stored_series_tables(resource.result or {}, get_model_joints(services, resource))
 
 
-@add_create_route(
-    series_router,
-    ResourceRoutes(
-        "series",
-        SeriesView,
-        tables=_build_series_tables,
-        parent_kind="identification",
-        plural="series_of_days",
-        singular="series_of_days",
-        words="series",
-        delete_description="Delete a series; 409 while other resources need it.",
-    ),
-    NewJob("series", "dynident_service.diagnoses.jobs:follow_robot"),
-)
-def create_series_of_days(services: Services, body: SeriesRequest) -> Sequence[Dependency]:
+@series_router.post("", status_code=202)
+def create_series_of_days(body: SeriesRequest, services: ServicesDep, submit: SubmissionDep) -> SeriesView:
     """Find what has changed in a robot over many days, since which day, and every parameter over the days."""
     model = require_model(services, body.identification_id)
     robot = services.resources.get("robot", model.get_dependency("robot"))
@@ -133,7 +167,25 @@ def create_series_of_days(services: Services, body: SeriesRequest) -> Sequence[D
                 )
             used_ids.add(identifier)
         needs += require_measurements(services, robot, day.measurement_ids, "measurement", pointer)
-    return needs
+    return submit(SeriesView, "series", body, SERIES, needs)
+
+
+@series_router.get("")
+def list_series_of_days(pages: PagesDep, identification_id: str | None = None) -> Page[SeriesView]:
+    """List the series, newest first; those of one identification if requested."""
+    return pages.show("series", SeriesView.show, identification_id)
+
+
+@series_router.get("/{series_id}")
+def get_series_of_days(series_id: str, services: ServicesDep) -> SeriesView:
+    """Show a series, with its result once there is one."""
+    return show_with_tables(SeriesView, services, "series", series_id, _build_series_tables)
+
+
+@series_router.delete("/{series_id}", status_code=204)
+def delete_series_of_days(series_id: str, services: ServicesDep) -> None:
+    """Delete a series; 409 while other resources need it."""
+    services.resources.delete("series", series_id)
 
 
 @series_router.get("/{series_id}/figure", response_class=Response, responses={200: {"content": {"image/svg+xml": {}}}})

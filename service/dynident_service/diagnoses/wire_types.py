@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, computed_field
 
 from dynident.diagnosis.diagnosis_request import DiagnosisChoices
 from dynident_service.shared.request_bodies import derive_body
@@ -65,6 +65,14 @@ class Reason(ViewModel):
     text: str = Field(description="The reason as a sentence")
 
 
+class ReasonOfCandidate(ViewModel):
+    """Why a candidate is a finding or not, in short."""
+
+    code: str
+    values: dict[str, float | str | None] = Field(description="Numbers and names that belong to the code")
+    detail: str = Field(description="The reason as a sentence")
+
+
 class Outcome(ViewModel):
     """What became of an effect on some joints."""
 
@@ -101,6 +109,14 @@ class Candidate(ViewModel):
     reason: Reason | None = Field(default=None, description="Why it is a finding or not")
     title: str = Field(default="", description="The effect in words: while there is a question, what the data show")
     question: str = Field(default="", description="Whether the robot has the part that the effect is of")
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def reasons(self) -> list[ReasonOfCandidate]:
+        """`reason` in a list; empty in diagnoses that an older version stored."""
+        if self.reason is None:
+            return []
+        return [ReasonOfCandidate(code=self.reason.code, values=self.reason.values, detail=self.reason.text)]
 
 
 class ChangedValue(ViewModel):
@@ -179,6 +195,21 @@ class DetectionLimit(ViewModel):
         default={}, description="Shape constants that the sizes are of: the nearest to the usual ones that show"
     )
     share: Annotated[float | None, SourcePath(null=inf)] = Field(description="`size` over `usual`")
+
+
+class DetectionLimitOfJoint(ViewModel):
+    """A detection limit in one row."""
+
+    effect: str
+    joint: str | None = Field(description="null for an effect of the whole robot")
+    parameter: str = Field(description="The parameter that tells how large the effect is")
+    limit: Annotated[float | None, SourcePath("size")] = Field(
+        description="Smallest size that these recordings would have shown in 95 of 100 cases; null if none"
+    )
+    unit: str
+    of_usual: Annotated[float | None, SourcePath("share")] = Field(
+        description="The limit over the size on arms that have the effect; null if none would have shown"
+    )
 
 
 class Conclusion(ViewModel):

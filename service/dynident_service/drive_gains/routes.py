@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from fastapi import APIRouter
 
 from dynident.errors import DynidentError
@@ -18,43 +16,53 @@ from dynident_service.problems import make_unusable
 from dynident_service.robots.wire_types import RobotResult
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.required_resources import depend_on, refuse_coupled, require_measurements, require_robot
-from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route
-from dynident_service.shared.wire_types import Table
+from dynident_service.shared.resource_routes import PagesDep, SubmissionDep, show_with_tables
+from dynident_service.shared.wire_types import Page, Table
 from dynident_service.storage.repository_values import Dependency, NewJob, Resource
-from dynident_service.storage_and_engine import Services
+from dynident_service.storage_and_engine import Services, ServicesDep
 
 router = APIRouter(prefix="/v1/drive_gains", tags=["drive gains"])
+GAINS = NewJob("drive_gains", "dynident_service.drive_gains.jobs:find_gains")
+CURRENTS = NewJob("current_models", "dynident_service.drive_gains.jobs:find_currents")
 
 
 def _build_tables(_: Services, resource: Resource) -> list[Table]:
     with hold_import_lock():
-        from dynident_service.drive_gains.adapters import build_gain_tables
+        from dynident.presentation.model_tables import build_gain_tables
         from dynident_service.shared.field_by_field import show_tables
 
-    return show_tables(build_gain_tables(DriveGainsResult.model_validate(resource.result)))
+    result = DriveGainsResult.model_validate(resource.result)
+    gains = ((g.joint, g.stated, g.drive_gain, g.interval, g.unit, g.identifiable) for g in result.gains)
+    loads = ((load.name, load.mass, load.interval, load.from_gains, load.identifiable) for load in result.loads)
+    return show_tables(build_gain_tables(gains, loads))
 
 
-@add_create_route(
-    router,
-    ResourceRoutes(
-        "drive_gains",
-        DriveGainsView,
-        parent_kind="robot",
-        plural="drive_gains",
-        words="drive gains",
-        show_description="Show drive gains, with the result once there is one.",
-        delete_description="Delete drive gains; the robot keeps those that it states.",
-        tables=_build_tables,
-    ),
-    NewJob("drive_gains", "dynident_service.drive_gains.jobs:find_gains"),
-)
-def create_drive_gains(services: Services, body: DriveGainsRequest) -> Sequence[Dependency]:
+@router.post("", status_code=202)
+def create_drive_gains(body: DriveGainsRequest, services: ServicesDep, submit: SubmissionDep) -> DriveGainsView:
     """Identify the drive gains from the same motion without and with a load of known mass."""
     robot = require_robot(services, body.robot_id)
     refuse_coupled(robot, "gains are identified only for")
     needs = (depend_on(robot), *_require_measurements(services, body, robot))
     _check_loads(services, body)
-    return needs
+    return submit(DriveGainsView, "drive_gains", body, GAINS, needs)
+
+
+@router.get("")
+def list_drive_gains(pages: PagesDep, robot_id: str | None = None) -> Page[DriveGainsView]:
+    """List the drive gains, newest first; those of one robot if requested."""
+    return pages.show("drive_gains", DriveGainsView.show, robot_id)
+
+
+@router.get("/{drive_gains_id}")
+def get_drive_gains(drive_gains_id: str, services: ServicesDep) -> DriveGainsView:
+    """Show drive gains, with the result once there is one."""
+    return show_with_tables(DriveGainsView, services, "drive_gains", drive_gains_id, _build_tables)
+
+
+@router.delete("/{drive_gains_id}", status_code=204)
+def delete_drive_gains(drive_gains_id: str, services: ServicesDep) -> None:
+    """Delete drive gains; the robot keeps those that it states."""
+    services.resources.delete("drive_gains", drive_gains_id)
 
 
 def _require_measurements(services: Services, body: DriveGainsRequest, robot: Resource) -> tuple[Dependency, ...]:
@@ -102,20 +110,10 @@ def _check_loads(services: Services, body: DriveGainsRequest) -> None:
 currents_router = APIRouter(prefix="/v1/current_models", tags=["current models"])
 
 
-@add_create_route(
-    currents_router,
-    ResourceRoutes(
-        "current_models",
-        CurrentModelsView,
-        parent_kind="robot",
-        plural="current_models",
-        words="models of currents",
-        show_description="Show models of currents, with the result once there is one.",
-        delete_description="Delete models of currents.",
-    ),
-    NewJob("current_models", "dynident_service.drive_gains.jobs:find_currents"),
-)
-def create_current_models(services: Services, body: CurrentModelsRequest) -> Sequence[Dependency]:
+@currents_router.post("", status_code=202)
+def create_current_models(
+    body: CurrentModelsRequest, services: ServicesDep, submit: SubmissionDep
+) -> CurrentModelsView:
     """Identify every joint's parameters in units of its current; no drive gain is needed."""
     with hold_import_lock():
         from dynident.identification.loads.current_models import check_current_effects
@@ -129,11 +127,30 @@ def create_current_models(services: Services, body: CurrentModelsRequest) -> Seq
     effects = from_wire_choices(body.effects or [])
     check_choices(effects, restore_robot(robot.request))
     check_current_effects(effects)
-    return (
+    needs = (
         depend_on(robot),
         *require_measurements(services, robot, body.measurement_ids, "measurement", "/measurement_ids"),
         *require_measurements(services, robot, body.validation_ids, "validation", "/validation_ids"),
     )
+    return submit(CurrentModelsView, "current_models", body, CURRENTS, needs)
+
+
+@currents_router.get("")
+def list_current_models(pages: PagesDep, robot_id: str | None = None) -> Page[CurrentModelsView]:
+    """List the models of currents, newest first; those of one robot if requested."""
+    return pages.show("current_models", CurrentModelsView.show, robot_id)
+
+
+@currents_router.get("/{current_models_id}")
+def get_current_models(current_models_id: str, services: ServicesDep) -> CurrentModelsView:
+    """Show models of currents, with the result once there is one."""
+    return CurrentModelsView.show(services.resources.get("current_models", current_models_id))
+
+
+@currents_router.delete("/{current_models_id}", status_code=204)
+def delete_current_models(current_models_id: str, services: ServicesDep) -> None:
+    """Delete models of currents."""
+    services.resources.delete("current_models", current_models_id)
 
 
 def _check_stated_gains(robot: Resource) -> None:

@@ -10,12 +10,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypedDict
 
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.errors import DynidentError
 from dynident.export import ExportedFile, ExportFormat
 from dynident.identification import Identification, extend, from_bytes, identify, remove, to_bytes
 from dynident.identification.identified_models.correlated_and_essential_parameters import (
     essential_parameters,
     parameter_dependence,
 )
+from dynident.identification.identified_models.torque_prediction import predict
 from dynident.recordings import Check, open_recording
 from dynident.recordings.recording_metadata import Status
 from dynident.validation import ValidationOutcome, Verdict
@@ -29,7 +34,7 @@ from dynident_service.identifications.adapters import (
     show_verdict,
     to_choices,
 )
-from dynident_service.identifications.wire_types import CorrelationView, StoredIdentification
+from dynident_service.identifications.wire_types import CorrelationView, PredictionRequest, StoredIdentification
 from dynident_service.jobs.task_input_output import Outcome, Task
 from dynident_service.measurements.wire_types import MeasurementMetadata, SeenMeasurement
 from dynident_service.shared.field_by_field import from_wire_choices, to_view
@@ -143,17 +148,7 @@ def judge_model(
     held_out: Sequence[SentMeasurement],
     outcomes: Sequence[SentOutcome] = (),
 ) -> dict[str, object]:
-    """Return what the model in a file is fit for.
-
-    Parameters
-    ----------
-    model : str
-        Path of the model.
-    fitted, held_out : sequence of SentMeasurement
-        Measurements that the model was fitted to, and others.
-    outcomes : sequence of SentOutcome
-        Finished validations of the model.
-    """
+    """Return what the model in a file is fit for."""
     names: set[str] = set()
     opened = (
         [_open_measurement(measurement, names) for measurement in fitted],
@@ -192,6 +187,36 @@ def essential(model: str, ratio: float) -> dict[str, object]:
 def correlation(model: str) -> dict[str, object]:
     """Return how the estimates of the model in a file depend on one another."""
     return to_plain_json(to_view(CorrelationView, parameter_dependence(_read_model(model))))
+
+
+def predict_torque(model: str, request: Mapping[str, object]) -> dict[str, object]:
+    """Return the torque that the model in a file predicts."""
+    sent = PredictionRequest.model_validate(request)
+    q, dq, ddq = (_to_rows(name, rows) for name, rows in (("q", sent.q), ("dq", sent.dq), ("ddq", sent.ddq)))
+    t = None if sent.t is None else np.array(sent.t)
+    if t is not None and (len(t) != len(q) or (np.diff(t) <= 0).any()):
+        raise DynidentError(f"give {len(q)} times that increase, one for each sample", pointer="/t")
+    identification = _read_model(model)
+    predicted = predict(identification.estimate, q, dq, ddq, level=sent.interval or 0.95, t=t, is_steady=sent.steady)
+    intervals = {}
+    if sent.interval is not None:
+        intervals = {
+            "lower": predicted.lower,
+            "upper": predicted.upper,
+            "model_lower": predicted.torque - predicted.mean_half_width,
+            "model_upper": predicted.torque + predicted.mean_half_width,
+        }
+    return {
+        "joints": list(identification.model.robot.joint_names),
+        "torque": predicted.torque.tolist(),
+        **{name: rows.tolist() for name, rows in intervals.items()},
+    }
+
+
+def _to_rows(name: str, rows: Sequence[Sequence[float]]) -> FloatArray:
+    if len({len(row) for row in rows}) != 1:
+        raise DynidentError("the rows differ in length; give one value for each joint in every row", pointer=f"/{name}")
+    return np.array(rows)
 
 
 def export(model: str, format: ExportFormat, nearest: bool, shown: Mapping[str, object]) -> ExportedFile:

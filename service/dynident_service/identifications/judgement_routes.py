@@ -1,4 +1,4 @@
-"""Routes that judge a model: essential parameters, correlation, verdict; refusal of models that must not be used."""
+"""Routes that judge or use a model: essential parameters, correlation, verdict, torque; refusal of bad models."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from dynident_service.identifications.wire_types import (
     EssentialQuery,
     EssentialView,
     IdentificationResult,
+    PredictedTorqueView,
+    PredictionRequest,
     VerdictView,
 )
 from dynident_service.problems import ProblemError
@@ -48,6 +50,17 @@ async def get_correlation(identification_id: str, request: Request, services: Se
     arguments = {"model": await find_model_file(services, identification_id)}
     return CorrelationView.model_validate(
         await services.interactive.call(request, f"{FUNCTIONS}:correlation", dict, arguments)
+    )
+
+
+@router.post("/{identification_id}/predictions")
+async def predict_torque(
+    identification_id: str, body: PredictionRequest, request: Request, services: ServicesDep
+) -> PredictedTorqueView:
+    """Predict the torque of states, or along a motion, with intervals if asked for."""
+    sent = {"model": await find_model_file(services, identification_id), "request": body.model_dump()}
+    return PredictedTorqueView.model_validate(
+        await services.interactive.call(request, f"{FUNCTIONS}:predict_torque", dict, sent)
     )
 
 

@@ -30,16 +30,13 @@ from dynident_service.shared.required_resources import (
     require_robot,
 )
 from dynident_service.shared.resource_routes import (
-    LabelledQueryDep,
-    ResourceRoutes,
+    LabelledPagesDep,
     RetryKeyDep,
-    add_resource_routes,
     create_or_replay,
     require_succeeded,
-    show_computed,
-    show_page,
+    update_labels,
 )
-from dynident_service.shared.wire_types import Page, Tables, to_plain_json
+from dynident_service.shared.wire_types import LabelsRequest, Page, Tables, to_plain_json
 from dynident_service.storage.repository_values import Dependency, NewJob, NewResource, Resource, Retry
 from dynident_service.storage_and_engine import Services, ServicesDep
 
@@ -127,15 +124,14 @@ def create_identification(
 
 @router.get("")
 def list_identifications(
-    services: ServicesDep,
-    query: LabelledQueryDep,
+    pages: LabelledPagesDep,
     robot_id: Annotated[str | None, Query()] = None,
     brief: Annotated[
         bool, Query(description="Without the parameters, which are most of a list: their lists are empty")
     ] = False,
 ) -> Page[IdentificationView]:
     """List the identifications, newest first; those of one robot if requested."""
-    return show_page(services, "identification", query, _show_briefly if brief else show_identification, robot_id)
+    return pages.show("identification", _show_briefly if brief else show_identification, robot_id)
 
 
 @router.get("/{identification_id}/tables")
@@ -279,13 +275,7 @@ def list_named_ids(body: IdentificationRequest) -> tuple[str, ...]:
 def new_identification(
     services: HasResources, body: IdentificationRequest, robot_of: Callable[[Resource], Robot]
 ) -> NewResource:
-    """Return what is to be computed.
-
-    Raises
-    ------
-    ProblemError, DynidentError
-        Where what the body names does not exist, or does not fit.
-    """
+    """Return what is to be computed."""
     with hold_import_lock():
         from dynident_service.identifications.adapters import to_choices
 
@@ -310,8 +300,7 @@ def show_identification(resource: Resource) -> IdentificationView:
     """Show a stored identification."""
     stored_request = StoredIdentification.model_validate(resource.request)
     parents = resource.get_dependencies("parent")
-    return show_computed(
-        IdentificationView,
+    return IdentificationView.show(
         resource,
         request=stored_request.model_dump(exclude={"added", "removed"}),
         robot_id=resource.get_dependency("robot"),
@@ -321,18 +310,22 @@ def show_identification(resource: Resource) -> IdentificationView:
     )
 
 
-add_resource_routes(
-    router,
-    ResourceRoutes(
-        "identification",
-        IdentificationView,
-        show=show_identification,
-        delete_description="Delete an identification; 409 while other resources need it.",
-        show_description="Show an identification, with its result once there is one.",
-        label_description="Rename, tag or archive an identification.",
-    ),
-    with_list=False,
-)
+@router.get("/{identification_id}")
+def get_identification(identification_id: str, services: ServicesDep) -> IdentificationView:
+    """Show an identification, with its result once there is one."""
+    return show_identification(services.resources.get("identification", identification_id))
+
+
+@router.delete("/{identification_id}", status_code=204)
+def delete_identification(identification_id: str, services: ServicesDep) -> None:
+    """Delete an identification; 409 while other resources need it."""
+    services.resources.delete("identification", identification_id)
+
+
+@router.patch("/{identification_id}")
+def label_identification(identification_id: str, body: LabelsRequest, services: ServicesDep) -> IdentificationView:
+    """Rename, tag or archive an identification."""
+    return show_identification(update_labels(services, "identification", identification_id, body))
 
 
 def _build_next_step(

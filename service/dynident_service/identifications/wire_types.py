@@ -11,6 +11,7 @@ from dynident.effects.effect_choices import DEFAULT_EFFECTS
 from dynident.export.export_request import ExportChoices
 from dynident.identification.identification_choices import EssentialChoices, IdentificationChoices
 from dynident.recordings.recording_metadata import Filters
+from dynident_service.campaigns.wire_types import CampaignOutcome
 from dynident_service.measurements.wire_types import RevisionRequest, SeenMeasurement
 from dynident_service.shared.request_bodies import derive_body, derive_query
 from dynident_service.shared.wire_types import (
@@ -188,6 +189,9 @@ class IdentificationResult(ViewModel):
     measurements: list[SeenMeasurement] = Field(
         default=[], description="Which revision of which file the model used; [] in models that an older version stored"
     )
+    campaign: CampaignOutcome | None = Field(
+        default=None, description="For a model of a campaign: what its last recordings brought, and the decision"
+    )
 
 
 class IdentificationView(Computed[IdentificationRequest, IdentificationResult], Labelled):
@@ -222,6 +226,48 @@ class EssentialView(ViewModel):
     residual: Annotated[ErrorsView, SourcePath("identification.fit")]
     validation: Annotated[ErrorsView | None, SourcePath("identification.held_out")]
     tables: list[Table] = Field(description="The steps and the parameters as tables for people")
+
+
+Rows = Annotated[
+    list[Annotated[list[float], Field(fail_fast=True, max_length=200)]],
+    Field(fail_fast=True, min_length=1, max_length=100_000),
+]
+"""[sample][joint]."""
+
+
+class PredictionRequest(RequestModel):
+    """States, or the samples of a motion in their order."""
+
+    q: Rows = Field(description="rad or m, [sample][joint]")
+    dq: Rows = Field(description="rad/s or m/s")
+    ddq: Rows = Field(description="rad/s² or m/s²")
+    t: list[float] | None = Field(
+        default=None,
+        max_length=100_000,
+        fail_fast=True,
+        description="Times of the samples in s, for effects that depend on them or on derivatives of the acceleration",
+    )
+    interval: float | None = Field(default=None, gt=0, lt=1, description="Probability of intervals, such as 0.95")
+    steady: bool = Field(
+        default=False,
+        description="Whether each row stands for itself, with friction that slides steadily; otherwise hysteresis "
+        "remembers the rows before",
+    )
+
+
+class PredictedTorqueView(ViewModel):
+    """Predicted torque, [sample][joint] in N m or N."""
+
+    joints: list[str]
+    torque: list[list[float]]
+    lower: list[list[float]] | None = Field(
+        default=None, description="Interval of what would be measured; null without `interval`"
+    )
+    upper: list[list[float]] | None = None
+    model_lower: list[list[float]] | None = Field(
+        default=None, description="Interval of the model's own torque, from the covariance of its parameters"
+    )
+    model_upper: list[list[float]] | None = None
 
 
 class CorrelationView(ViewModel):
@@ -336,30 +382,42 @@ class BatchView(ViewModel):
     )
 
 
+UseAction = Literal[
+    "diagnose",
+    "design",
+    "identify_feasible",
+    "check_gains",
+    "identify_gains",
+    "export_for_simulation",
+    "export_for_feed_forward",
+    "observe_momentum",
+    "weigh_load",
+]
+
+
+class NextStepView(ViewModel):
+    """One thing to do next."""
+
+    sentence: str
+    action: UseAction | None = Field(description="Which action of dynident does it; null where none does")
+
+
 class UseView(ViewModel):
     """Whether the model is fit for a use."""
 
     use: Literal["simulation", "feed_forward", "collision_detection", "payload"]
-    fit: bool = Field(description="Whether it may be used so, at least within the limit that the reason names")
+    fit: bool | None = Field(
+        description="Whether it may be used so, at least within the limit that the reason names; null: not judged"
+    )
     state: Literal["yes", "limited", "no", "not_judged"] = Field(
         description="limited: fit within a limit; not_judged: there are no data to judge by"
     )
+    test: str = Field(default="", description="What the use is judged by")
+    values: dict[str, float] = Field(default={}, description="Numbers that the test gave, in SI units")
     reason: str
     next_step: str = Field(description="The next thing to do")
-    next_action: (
-        Literal[
-            "diagnose",
-            "design",
-            "identify_feasible",
-            "check_gains",
-            "identify_gains",
-            "export_for_simulation",
-            "export_for_feed_forward",
-            "observe_momentum",
-            "weigh_load",
-        ]
-        | None
-    ) = Field(description="Which action of dynident does it; null where none does")
+    next_action: UseAction | None = Field(description="Which action of dynident does it; null where none does")
+    next: NextStepView
 
 
 class DetectableForceView(ViewModel):

@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 from dynident_service.environment_secrets import build_child_environment, open_child_secrets
-from dynident_service.jobs.child_messages import Answer, Call, Hello, JobOrder, Receipt
 from dynident_service.jobs.confinement import Confinement
+from dynident_service.jobs.task_input_output import Answer, Call, Hello, JobOrder, Receipt
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment that keeps linear algebra to one thread, as a process that forks must not have others."""
@@ -60,12 +60,7 @@ class ForkServer:
     def fork(self, jobs: int, lifeline: int) -> None:
         """Fork a child that serves the pipe `jobs`; it appears once the science is imported.
 
-        Parameters
-        ----------
-        jobs : int
-            File descriptor of the pipe with jobs and calls.
-        lifeline : int
-            File descriptor of the pipe whose closing ends the child.
+        Closing the pipe `lifeline` ends the child.
         """
         with self._lock:
             try:
@@ -229,15 +224,6 @@ class ChildPool:
     """Pool of idle children.
 
     The fork server outlives the pool. The child that worked last is taken first, as its caches are the most useful.
-
-    Parameters
-    ----------
-    size : int
-        Number of children.
-    fork_server : ForkServer
-        Process that forks them.
-    confinement : Confinement, optional
-        Limits of each child.
     """
 
     def __init__(self, size: int, fork_server: ForkServer, confinement: Confinement | None = None) -> None:
@@ -298,19 +284,6 @@ class ChildPool:
         finally:
             with self._lock:
                 self._users -= 1
-                self._lock.notify_all()
-
-    @contextlib.contextmanager
-    def mark_in_use_if_spare(self) -> Iterator[bool]:
-        """Do the same only if a child is free, and yield whether it is so."""
-        with self._lock:
-            spare = self._users < self._size and not self.closed
-            self._users += spare
-        try:
-            yield spare
-        finally:
-            with self._lock:
-                self._users -= spare
                 self._lock.notify_all()
 
     def close(self, patience: float = 5.0) -> None:

@@ -23,32 +23,35 @@ from sqlalchemy.orm import Session
 
 from dynident.errors import Cancelled, DynidentError
 from dynident_service import tracing
-from dynident_service.jobs.child_messages import (
+from dynident_service.jobs.confinement import Confinement, is_out_of_memory
+from dynident_service.jobs.task_input_output import (
+    PATIENCE,
     Answer,
     Call,
     End,
     Heartbeat,
     Hello,
+    JobEnvironment,
+    JobFunction,
     JobOrder,
+    ObjectCache,
+    Outcome,
     Receipt,
+    Task,
     answer_call,
     make_memory_problem,
 )
-from dynident_service.jobs.confinement import Confinement, is_out_of_memory
-from dynident_service.jobs.distributed_map import share_with_workers
-from dynident_service.jobs.task_input_output import PATIENCE, JobEnvironment, JobFunction, ObjectCache, Outcome, Task
-from dynident_service.log_lines import set_log_context
 from dynident_service.problems import Problem, ProblemError, make_problem, to_problem
 from dynident_service.settings import LogSettings
 from dynident_service.storage.data_directory import is_disk_full
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import INFRASTRUCTURE_ERRORS, Database, describe_error, retry_while_away
 from dynident_service.storage.database_tables import ResourceRow
 from dynident_service.storage.job_queue import CheckpointStore, JobCheckpoints, JobQueue, LostClaim
 from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.resource_repository import Resources
 from dynident_service.storage.resource_rows import insert_dependencies, insert_objects, insert_resource
-from dynident_service.storage.retry_while_away import INFRASTRUCTURE_ERRORS, describe_error, retry_while_away
+from dynident_service.tracing import set_log_context
 
 PROGRESS_INTERVAL = 0.1
 """Shortest time in seconds between two reports of progress."""
@@ -79,10 +82,7 @@ class JobRunner:
     def run(self, claim: Claim) -> None:
         """Do a job and write its end into the queue.
 
-        Raises
-        ------
-        Exception
-            One of `INFRASTRUCTURE_ERRORS` if the end cannot be written.
+        Raise one of `INFRASTRUCTURE_ERRORS` if the end cannot be written.
         """
         with tracing.trace_task(f"job {claim.function}", claim.trace, **{"dynident.attempt": claim.attempt}):
             end = self._attempt(claim)
@@ -128,8 +128,7 @@ class JobRunner:
                 raise LostClaim(claim.job_id)
         reporter, checkpoints = Reporter(self.job_queue, claim), JobCheckpoints(CheckpointStore(self.database), claim)
         task = Task(subject, claim.arguments, self.resources, self.objects, self.memory, reporter, checkpoints)
-        with share_with_workers(claim, self.place, self.objects):
-            return function(task)
+        return function(task)
 
 
 class Reporter:
@@ -174,6 +173,9 @@ def _store_outcome(session: Session, objects: ObjectStore, claim: Claim, outcome
             insert_dependencies(session, [(claim.resource_id, created_id, "result")])
     if claim.resource_id is not None and row is not None:
         row.result = result
+        if outcome.request:
+            # Another mapping: changes within the stored one would not be noticed.
+            row.request = {**row.request, **outcome.request}
         insert_objects(session, objects, [(claim.resource_id, owned) for owned in outcome.objects])
 
 
@@ -210,12 +212,7 @@ class SupervisorPipe:
 def serve_jobs(jobs: int, lifeline: int) -> None:
     """Do the jobs and calls that arrive on a pipe, until its other end is closed.
 
-    Parameters
-    ----------
-    jobs : int
-        File descriptor of the pipe. The first message on it is the confinement of this process.
-    lifeline : int
-        File descriptor of a pipe whose other end is closed when the supervisor ends.
+    The first message on `jobs` is the confinement; the other end of `lifeline` is closed when the supervisor ends.
     """
     connection = Connection(jobs)
     _lower_priority()
@@ -240,7 +237,7 @@ def serve_jobs(jobs: int, lifeline: int) -> None:
             return
         # The priority can only be lowered. A child that has done a job is therefore slower than a request needs, but
         # jobs and requests have pools of their own.
-        if not behind and (isinstance(order, JobOrder) or order.of_a_job):
+        if not behind and isinstance(order, JobOrder):
             _lower_priority()
             behind = True
         if isinstance(order, Call):

@@ -60,18 +60,9 @@ PROGRAM_FILES = (
 def restrict_files_and_network(readable: Iterable[Path], writable: Iterable[Path], private: Path) -> bool:
     """Restrict this thread, and those that it starts later, to some folders and cut it off from the network.
 
-    Parameters
-    ----------
-    readable, writable : iterable of Path
-        Folders besides those of Python and its packages; writable ones may be read too.
-    private : Path
-        No folder that contains it is allowed because Python's path has it: the data of a service often lies in its
-        working directory.
-
-    Returns
-    -------
-    bool
-        Whether the kernel restricts it. Linux does from 5.13 on, unless Landlock is switched off.
+    Writable folders may be read too. No folder that contains `private` is allowed because Python's path has it: the
+    data of a service often lies in its working directory. Return whether the kernel restricts it: Linux does from 5.13
+    on, unless Landlock is switched off.
     """
     if not sys.platform.startswith("linux"):
         return False
@@ -185,14 +176,8 @@ class AllowedFolders:
 class Confinement:
     """Limits of a child process for all of its life.
 
-    Parameters
-    ----------
-    memory : int
-        Bytes of address space beyond what is loaded when it begins.
-    scratch : Path or None
-        Folder of its own for temporary files; without it the system's folder is used.
-    folders : AllowedFolders or None
-        Folders that it may read and write besides those of its program, without a network; None means no restriction.
+    `memory` is in bytes beyond what is loaded when it begins. Without `folders` no files are restricted; with them it
+    has no network.
     """
 
     memory: int | None = None
@@ -202,10 +187,7 @@ class Confinement:
     def apply(self, connections: Sequence[int]) -> None:
         """Confine this process, which must have a single thread.
 
-        Parameters
-        ----------
-        connections : sequence of int
-            File descriptors that stay open besides the standard ones.
+        The file descriptors `connections` stay open besides the standard ones.
         """
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a core file would hold all that the process knows
         if self.scratch is not None:
@@ -225,14 +207,8 @@ class Confinement:
 class ComputationLimits:
     """Limits of one computation that a request waits for.
 
-    Parameters
-    ----------
-    longest : float
-        Elapsed time in seconds.
-    processor_seconds : float or None
-        Processor time in seconds; None for as much as `longest` allows.
-    file_bytes : int or None
-        Bytes of the largest file that it may write; None for any size.
+    In seconds that pass, seconds of the processor (None for as many), and bytes of a file that it may write (None for
+    any).
     """
 
     longest: float = LONGEST_REQUEST

@@ -1,7 +1,4 @@
-"""Run jobs on the workers of a Dask cluster.
-
-A worker has a pool of child processes, for jobs and for parts of jobs.
-"""
+"""Run jobs on the workers of a Dask cluster; each has a pool of child processes."""
 
 from __future__ import annotations
 
@@ -9,93 +6,19 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, cast
 
 from distributed import Client, Worker, WorkerPlugin, fire_and_forget, get_worker, secede
 
 from dynident.version import __version__
-from dynident_service.jobs.child_messages import Answer, Call
 from dynident_service.jobs.child_pool import ChildPool, ForkServer
 from dynident_service.jobs.confinement import Confinement
 from dynident_service.jobs.job_supervisor import PATIENCE, supervise_job
-from dynident_service.jobs.task_input_output import ClusterAddresses, JobEnvironment, JobPart, PartFailed
-from dynident_service.log_lines import set_log_context
-from dynident_service.storage.database import Database
+from dynident_service.jobs.task_input_output import JobEnvironment
+from dynident_service.storage.database import Database, retry_while_away
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.job_transitions import Claim
-from dynident_service.storage.retry_while_away import AWAY, describe_error, retry_while_away
-
-LOOK = 1.0
-"""Seconds between looks whether the job still runs."""
-log = logging.getLogger("dynident.supervisor")
-
-
-def supervise_part(part: JobPart, pool: ChildPool, job_queue: JobQueue) -> bytes:
-    """Have a child do a part while its job runs.
-
-    Parameters
-    ----------
-    part : JobPart
-        What to compute.
-    pool : ChildPool
-        Child processes of this worker.
-    job_queue : JobQueue
-        Queue, which knows whether the job still runs.
-
-    Returns
-    -------
-    bytes
-        The pickled result.
-
-    Raises
-    ------
-    PartFailed
-        If the child died, the computation failed, or the job has ended.
-    """
-    child = pool.take()
-    try:
-        child.send(_make_call(part))
-        while (answer := child.receive(LOOK)) is None:
-            if pool.closed or not _is_job_running(part.claim, job_queue):
-                raise PartFailed(f"job {part.claim.job_id} has ended in the meantime")
-    except EOFError as error:
-        pool.replace(child)
-        raise PartFailed("its process died") from error
-    except BaseException:
-        pool.replace(child)
-        raise
-    pool.put_back(child, answer)
-    if not isinstance(answer, Answer) or answer.problem is not None:
-        raise PartFailed(answer.problem.detail if isinstance(answer, Answer) and answer.problem else "no answer")
-    return bytes(answer.value)
-
-
-def _make_call(part: JobPart) -> Call:
-    arguments = {
-        "job_id": part.claim.job_id,
-        "url": part.place.object_store_url,
-        "cache_dir": part.place.cache_dir,
-        "work": part.work,
-        "item": part.item,
-    }
-    return Call(
-        "dynident_service.jobs.task_input_output:compute_part",
-        arguments,
-        part.claim.request_id,
-        part.claim.trace,
-        of_a_job=True,
-    )
-
-
-def _is_job_running(claim: Claim, job_queue: JobQueue) -> bool:
-    try:
-        return job_queue.get_standing(claim) == "held"
-    # While the database is away, nobody can have cancelled the job.
-    except AWAY as error:
-        log.warning("job %s: %s", claim.job_id, describe_error(error))
-        return True
-
+from dynident_service.tracing import set_log_context
 
 PLUGIN = "dynident-children"
 _lock = threading.Lock()
@@ -135,24 +58,11 @@ class ChildPoolPlugin(WorkerPlugin):
 def run_claim(claim: Claim, place: JobEnvironment, version: str) -> None:
     """Do a job; Dask calls this on a worker."""
     secede()  # waiting takes no thread of the worker
-    worker = get_worker()
-    plugin = _get_plugin(worker, place, version)
-    place = replace(place, colleagues=ClusterAddresses(worker.scheduler.address, worker.address))
+    plugin = _get_plugin(get_worker(), place, version)
     with plugin.pool.mark_in_use(), set_log_context(claim.job_id, claim.request_id):
         # It may have come here late.
         if plugin.pool.closed or retry_while_away(lambda: plugin.job_queue.renew(claim), PATIENCE) != "lost":
             supervise_job(claim, place, plugin.pool, plugin.job_queue)
-
-
-def run_part(part: JobPart, version: str) -> bytes | None:
-    """Do a part of a job that runs on another worker; return None if this worker has enough to do.
-
-    Jobs come first: a part neither waits for a slot nor keeps one from a job that arrives meanwhile.
-    """
-    secede()
-    plugin = _get_plugin(get_worker(), part.place, version)
-    with plugin.pool.mark_in_use_if_spare() as spare, set_log_context(part.claim.job_id, part.claim.request_id):
-        return supervise_part(part, plugin.pool, plugin.job_queue) if spare else None
 
 
 def _get_plugin(worker: Any, place: JobEnvironment, version: str) -> ChildPoolPlugin:
@@ -199,11 +109,8 @@ class DaskExecutor:
     def count_slots(self) -> int:
         """Return how many jobs may run at a time: one for each thread of each worker that is there now.
 
-        Raises
-        ------
-        ClusterAway
-            If the connection has to be made again. A scheduler that was restarted counts as away too: it has lost the
-            plugin that was registered with it.
+        Raise `ClusterUnreachable` if the connection has to be made again. A scheduler that was restarted counts as away
+        too: it has lost the plugin that was registered with it.
         """
         if time.monotonic() - self._looked >= WORKER_QUERY_INTERVAL:
             if self._client.status != "running" or self._get_scheduler_id() != self._scheduler:

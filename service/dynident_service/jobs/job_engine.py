@@ -17,11 +17,11 @@ from dynident_service.jobs.child_pool import ChildPool, ForkServer
 from dynident_service.jobs.confinement import Confinement
 from dynident_service.jobs.job_supervisor import supervise_job
 from dynident_service.jobs.task_input_output import JobEnvironment
-from dynident_service.log_lines import set_log_context
 from dynident_service.science_preload import load_science
 from dynident_service.settings import Settings
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.job_transitions import Claim
+from dynident_service.tracing import set_log_context
 
 if TYPE_CHECKING:
     from dynident_service.jobs.dask_cluster import DaskExecutor
@@ -87,19 +87,7 @@ EngineState = Literal["starting", "ready", "without workers", "failed", "stopped
 
 
 class Engine:
-    """Thread that hands out jobs, from `start` to `close`.
-
-    Parameters
-    ----------
-    settings : Settings
-        Settings of the service.
-    job_queue : JobQueue
-        Queue of the jobs.
-    fork_server : ForkServer
-        Process that child processes are forked from.
-    news : callable
-        Called when a job has begun or ended here, for those who follow it.
-    """
+    """Thread that hands out jobs, from `start` to `close`. `news` is called when a job has begun or ended here."""
 
     def __init__(
         self, settings: Settings, job_queue: JobQueue, fork_server: ForkServer, news: Callable[[], None] = lambda: None

@@ -1,24 +1,29 @@
-"""Fetch a job's inputs and store its outputs; parts of a job on another worker; cache of recently used values."""
+"""What goes to a child process and comes back: jobs with their inputs and outputs, calls, answers, heartbeats."""
 
 from __future__ import annotations
 
-import io
+import errno
+import importlib
 import logging
-import pickle
-import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, TypeVar
 
-from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress
+from dynident.errors import DynidentError
+from dynident.progress import Checkpoints, NoCheckpoints, Progress
+from dynident_service import tracing
+from dynident_service.jobs.confinement import UNLIMITED, ComputationLimits, is_out_of_memory
+from dynident_service.problems import Problem, ProblemError, make_problem, to_problem
+from dynident_service.storage.data_directory import is_disk_full
+from dynident_service.storage.database import retry_while_away
+from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.repository_values import NewResource, OwnedObject, Resource
 from dynident_service.storage.resource_repository import Resources
-from dynident_service.storage.retry_while_away import retry_while_away
+from dynident_service.tracing import get_current_request, set_log_context
 
 T = TypeVar("T")
 CACHED_OBJECTS = 16
@@ -28,16 +33,8 @@ PATIENCE = 15 * 60.0
 
 
 @dataclass(frozen=True)
-class ClusterAddresses:
-    """Addresses of a Dask scheduler and of the worker that runs a job; other workers may compute parts of it."""
-
-    scheduler: str
-    own: str
-
-
-@dataclass(frozen=True)
 class JobEnvironment:
-    """Where a child process finds the database, the object store and other workers."""
+    """Where a child process finds the database and the object store."""
 
     database_url: str
     object_store_url: str
@@ -47,7 +44,6 @@ class JobEnvironment:
     """Seconds that one attempt at a job may take."""
     memory: int
     """Bytes that a job may allocate, besides what is loaded."""
-    colleagues: ClusterAddresses | None = None
 
 
 class LruCache(Generic[T]):
@@ -78,17 +74,7 @@ class ObjectCache:
         self._kept: LruCache[object] = LruCache(CACHED_OBJECTS)
 
     def get_or_make(self, kind: type[T], identifier: str, make: Callable[[], T]) -> T:
-        """Return the cached object of an id, or make it.
-
-        Parameters
-        ----------
-        kind : type
-            Class of the object.
-        identifier : str
-            Id of the resource that it belongs to.
-        make : callable
-            Makes the object if it is not cached.
-        """
+        """Return the cached object of an id, or make it."""
         value = self._kept.get(f"{kind.__qualname__} {identifier}")
         if not isinstance(value, kind):
             value = make()
@@ -137,75 +123,115 @@ class Outcome:
     """Further resource that the job creates (a simulation creates a measurement); its id is put into the result under
     the name of its kind with `_id`.
     """
+    request: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of the stored request that the job has decided."""
 
 
 JobFunction = Callable[[Task], Outcome]
 
 
-def pack_value(value: object, objects: ObjectStore) -> bytes:
-    """Pickle a value; raise whatever exception a value causes that cannot leave its process."""
-    content = io.BytesIO()
-    _Packer(content, objects).dump(value)
-    return content.getvalue()
+End = Callable[[JobQueue], None]
+"""Writes the end of a job into the queue."""
 
 
-def unpack_value(content: bytes, objects: ObjectStore) -> object:
-    """Unpickle a value and fetch its files from the object store; raise what `ObjectStore.path` raises."""
-    value: object = _Unpacker(io.BytesIO(content), objects).load()
-    return value
+@dataclass(frozen=True)
+class JobOrder:
+    """Message of the supervisor: a job, and where its data is."""
+
+    claim: Claim
+    place: JobEnvironment
 
 
-class _Packer(pickle.Pickler):
-    def __init__(self, content: io.BytesIO, objects: ObjectStore) -> None:
-        super().__init__(content, pickle.HIGHEST_PROTOCOL)
-        self._objects = objects
+@dataclass(frozen=True)
+class Hello:
+    """First message of the child: its process id."""
 
-    def persistent_id(self, value: object) -> str | None:
-        """Return the key if a value is the path of a file in the object store."""
-        return self._objects.find_key(value) if isinstance(value, Path) else None
+    pid: int
 
 
-class _Unpacker(pickle.Unpickler):
-    def __init__(self, content: io.BytesIO, objects: ObjectStore) -> None:
-        super().__init__(content)
-        self._objects = objects
+@dataclass(frozen=True)
+class Heartbeat:
+    """Message of the child from time to time while it works."""
 
-    def persistent_load(self, key: object) -> Path:
-        """Return the local path of the file with a key."""
-        return self._objects.fetch_file(str(key))
+
+@dataclass(frozen=True)
+class Receipt:
+    """Message of the child when a job has ended, well or badly; the queue says which.
+
+    With `trouble` the job has not ended: the database or the object store was away for too long.
+    """
+
+    peak_memory: int
+    trouble: str = ""
+
+
+def make_memory_problem(memory: int) -> Problem:
+    """Return the problem of a job that took more memory than it may; it is final, as the job would do so again."""
+    detail = (
+        f"The computation needs more than the {memory // 1000000} MB that a job may use (DYNIDENT_JOB_MEMORY); "
+        "use less data, a stronger decimation or fewer effects. The job is not repeated."
+    )
+    return make_problem(500, detail, title="Out of memory")
 
 
 log = logging.getLogger("dynident.job")
 
 
-class PartFailed(Exception):
-    """A part was not done: its process died, its computation failed, or nobody waits for it any more."""
+@dataclass(frozen=True)
+class Call:
+    """Call of a function "module:name" that takes plain values by keyword and returns plain values."""
+
+    function: str
+    arguments: Mapping[str, Any]
+    request_id: str | None = field(default_factory=get_current_request)
+    trace: str | None = field(default_factory=tracing.get_current_span)
+    limits: ComputationLimits = UNLIMITED
 
 
 @dataclass(frozen=True)
-class JobPart:
-    """Part of a job: a function and its argument, pickled by `_Packer`."""
+class Answer:
+    """Return value of a call, or the problem that prevented it, with the peak memory of the child process in bytes."""
 
-    claim: Claim
-    place: JobEnvironment
-    work: bytes
-    item: bytes
-
-
-def compute_part(job_id: str, url: str, cache_dir: Path, work: bytes, item: bytes) -> bytes:
-    """Compute a part; the function is cached for the next part, with the machine code that it contains."""
-    began = time.monotonic()
-    function, objects = _get_function(work, url, cache_dir), _get_store(url, cache_dir)
-    result = pickle.dumps(function(unpack_value(item, objects), ignore_progress), pickle.HIGHEST_PROTOCOL)
-    log.info("did a part of job %s in %.1f s", job_id, time.monotonic() - began)
-    return result
+    peak_memory: int
+    value: Any = None
+    problem: Problem | None = None
 
 
-@lru_cache(maxsize=1)
-def _get_store(url: str, cache_dir: Path) -> ObjectStore:
-    return ObjectStore(url, cache_dir)
+def answer_call(call: Call, peak_memory: int) -> Answer:
+    """Do a call, and turn every exception into a problem."""
+    with set_log_context(None, call.request_id), tracing.trace_task(f"compute {call.function}", call.trace):
+        return _run_call(call, peak_memory)
 
 
-@lru_cache(maxsize=2)
-def _get_function(content: bytes, url: str, cache_dir: Path) -> Callable[[object, Progress], object]:
-    return cast(Callable[[object, Progress], object], unpack_value(content, _get_store(url, cache_dir)))
+def confirm_readiness() -> bool:
+    """Return True: the service calls this to see whether a child process would answer a request."""
+    return True
+
+
+def _run_call(call: Call, peak_memory: int) -> Answer:
+    module, _, name = call.function.partition(":")
+    try:
+        value = getattr(importlib.import_module(module), name)(**call.arguments)
+    except (DynidentError, ProblemError) as error:
+        return Answer(peak_memory, problem=to_problem(error))
+    except Exception as error:
+        if is_out_of_memory(error):
+            detail = "The data need more memory than one request may use; send less at a time."
+            return Answer(peak_memory, problem=make_problem(422, detail, title="Out of memory"))
+        # The process is confined to the files of the request, so a file of the user pointed elsewhere.
+        if isinstance(error, PermissionError):
+            log.exception("the call of %s tried an access that is not allowed", call.function)
+            detail = (
+                "The data refer to something outside themselves, which the service does not read; send everything "
+                "in one file."
+            )
+            return Answer(peak_memory, problem=make_problem(422, detail, title="Points elsewhere"))
+        # RLIMIT_FSIZE stopped a write; see Limits.
+        if isinstance(error, OSError) and error.errno == errno.EFBIG:
+            detail = "The answer is larger than one request may write; ask for less at a time."
+            return Answer(peak_memory, problem=make_problem(413, detail, title="Answer too large"))
+        if is_disk_full(error):
+            return Answer(peak_memory, problem=make_problem(507, "The disk of the service is full.", title="Disk full"))
+        log.exception("the call of %s failed unexpectedly", call.function)
+        return Answer(peak_memory, problem=make_problem(500, "The service failed unexpectedly; its log says where."))
+    return Answer(peak_memory, value=value)

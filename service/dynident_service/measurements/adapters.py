@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dynident.array_types import FloatArray
+from dynident.errors import Remedy
 from dynident.identification.column_inference import Inspection, inspect_file
 from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.recordings import (
@@ -197,9 +198,18 @@ def describe_recording(recording: Recording, checks: Sequence[Check], sha256: st
 def show_checks(checks: Sequence[Check]) -> list[wire.CheckView]:
     """Build the views of checks, with the revision that cures each where one is known."""
     return [
-        to_view(wire.CheckView, check, apply=None if check.apply is None else show_revision(check.apply))
+        to_view(
+            wire.CheckView,
+            check,
+            apply=None if check.apply is None else show_revision(check.apply),
+            remedy=_show_remedy(check.remedies[0]) if check.remedies else None,
+        )
         for check in checks
     ]
+
+
+def _show_remedy(remedy: Remedy) -> wire.RemedyView:
+    return wire.RemedyView(field=remedy.field, value=None if remedy.value is ... else remedy.value)
 
 
 def describe_file_problem(error: RecordingError) -> Problem:

@@ -14,9 +14,8 @@ from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.measurements.wire_types import ImportMetadata, ImportView
 from dynident_service.shared.required_resources import require_resource
 from dynident_service.shared.resource_routes import (
-    ResourceRoutes,
+    PagesDep,
     RetryKeyDep,
-    add_resource_routes,
     create_or_replay,
     parse_json_body,
     replay_response,
@@ -29,7 +28,7 @@ from dynident_service.shared.upload_forms import (
     hash_file,
     receive_files,
 )
-from dynident_service.shared.wire_types import to_plain_json
+from dynident_service.shared.wire_types import Page, to_plain_json
 from dynident_service.storage.deletion_and_expiry import IMPORT_LIFETIME
 from dynident_service.storage.repository_values import Dependency, NewResource, Resource, Retry
 from dynident_service.storage_and_engine import Services, ServicesDep
@@ -83,17 +82,22 @@ def show_import(resource: Resource) -> ImportView:
     return ImportView.model_validate({**vars(resource), **(resource.result or {}), "expires_at": expires_at})
 
 
-add_resource_routes(
-    router,
-    ResourceRoutes(
-        "import",
-        ImportView,
-        show=show_import,
-        list_description="List the stored imports, newest first.",
-        show_description="Show an import.",
-        delete_description="Delete an import; 409 while a measurement needs it.",
-    ),
-)
+@router.get("")
+def list_imports(pages: PagesDep) -> Page[ImportView]:
+    """List the stored imports, newest first."""
+    return pages.show("import", show_import)
+
+
+@router.get("/{import_id}")
+def get_import(import_id: str, services: ServicesDep) -> ImportView:
+    """Show an import."""
+    return show_import(services.resources.get("import", import_id))
+
+
+@router.delete("/{import_id}", status_code=204)
+def delete_import(import_id: str, services: ServicesDep) -> None:
+    """Delete an import; 409 while a measurement needs it."""
+    services.resources.delete("import", import_id)
 
 
 def _receive_files(services: Services, files: Sequence[UploadFile], source: Path) -> str:

@@ -64,18 +64,7 @@ def write_raw_signals(
 ) -> None:
     """Write signals of a file as JSON.
 
-    Parameters
-    ----------
-    source, destination : str
-        Recorded file, and file to write.
-    robot, metadata : mapping
-        Request of the robot, and metadata of the file.
-    signals : list of str
-        Names of the signals.
-    start, end : float or None
-        Interval in seconds; None for the whole file.
-    points : int or None
-        Approximate number of samples; None for all.
+    The interval is in seconds, None for the whole file; about so many `points` are written, None for all.
     """
     opened = open_raw_signals(Path(source), restore_robot(robot), MeasurementMetadata.model_validate(metadata), signals)
     with Path(destination).open("wb") as file:

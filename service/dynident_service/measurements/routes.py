@@ -21,8 +21,13 @@ from starlette.background import BackgroundTask
 
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.measurements.wire_types import (
+    CheckView,
+    ConditionedRows,
+    ConditioningSubject,
+    ConditioningView,
     MeasurementMetadata,
     MeasurementOfImport,
+    MeasurementResult,
     MeasurementView,
     RawSignals,
     RevisionRequest,
@@ -39,13 +44,13 @@ from dynident_service.problems import (
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.required_resources import require_resource
 from dynident_service.shared.resource_routes import (
-    ResourceRoutes,
+    LabelledPagesDep,
     RetryKey,
     RetryKeyDep,
-    add_resource_routes,
     create_or_replay,
     parse_json_body,
     replay_response,
+    update_labels,
 )
 from dynident_service.shared.upload_forms import (
     FURTHER,
@@ -57,8 +62,8 @@ from dynident_service.shared.upload_forms import (
     receive_files,
     require_room_for,
 )
-from dynident_service.shared.wire_types import to_plain_json
-from dynident_service.storage.deletion_and_expiry import ObjectGone
+from dynident_service.shared.wire_types import LabelsRequest, Page, to_plain_json
+from dynident_service.storage.object_store import ObjectGone
 from dynident_service.storage.repository_values import Dependency, NewResource, OwnedObject, Resource, Retry
 from dynident_service.storage_and_engine import Services, ServicesDep
 
@@ -179,13 +184,51 @@ def find_original(measurement: Resource) -> OwnedObject:
     return measurement.objects["original"]
 
 
+_FIRST_ROWS = 20
+"""Rows of a correction that are listed; the check of the same name has up to a thousand."""
+
+
+def _describe_conditioning(
+    views: Sequence[CheckView], metadata: MeasurementMetadata, joints: Sequence[str]
+) -> list[ConditioningView]:
+    """Build the views of what was put right before the checks, column by column."""
+    stated = metadata.model_dump(include={"columns", "skip"})
+    return [
+        ConditioningView(
+            code=view.name,
+            subject=ConditioningSubject(
+                recording=metadata.name, column=column, joint=_find_joint(column, stated["columns"], joints)
+            ),
+            rows=ConditionedRows(count=len(rows), first=rows[:_FIRST_ROWS]),
+            detail=view.detail,
+            undo=RevisionRequest.model_validate({"skip": [*stated["skip"], view.name]}),
+        )
+        for view in views
+        # A correction is a finding that is undone by leaving its step out.
+        if view.remedy is not None and view.remedy.field == "skip"
+        for column, rows in view.rows.items()
+    ]
+
+
+def _find_joint(column: str, columns: Mapping[str, str], joints: Sequence[str]) -> str | None:
+    """Return the joint of a column of the file: standard names end with its number or its name."""
+    name = next((ours for ours, theirs in columns.items() if theirs == column), column)
+    stem = name.rstrip("0123456789")
+    for number, joint in enumerate(joints, start=1):
+        if name.endswith(f"_{joint}") or (stem and name == f"{stem}{number}"):
+            return joint
+    return None
+
+
 def show_measurement(resource: Resource) -> MeasurementView:
     """Show a stored measurement."""
     metadata = MeasurementMetadata.model_validate(resource.request)
+    result = MeasurementResult.model_validate(resource.result)
     return MeasurementView.model_validate(
         {
             **vars(resource),
-            **(resource.result or {}),
+            **result.model_dump(),
+            "conditioning": _describe_conditioning(result.checks, metadata, result.joints),
             **metadata.model_dump(include={"robot_id", "role", "windows"}),
             "parent_id": next(iter(resource.get_dependencies("parent")), None),
             "revision": len((resource.result or {}).get("edits", [])),
@@ -195,18 +238,28 @@ def show_measurement(resource: Resource) -> MeasurementView:
     )
 
 
-add_resource_routes(
-    router,
-    ResourceRoutes(
-        "measurement",
-        MeasurementView,
-        parent_kind="robot",
-        show=show_measurement,
-        show_description="Show a measurement.",
-        delete_description="Delete a measurement; 409 while other resources need it.",
-        label_description="Rename, tag or archive a measurement; the runs of its recording keep their names.",
-    ),
-)
+@router.get("")
+def list_measurements(pages: LabelledPagesDep, robot_id: str | None = None) -> Page[MeasurementView]:
+    """List the measurements, newest first; those of one robot if requested."""
+    return pages.show("measurement", show_measurement, robot_id)
+
+
+@router.get("/{measurement_id}")
+def get_measurement(measurement_id: str, services: ServicesDep) -> MeasurementView:
+    """Show a measurement."""
+    return show_measurement(services.resources.get("measurement", measurement_id))
+
+
+@router.delete("/{measurement_id}", status_code=204)
+def delete_measurement(measurement_id: str, services: ServicesDep) -> None:
+    """Delete a measurement; 409 while other resources need it."""
+    services.resources.delete("measurement", measurement_id)
+
+
+@router.patch("/{measurement_id}")
+def label_measurement(measurement_id: str, body: LabelsRequest, services: ServicesDep) -> MeasurementView:
+    """Rename, tag or archive a measurement; the runs of its recording keep their names."""
+    return show_measurement(update_labels(services, "measurement", measurement_id, body))
 
 
 @dataclass(frozen=True)

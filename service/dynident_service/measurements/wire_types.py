@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any, Literal
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field, SerializerFunctionWrapHandler, computed_field, model_serializer
 
 from dynident.recordings.recording_metadata import EffortKind, RecordingMetadata, Revision, Role
 from dynident_service.shared.request_bodies import derive_body
@@ -47,6 +47,13 @@ class MeasurementMetadata(RequestModel):
     name: Name
 
 
+class RemedyView(ViewModel):
+    """A field of the metadata, or of the robot, with the value that puts a finding right."""
+
+    field: str
+    value: object = Field(description="null where only the user can know it")
+
+
 class CheckView(ViewModel):
     """One check, what it found, and what to do about it."""
 
@@ -64,6 +71,21 @@ class CheckView(ViewModel):
         description="The correction, if it is known: a body for POST /v1/measurements/{id}/revisions; for a file that "
         "was refused, fields for the metadata of the next upload",
     )
+    remedy: RemedyView | None = Field(default=None, description="The first remedy that the sentence names")
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def code(self) -> str:
+        """The kind of finding: the name of the check."""
+        return self.name
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def values(self) -> dict[str, str | int | float]:
+        """Where the finding is: column, row, time, and number of rows; what is not known is left out."""
+        known = {"column": self.column or None, "row": self.row, "time": self.time}
+        count = sum(map(len, self.rows.values()))
+        return {name: value for name, value in {**known, "rows": count or None}.items() if value is not None}
 
 
 class SegmentView(ViewModel):
@@ -109,6 +131,31 @@ class MeasurementResult(ViewModel):
     )
 
 
+class ConditionedRows(ViewModel):
+    """Rows of a column that were put right."""
+
+    count: int = Field(description="At most a thousand are counted")
+    first: list[int] = Field(description="The first ones: data rows of the file, from 1")
+
+
+class ConditioningSubject(ViewModel):
+    """What a correction was made in."""
+
+    recording: str
+    column: str = Field(description="Column of the file")
+    joint: str | None = Field(description="null for a column of no joint")
+
+
+class ConditioningView(ViewModel):
+    """A correction that was made before the checks."""
+
+    code: str
+    subject: ConditioningSubject
+    rows: ConditionedRows
+    detail: str
+    undo: RevisionRequest = Field(description="A body for POST /v1/measurements/{id}/revisions")
+
+
 class MeasurementView(MeasurementResult, Labelled):
     """A stored measurement."""
 
@@ -124,6 +171,9 @@ class MeasurementView(MeasurementResult, Labelled):
         default="unknown", description="What its torque or current is, according to the metadata"
     )
     request: MeasurementMetadata
+    conditioning: list[ConditioningView] = Field(
+        default=[], description="What was put right before the checks, column by column, and how to undo it"
+    )
 
 
 class RawSignals(ViewModel):

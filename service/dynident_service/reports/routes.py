@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from fastapi import APIRouter, Request
 from fastapi.responses import StreamingResponse
@@ -17,20 +17,22 @@ from dynident_service.shared.required_resources import (
     require_model,
     require_result,
 )
-from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route, require_succeeded
+from dynident_service.shared.resource_routes import PagesDep, SubmissionDep, require_succeeded
+from dynident_service.shared.wire_types import Page
 from dynident_service.storage.repository_values import Dependency, NewJob, Resource
 from dynident_service.storage_and_engine import Services, ServicesDep
 
 router = APIRouter(prefix="/v1/reports", tags=["reports"])
+JOB = NewJob("report", "dynident_service.reports.jobs:write_report")
 
 
-def _build_address(request: Request, body: Mapping[str, object]) -> dict[str, object]:
+def _build_address(request: Request, identification_id: str) -> dict[str, object]:
     """Return where a report leads back to: what the settings say, or where this request was received.
 
     Never what its `Host` header says, which whoever sends the request makes up.
     """
     base = request.app.state.services.settings.public_url or _server_address(request)
-    return {"address": f"{base.rstrip('/')}/?identification={body['identification_id']}" if base else ""}
+    return {"address": f"{base.rstrip('/')}/?identification={identification_id}" if base else ""}
 
 
 def _server_address(request: Request) -> str:
@@ -40,18 +42,8 @@ def _server_address(request: Request) -> str:
     return f"{request.url.scheme}://{f'[{host}]' if ':' in host else host}:{port}"
 
 
-@add_create_route(
-    router,
-    ResourceRoutes(
-        "report",
-        ReportView,
-        parent_kind="identification",
-        show_description="Show a report; its result says where the document is.",
-    ),
-    NewJob("report", "dynident_service.reports.jobs:write_report"),
-    _build_address,
-)
-def create_report(services: Services, body: ReportRequest) -> Sequence[Dependency]:
+@router.post("", status_code=202)
+def create_report(body: ReportRequest, services: ServicesDep, submit: SubmissionDep, request: Request) -> ReportView:
     """Write a report on an identified model, with its ladder and, if requested, a diagnosis."""
     model = require_model(services, body.identification_id)
     robot = services.resources.get("robot", model.get_dependency("robot"))
@@ -66,7 +58,26 @@ def create_report(services: Services, body: ReportRequest) -> Sequence[Dependenc
     ]
     if body.diagnosis_id is not None:
         needs.append(_require_diagnosis(services, body.diagnosis_id, model))
-    return needs
+    job = replace(JOB, arguments=_build_address(request, body.identification_id))
+    return submit(ReportView, "report", body, job, needs)
+
+
+@router.get("")
+def list_reports(pages: PagesDep, identification_id: str | None = None) -> Page[ReportView]:
+    """List the reports, newest first; those of one identification if requested."""
+    return pages.show("report", ReportView.show, identification_id)
+
+
+@router.get("/{report_id}")
+def get_report(report_id: str, services: ServicesDep) -> ReportView:
+    """Show a report; its result says where the document is."""
+    return ReportView.show(services.resources.get("report", report_id))
+
+
+@router.delete("/{report_id}", status_code=204)
+def delete_report(report_id: str, services: ServicesDep) -> None:
+    """Delete a report."""
+    services.resources.delete("report", report_id)
 
 
 @router.get(

@@ -30,22 +30,9 @@ def read_meshes(
 ) -> dict[str, object]:
     """Read mesh files of a robot and write its geometry.
 
-    Parameters
-    ----------
-    request : mapping
-        Request that the robot was created by.
-    sent : mapping of str to str
-        Paths of uploaded files, by the names under which they were sent.
-    kept : mapping of str to str
-        Paths of the files that the robot has already, by mesh name.
-    destination : str
-        File for the geometry.
-
-    Returns
-    -------
-    dict
-        All meshes of the description (`meshes`), the uploaded file of each (`chosen`), and the files that belong to no
-        mesh (`unused`).
+    `sent` has the paths of uploads by the names under which they were sent, `kept` those of files that the robot has,
+    by mesh. Return all meshes of the description (`meshes`), the upload of each (`chosen`), and the uploads that belong
+    to none (`unused`).
     """
     robot = restore_robot(request)
     file_names = assign_mesh_files(robot, {name: Path(path) for name, path in sent.items()}) if sent else {}

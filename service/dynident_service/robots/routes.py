@@ -28,9 +28,9 @@ from dynident_service.robots.wire_types import (
 )
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.required_resources import require_resource
-from dynident_service.shared.resource_routes import ResourceRoutes, RetryKeyDep, add_resource_routes, create_or_replay
+from dynident_service.shared.resource_routes import LabelledPagesDep, RetryKeyDep, create_or_replay, update_labels
 from dynident_service.shared.upload_forms import FormRoute, receive_files
-from dynident_service.shared.wire_types import MOST_ITEMS, LabelsRequest, to_plain_json
+from dynident_service.shared.wire_types import MOST_ITEMS, Page, to_plain_json
 from dynident_service.storage.repository_values import (
     GEOMETRY,
     NewResource,
@@ -74,9 +74,8 @@ def show_robot(resource: Resource) -> RobotView:
     )
 
 
-def revise_hardware(robot: Resource, body: LabelsRequest) -> Mapping[str, object]:
+def revise_hardware(robot: Resource, body: RobotChanges) -> Mapping[str, object]:
     """Return what is known of a robot's hardware after a change; the later answer replaces an earlier one."""
-    assert isinstance(body, RobotChanges)
     if body.has is None and body.has_not is None:
         return {}
     check_hardware(body.has or (), body.has_not or ())
@@ -86,19 +85,29 @@ def revise_hardware(robot: Resource, body: LabelsRequest) -> Mapping[str, object
     return {"has": list(dict.fromkeys(has)), "has_not": list(dict.fromkeys(has_not))}
 
 
-add_resource_routes(
-    router,
-    ResourceRoutes(
-        "robot",
-        RobotView,
-        show=show_robot,
-        show_description="Show a robot.",
-        delete_description="Delete a robot; 409 while other resources need it.",
-        label_description="Rename, tag or archive a robot, or state which parts it has.",
-        changes=RobotChanges,
-        revise=revise_hardware,
-    ),
-)
+@router.get("")
+def list_robots(pages: LabelledPagesDep) -> Page[RobotView]:
+    """List the robots, newest first."""
+    return pages.show("robot", show_robot)
+
+
+@router.get("/{robot_id}")
+def get_robot(robot_id: str, services: ServicesDep) -> RobotView:
+    """Show a robot."""
+    return show_robot(services.resources.get("robot", robot_id))
+
+
+@router.delete("/{robot_id}", status_code=204)
+def delete_robot(robot_id: str, services: ServicesDep) -> None:
+    """Delete a robot; 409 while other resources need it."""
+    services.resources.delete("robot", robot_id)
+
+
+@router.patch("/{robot_id}")
+def label_robot(robot_id: str, body: RobotChanges, services: ServicesDep) -> RobotView:
+    """Rename, tag or archive a robot, or state which parts it has."""
+    hardware = revise_hardware(services.resources.get("robot", robot_id), body)
+    return show_robot(update_labels(services, "robot", robot_id, body, hardware))
 
 
 @router.get("/{robot_id}/bundle", response_class=StreamingResponse, responses=FILE)

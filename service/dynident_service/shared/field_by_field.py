@@ -87,27 +87,7 @@ BodyT = TypeVar("BodyT", bound=BaseModel)
 
 
 def to_request(request_body: BaseModel, science: type[RequestT], **more: object) -> RequestT:
-    """Build a request of the library from a body.
-
-    Parameters
-    ----------
-    request_body : BaseModel
-        The body, or a part of one.
-    science : type
-        The dataclass of the request.
-    more
-        Values of fields that the body does not have.
-
-    Returns
-    -------
-    object
-        The request.
-
-    Raises
-    ------
-    DynidentError
-        Where the request refuses a value.
-    """
+    """Build a request of the library from a body. `more` has the values of fields that the body does not have."""
     body_fields = type(request_body).model_fields
     names = [
         request_field.name
@@ -124,22 +104,7 @@ def to_request(request_body: BaseModel, science: type[RequestT], **more: object)
 
 
 def to_body(kind: type[BodyT], value: DataclassInstance, **own: object) -> BodyT:
-    """Build the body that asks for a request of the library.
-
-    Parameters
-    ----------
-    kind : type
-        The model of the body.
-    value : dataclass
-        The request.
-    own
-        Values of fields that only the body has.
-
-    Returns
-    -------
-    BaseModel
-        The body.
-    """
+    """Build the body that asks for a request of the library. `own` has the values of fields that only the body has."""
     return kind.model_validate({**own, **_body_fields(value)})
 
 
@@ -166,22 +131,7 @@ def _body_fields(value: DataclassInstance) -> dict[str, object]:
 
 
 def to_requests(bodies: Mapping[str, BaseModel], science: type[RequestT], pointer: str) -> dict[str, RequestT]:
-    """Build requests of the library from parts of a body by name.
-
-    Parameters
-    ----------
-    bodies : mapping of str to BaseModel
-        The parts.
-    science : type
-        The dataclass of each request.
-    pointer : str
-        JSON pointer to the parts, for errors.
-
-    Returns
-    -------
-    dict
-        The requests by the same names.
-    """
+    """Build requests of the library from parts of a body by name. `pointer` leads to the parts, for errors."""
     requests = {}
     for name, body in bodies.items():
         with point_within(make_pointer(name, within=pointer)):
@@ -213,21 +163,9 @@ _SAME_NAME = shared_types.SourcePath()
 def to_view(view: type[ViewT], result: object, **more: object) -> ViewT:
     """Build a view of a result.
 
-    Parameters
-    ----------
-    view : type
-        A model of the contract. Each field is read from the result's attribute of the same name, or from the path that
-        `SourcePath` states in its annotation. A field that may be null is null where the number is not finite or the
-        text is empty. Errors get the errors on moving rows as well.
-    result : object
-        A result of the library; None where all fields are in `more`.
-    more
-        Values of fields that the result does not have, or has in another form.
-
-    Returns
-    -------
-    BaseModel
-        The view.
+    Each field is read from the result's attribute of the same name, or from the path that `SourcePath` states in its
+    annotation; `more` has those that the result does not have, or has in another form. A field that may be null is null
+    where the number is not finite or the text is empty. Errors get the errors on moving rows as well.
     """
     values: dict[str, object] = {}
     for name, field in view.model_fields.items():
@@ -251,19 +189,7 @@ def to_view(view: type[ViewT], result: object, **more: object) -> ViewT:
 def from_view(science: type[T], view: BaseModel, **more: object) -> T:
     """Restore a result of the library from its view.
 
-    Parameters
-    ----------
-    science : type
-        The dataclass of the result.
-    view : BaseModel
-        The view, as it was stored.
-    more
-        Values of fields that the view holds in another form.
-
-    Returns
-    -------
-    object
-        The result, as far as the view holds it; other fields have their defaults.
+    `more` has the fields that the view holds in another form; fields that it lacks have their defaults.
     """
     values: dict[str, dict[str, tuple[FieldInfo, object]]] = {}
     # Several fields of a view may come from one attribute ("choice.effect", "choice.joints"): they are collected by it.
@@ -287,17 +213,7 @@ def from_view(science: type[T], view: BaseModel, **more: object) -> T:
 def show_errors(errors: Errors, moving: Errors | None = None, sigma: FloatArray | None = None) -> ErrorsView:
     """Show the errors of a model on data.
 
-    Parameters
-    ----------
-    errors, moving : Errors
-        On all rows, and on those where each joint moves.
-    sigma : array (n,), optional
-        Standard deviation of the residual per joint.
-
-    Returns
-    -------
-    ErrorsView
-        The errors, null where a joint has no rows.
+    Those of `moving` are on the rows where each joint moves. They are null where a joint has no rows.
     """
     return ErrorsView(
         **show_figures(errors).model_dump(),

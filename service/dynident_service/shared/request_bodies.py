@@ -30,16 +30,8 @@ def derive_body(
 ) -> Callable[[type[ModelT]], type[ModelT]]:
     """Decorate a body: add the fields of a request of the library to those that the class states itself.
 
-    Parameters
-    ----------
-    science : type
-        A frozen dataclass whose fields say what they are (`dynident.schema.fields.declare_field`).
-    but : str
-        Fields that are no part of the contract.
-    only : tuple of str, optional
-        Those that are, where they are few.
-    or_null : tuple of str
-        Those that may be null for their default.
+    `science` is a frozen dataclass of `declare_field`s. Fields of `but` are no part of the contract, of `only` those of
+    `only` are, those of `or_null` may be null for their default.
     """
 
     def build_body(body: type[ModelT]) -> type[ModelT]:

@@ -27,22 +27,7 @@ Read = Callable[[Mapping[str, Any], Mapping[str, Any], Path], object]
 def read_stored(
     kind: str, request: Mapping[str, object], result: Mapping[str, object], files: Mapping[str, str]
 ) -> str | None:
-    """Read a stored resource and its files.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of the resource.
-    request, result : mapping
-        Its stored request and result.
-    files : mapping of str to str
-        Paths of its files, by role.
-
-    Returns
-    -------
-    str or None
-        What cannot be read, and why; None if everything can.
-    """
+    """Read a stored resource and its files. Return what cannot be read, and why; None if everything can."""
     if kind == "robot":
         return _find_problem("its description", partial(restore_robot, request))
     for role, path in files.items():

@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from datetime import datetime
 from math import nan
-from typing import Annotated, Any, Generic, Literal, TypeVar, cast
+from typing import Annotated, Any, Generic, Literal, Self, TypeVar, cast
 
 from pydantic import (
     AfterValidator,
@@ -22,7 +22,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from dynident.schema.fields import LARGEST, FieldDescription, describe_refusal
 from dynident_service.problems import Problem
-from dynident_service.storage.repository_values import State
+from dynident_service.storage.repository_values import Resource, State
 
 T = TypeVar("T")
 RequestT = TypeVar("RequestT", bound=BaseModel)
@@ -145,6 +145,15 @@ class Computed(ViewModel, Generic[RequestT, ResultT]):
     request: RequestT
     result: ResultT | None = Field(default=None, description="Present if the status is succeeded.")
     error: Problem | None = Field(default=None, description="Present if the status is failed.")
+
+    @classmethod
+    def show(cls, resource: Resource, **more: object) -> Self:
+        """Show a stored resource."""
+        job = resource.job
+        assert job is not None
+        progress = Progress(fraction=job.fraction, message=job.message)
+        job_fields = {"job_id": job.id, "status": job.state, "progress": progress, "error": job.error}
+        return cls.model_validate({**vars(resource), **job_fields, **more})
 
 
 class EffectChoice(RequestModel):

@@ -77,12 +77,7 @@ class ArchiveFolder:
     def remove_unused(self, tables: str | None, keys: Collection[str] | None = None) -> None:
         """Remove what belongs to no archive in this folder.
 
-        Parameters
-        ----------
-        tables : str or None
-            Folder of tables to leave; all others are removed.
-        keys : collection of str, optional
-            Objects to leave; all others are removed. Without it only unfinished files go.
+        All folders of tables but `tables` go, and all objects but `keys`; without keys, only unfinished files.
         """
         for path in self._path.glob(f"{TABLES}*"):
             if _TABLES.fullmatch(path.name) and path.name != tables:
@@ -199,22 +194,7 @@ def check_listing(source: Path, most: int) -> None:
 
 
 def write_rows(files: ArchiveFiles, table: str, rows: Iterable[Mapping[str, object]]) -> int:
-    """Write the rows of a table as JSON lines.
-
-    Parameters
-    ----------
-    files : ArchiveFolder or ArchiveZip
-        Archive.
-    table : str
-        Name of the table.
-    rows : iterable of mapping
-        Values by column name.
-
-    Returns
-    -------
-    int
-        Number of rows.
-    """
+    """Write the rows of a table as JSON lines. Return their number."""
     number = 0
     with files.write(f"{files.tables}/{table}.jsonl") as file:
         for row in rows:
@@ -226,22 +206,7 @@ def write_rows(files: ArchiveFiles, table: str, rows: Iterable[Mapping[str, obje
 def read_rows(files: ArchiveFiles, table: Table) -> Iterator[Row]:
     """Read the rows of a table from an archive.
 
-    Parameters
-    ----------
-    files : ArchiveFolder or ArchiveZip
-        Archive.
-    table : Table
-        Table as this version has it; columns that it does not have are left out.
-
-    Yields
-    ------
-    dict
-        Values by column name; nothing if the archive lacks the table.
-
-    Raises
-    ------
-    DynidentError
-        If a line is no row.
+    Columns that `table` does not have are left out; nothing is yielded if the archive lacks the table.
     """
     name = f"{files.tables}/{table.name}.jsonl"
     if files.get_size(name) is None:
@@ -284,18 +249,7 @@ def write_object(files: ArchiveFiles, key: str, chunks: Iterable[bytes]) -> None
 
 
 def read_object(files: ArchiveFiles, key: str, target: IO[bytes]) -> int:
-    """Copy an object from the archive to `target` and compare it with its hash.
-
-    Returns
-    -------
-    int
-        Size in bytes.
-
-    Raises
-    ------
-    DynidentError
-        If the object is missing or damaged.
-    """
+    """Copy an object from the archive to `target` and compare it with its hash. Return its size in bytes."""
     sha256, size = hashlib.sha256(), 0
     for chunk in _read_chunks(files, key):
         sha256.update(chunk)
@@ -332,18 +286,7 @@ def write_manifest(
 ) -> None:
     """Write the manifest. This is the last step: an archive without a manifest is incomplete.
 
-    Parameters
-    ----------
-    files : ArchiveFolder or ArchiveZip
-        Archive.
-    content : {"everything", "robot"}
-        Kind of archive.
-    revision : str
-        Migration of the database that the rows are from.
-    counts : mapping of str to int
-        Number of rows by table.
-    subject : str, optional
-        Id of the robot whose bundle it is.
+    `revision` is the migration of the database that the rows are from; `subject` the robot of a bundle.
     """
     manifest: Manifest = {
         "dynident_archive": FORMAT,
@@ -373,19 +316,7 @@ def find_tables_folder(folder: ArchiveFolder) -> str | None:
 def read_manifest(files: ArchiveFiles, content: Content, known: Iterable[str]) -> Manifest:
     """Read the manifest, and set `files.tables` by it.
 
-    Parameters
-    ----------
-    files : ArchiveFolder or ArchiveZip
-        Archive.
-    content : {"everything", "robot"}
-        Kind of archive that is expected.
-    known : iterable of str
-        Migrations that this version knows.
-
-    Raises
-    ------
-    DynidentError
-        If the archive is incomplete, of another kind, or from a newer version.
+    Refuse an archive that is incomplete, of another kind, or from a migration that is not `known` here.
     """
     try:
         with files.read("manifest.json") as file:

@@ -34,12 +34,11 @@ from dynident_service.storage.archive_format import (
     write_rows,
 )
 from dynident_service.storage.data_directory import prepare_data_directory, restrict_file_permissions
-from dynident_service.storage.database import WRITES, Database, build_alembic_config, migrate
+from dynident_service.storage.database import WRITES, Database, build_alembic_config, describe_error, migrate
 from dynident_service.storage.database_tables import OBJECTS, CheckpointRow, ObjectRow, ResourceRow
 from dynident_service.storage.database_tables import Table as Base
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.repository_values import FINAL
-from dynident_service.storage.retry_while_away import describe_error
 
 AT_ONCE = 500
 """Rows that are read or written per statement."""
@@ -59,12 +58,7 @@ class ArchiveSize:
 def open_archive_for_writing(target: Path) -> Iterator[ArchiveFiles]:
     """Open an archive for writing: a ZIP if the name ends in .zip, else a folder.
 
-    The archive is valid once its manifest is written.
-
-    Raises
-    ------
-    DynidentError
-        While another process writes the same archive.
+    The archive is valid once its manifest is written. Refuse it while another process writes the same archive.
     """
     if target.suffix.lower() != ZIP:
         # All recordings and the hashes of the keys are in it: nobody else may read it.
@@ -104,13 +98,7 @@ def _open_locked(path: Path, flags: int) -> Iterator[int]:
 
 @contextmanager
 def open_archive_for_reading(source: Path, most: int | None = None) -> Iterator[ArchiveFiles]:
-    """Open an archive for reading.
-
-    Raises
-    ------
-    DynidentError
-        If there is none, or if a ZIP has far more than `most` files.
-    """
+    """Open an archive for reading. Refuse a ZIP that has far more than `most` files."""
     if source.is_dir():
         yield ArchiveFolder(source)
         return
@@ -132,20 +120,6 @@ def back_up(database: Database, objects: ObjectStore, target: Path) -> ArchiveSi
     All rows are of one instant. Most objects are copied before that instant, as this may take hours; objects that are
     deleted in the meantime stay in the store for a while, and those that were added in the meantime are copied
     afterwards. A process that is killed leaves the previous archive intact, and the next backup removes the remains.
-
-    Parameters
-    ----------
-    database : Database
-        Source of the rows.
-    objects : ObjectStore
-        Source of the objects.
-    target : Path
-        Folder, or file with the suffix .zip.
-
-    Returns
-    -------
-    ArchiveSize
-        What the archive contains.
     """
     with open_archive_for_writing(target) as files:
         if isinstance(files, ArchiveFolder):
@@ -186,12 +160,8 @@ def _copy_object(objects: ObjectStore, files: ArchiveFiles, key: str, size: int)
 def restore(database: Database, objects: ObjectStore, source: Path, scratch: Path) -> ArchiveSize:
     """Read an archive into an empty database, which has all migrations, and into its object store.
 
-    Jobs that were running when the backup was made are queued again.
-
-    Raises
-    ------
-    DynidentError
-        If the database is not empty, or the archive is truncated or damaged.
+    Jobs that were running when the backup was made are queued again. Refuse an archive that is truncated or damaged,
+    and a database that is not empty.
     """
     with open_archive_for_reading(source) as files:
         with database.engine.connect() as connection:
@@ -227,13 +197,7 @@ def _read_tables(database: Database, files: ArchiveFiles, counts: Mapping[str, i
 
 
 def put_object(files: ArchiveFiles, objects: ObjectStore, key: str, scratch: Path) -> int:
-    """Copy an object of an archive into the object store.
-
-    Returns
-    -------
-    int
-        Size in bytes.
-    """
+    """Copy an object of an archive into the object store. Return its size in bytes."""
     scratch.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=scratch) as file:
         size = read_object(files, key, file)
@@ -301,14 +265,8 @@ def open_storage(
 ) -> Iterator[tuple[Database, ObjectStore, Path]]:
     """Open what a service has stored, and a folder for what is read meanwhile; the database is brought up to date.
 
-    Parameters
-    ----------
-    data_dir : Path, optional
-        The data directory; that of the settings by default.
-    must_exist : bool
-        Whether it is an error that there is no such directory.
-    as_it_is : bool
-        Whether to leave older tables as they are, for a check of damaged data.
+    The data directory is that of the settings by default. `as_it_is` leaves older tables as they are, for a check of
+    damaged data.
     """
     settings = load_settings() if data_dir is None else load_settings(data_dir=data_dir)
     if must_exist and not settings.database_url and not settings.data_dir.is_dir():

@@ -54,10 +54,7 @@ log = logging.getLogger("dynident.service")
 def prepare_data_directory(folder: Path) -> None:
     """Create the data directory, private to its owner, or warn if others may enter an existing one.
 
-    Raises
-    ------
-    DynidentError
-        If nothing can be written into it.
+    Refuse it if nothing can be written into it.
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -100,13 +97,7 @@ def restrict_file_permissions() -> Iterator[None]:
 
 @contextmanager
 def mark_in_use(folder: Path) -> Iterator[bool]:
-    """Mark a data directory as used by this service until the process ends.
-
-    Yields
-    ------
-    bool
-        Whether no other service uses it.
-    """
+    """Mark a data directory as used by this service until the process ends. Yield whether no other service uses it."""
     # An exclusive lock can be had only while no other service holds its shared one. It is then changed to a shared
     # lock, so that further services may start with this directory.
     handle = os.open(folder, os.O_RDONLY)

@@ -32,7 +32,7 @@ from dynident_service.storage.database_tables import (
     RetryRow,
     TombstoneRow,
 )
-from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.object_store import ObjectGone, ObjectStore
 from dynident_service.storage.repository_values import OwnedObject
 
 IMPORT_LIFETIME = 24 * 3600.0
@@ -44,12 +44,7 @@ AT_ONCE = 200
 def delete_expired(database: Database, age: timedelta) -> int:
     """Delete retry keys and events of jobs that ended more than `age` ago.
 
-    The last event of each job stays, as it says how the job ended.
-
-    Returns
-    -------
-    int
-        Number of jobs whose events were deleted.
+    The last event of each job stays, as it says how the job ended. Return the number of jobs whose events were deleted.
     """
     with database.write() as session:
         session.execute(delete(RetryRow).where(RetryRow.created_at < get_database_time(session) - age))
@@ -91,10 +86,6 @@ def delete_unused_imports(database: Database, age: timedelta) -> int:
         return len(old)
 
 
-class ObjectGone(Exception):
-    """An object was swept away before anybody owned it; put it again and retry."""
-
-
 def raise_tombstones(session: Session, keys: Iterable[str]) -> None:
     """Raise the tombstones of objects, or renew their time."""
     since = get_database_time(session)
@@ -107,10 +98,7 @@ def raise_tombstones(session: Session, keys: Iterable[str]) -> None:
 def lock_objects(session: Session, objects: ObjectStore, owned: Iterable[OwnedObject]) -> None:
     """Lock objects against the sweep until the end of the transaction.
 
-    Raises
-    ------
-    ObjectGone
-        If an object is not in the store with the right size.
+    Raise `ObjectGone` if one is not in the store with the right size.
     """
     # All transactions lock in the same order, so that no two wait for each other.
     for owned_object in sorted(owned, key=lambda owned_object: owned_object.key):
@@ -123,10 +111,7 @@ def lock_objects(session: Session, objects: ObjectStore, owned: Iterable[OwnedOb
 def sweep_objects(database: Database, objects: ObjectStore, grace: timedelta) -> int:
     """Delete the objects whose tombstone is older than `grace` and that nobody owns, each in its own transaction.
 
-    Returns
-    -------
-    int
-        Number of objects that were deleted.
+    Return their number.
     """
     with database.read() as session:
         until = get_database_time(session) - grace

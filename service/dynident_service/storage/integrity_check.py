@@ -61,21 +61,8 @@ def check_storage(
 ) -> Iterator[Defect]:
     """Check all stored data and yield the defects.
 
-    Parameters
-    ----------
-    database : Database
-        Rows to check.
-    objects : ObjectStore
-        Objects to check.
-    by_hash : bool
-        Whether to read all contents and compare their hashes, and not only sizes.
-    problem_of : callable, optional
-        Returns what this version cannot read of a resource, and why; without it resources are not read.
-
-    Yields
-    ------
-    Defect
-        One for each defect. If the database itself is damaged, nothing else is checked.
+    With `by_hash` all contents are read, and not only sizes compared. `problem_of` says what this version cannot read
+    of a resource; without it resources are not read. If the database itself is damaged, nothing else is checked.
     """
     findings = list(check_database(database))
     yield from findings
@@ -112,13 +99,7 @@ def check_database(database: Database) -> Iterator[Defect]:
 
 
 def repair(database: Database, finding: Defect) -> None:
-    """Remove a curable defect: an orphan gets a tombstone, so that the sweep deletes it; an abandoned file is deleted.
-
-    Raises
-    ------
-    ValueError
-        If the defect is not curable.
-    """
+    """Remove a curable defect: an orphan gets a tombstone for the sweep, an abandoned file is deleted."""
     if finding.trouble == "orphan":
         with database.write() as session:
             raise_tombstones(session, (finding.what,))

@@ -19,12 +19,17 @@ from sqlalchemy.orm import Session
 
 from dynident_service.problems import Problem, ProblemError, make_not_found
 from dynident_service.storage import job_transitions
-from dynident_service.storage.database import AT_ONCE, Database, get_database_time
+from dynident_service.storage.database import (
+    AT_ONCE,
+    INFRASTRUCTURE_ERRORS,
+    Database,
+    describe_error,
+    get_database_time,
+)
 from dynident_service.storage.database_tables import EVENTS, JOBS, CheckpointRow, JobRow
 from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.repository_values import FINAL, Job, JobEvent, NewJob, State
 from dynident_service.storage.resource_rows import JOB_COLUMNS
-from dynident_service.storage.retry_while_away import INFRASTRUCTURE_ERRORS, describe_error
 
 LEASE = timedelta(seconds=30)
 """How long a claim holds without renewal, by the clock of the database; longer than anybody waits for a lock."""
@@ -78,15 +83,7 @@ class LostClaim(Exception):
 
 
 class JobQueue:
-    """Queue of the jobs in the database.
-
-    Parameters
-    ----------
-    database : Database
-        Database with the jobs.
-    max_attempts : int
-        Number of deaths of its process after which a job fails.
-    """
+    """Queue of the jobs in the database. A job fails after its process has died `max_attempts` times."""
 
     def __init__(self, database: Database, max_attempts: int = 3) -> None:
         self._database = database
@@ -103,19 +100,7 @@ class JobQueue:
         """Claim queued jobs for free slots; jobs whose lease has expired are queued again before.
 
         The next job is always the oldest one of the API key that has the fewest running jobs, so nobody waits behind
-        all jobs of another user.
-
-        Parameters
-        ----------
-        slots : int
-            Number of jobs that may run at a time.
-        own : collection of str, optional
-            Ids of the jobs that occupy these slots. Without it every running job occupies one.
-
-        Returns
-        -------
-        list of Claim
-            As many jobs as there were free slots, or fewer.
+        all jobs of another user. `own` are the jobs that occupy these slots; without it every running job occupies one.
         """
         with self._database.read() as session:
             connection = session.connection()
@@ -150,19 +135,7 @@ class JobQueue:
     def record_progress(self, claim: Claim, fraction: float, message: str) -> None:
         """Record the progress of a job.
 
-        Parameters
-        ----------
-        claim : Claim
-            Claim of the worker.
-        fraction : float
-            Share of the work that is done, from 0 to 1.
-        message : str
-            What the job does now.
-
-        Raises
-        ------
-        LostClaim
-            If the claim does not hold any more, or the job is to be cancelled.
+        Raise `LostClaim` if the claim does not hold any more, or the job is to be cancelled.
         """
         with self._database.write() as session:
             if not job_transitions.record_progress(session.connection(), claim, fraction, message):
@@ -171,17 +144,8 @@ class JobQueue:
     def record_success(self, claim: Claim, store: Callable[[Session], None]) -> None:
         """Finish a job: store its results and its state in one transaction.
 
-        Parameters
-        ----------
-        claim : Claim
-            Claim of the worker.
-        store : callable
-            Writes the results with the session that it is given.
-
-        Raises
-        ------
-        LostClaim
-            If the claim does not hold any more, or the job is to be cancelled.
+        `store` writes the results. Raise `LostClaim` if the claim does not hold any more, or the job is to be
+        cancelled.
         """
         with self._database.write() as session:
             # This comes first, as it locks the row: a request to cancel the job then waits until the job has ended.
@@ -221,15 +185,8 @@ class JobQueue:
     def cancel(self, job_id: str) -> Job:
         """Cancel a job: a queued one at once, a running one by asking its worker to stop.
 
-        Returns
-        -------
-        Job
-            The job after that; one that was cancelled before is left as it is.
-
-        Raises
-        ------
-        ProblemError
-            404 if there is no such job, 409 if it has already succeeded or failed.
+        One that was cancelled before is left as it is. Refuse with 404 if there is none, with 409 if it has succeeded
+        or failed.
         """
         with self._database.write() as session:
             row = session.get(JobRow, job_id, with_for_update=True)
@@ -275,22 +232,7 @@ class JobQueue:
     def list_page(
         self, limit: int, cursor: str | None = None, state: str | None = None, kind: str | None = None
     ) -> tuple[list[Job], str | None]:
-        """List jobs, newest first.
-
-        Parameters
-        ----------
-        limit : int
-            Upper limit for the number of jobs.
-        cursor : str, optional
-            Where to continue, as the previous call gave it.
-        state, kind : str, optional
-            Only jobs in this state, or of this kind.
-
-        Returns
-        -------
-        tuple of list of Job and str or None
-            The jobs, and the cursor of the next page if there is one.
-        """
+        """List jobs, newest first. Also return the cursor of the next page, if there is one."""
         # One row more than asked for tells whether there is a next page.
         query = select(JobRow).order_by(JobRow.id.desc()).limit(limit + 1)
         for column, value in ((JobRow.state, state), (JobRow.kind, kind)):
@@ -306,10 +248,7 @@ class JobQueue:
     def read_events(self, job_id: str, after: int = 0) -> tuple[list[JobEvent], bool]:
         """Read the events of a job that follow one.
 
-        Returns
-        -------
-        tuple of list of JobEvent and bool
-            The events with ids above `after`, and whether the job has ended, so that no further event follows.
+        Also return whether the job has ended, so that no further event follows.
         """
         with self._database.read() as session:
             connection = session.connection()
@@ -322,17 +261,8 @@ class JobQueue:
     def find_newest_events(self, after: int, job_ids: Collection[str]) -> tuple[dict[str, int], int]:
         """Return the newest event of each job that has news.
 
-        Parameters
-        ----------
-        after : int
-            Event id up to which the caller knows all; 0 on the first call, which then asks for `job_ids` only.
-        job_ids : collection of str
-            Jobs whose newest event is wanted in any case.
-
-        Returns
-        -------
-        tuple of dict and int
-            Newest event id by job id, for the jobs that exist; and `after` of the next call.
+        `after` is the event up to which the caller knows all; on the first call it is 0, which asks for `job_ids` only.
+        Jobs of `job_ids` are looked up in any case. Return the newest event by job, and `after` of the next call.
         """
         with self._database.read() as session:
             connection = session.connection()

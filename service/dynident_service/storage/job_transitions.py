@@ -16,11 +16,11 @@ from sqlalchemy.orm import Session
 from sqlalchemy.sql.dml import ReturningUpdate
 
 from dynident_service import tracing
-from dynident_service.log_lines import get_current_request
 from dynident_service.problems import Problem, make_problem
 from dynident_service.storage.database import get_database_time
 from dynident_service.storage.database_tables import CHECKPOINTS, EVENTS, JOBS
 from dynident_service.storage.repository_values import Job, NewJob, State, create_identifier
+from dynident_service.tracing import get_current_request
 
 # Jobs that an earlier version queued name their functions by modules of former folders; some of these modules are
 # parts of others now.
@@ -143,21 +143,7 @@ def add_jobs(
 ) -> list[Job]:
     """Insert queued jobs within a transaction; the caller commits.
 
-    Parameters
-    ----------
-    session : Session
-        Session that writes.
-    several : sequence of tuple of NewJob and str or None
-        The jobs, each with the id of its resource.
-    moment : datetime
-        Current time.
-    owner : str, optional
-        Name of the API key that they belong to.
-
-    Returns
-    -------
-    list of Job
-        In the same order.
+    Each job comes with the id of its resource; the jobs are returned in the same order.
     """
     if not several:
         return []
@@ -181,19 +167,7 @@ def add_jobs(
 def claim_jobs(connection: Connection, most: int, moment: datetime, until: datetime) -> list[Claim]:
     """Claim queued jobs, always the oldest one of the owner with the fewest running jobs.
 
-    Parameters
-    ----------
-    connection : Connection
-        Connection that writes.
-    most : int
-        Upper limit for the number of jobs.
-    moment, until : datetime
-        Current time, and end of the lease.
-
-    Returns
-    -------
-    list of Claim
-        The claims.
+    `until` is the end of their lease.
     """
     claims: list[Claim] = []
     passed_over: set[str | None] = set()
@@ -226,13 +200,7 @@ def find_expired(connection: Connection, moment: datetime) -> Sequence[Row[objec
 
 
 def extend_lease(connection: Connection, claim: Claim, until: datetime) -> bool | None:
-    """Extend the lease of a claim.
-
-    Returns
-    -------
-    bool or None
-        Whether the job is to be cancelled; None if the claim does not hold.
-    """
+    """Extend the lease of a claim. Return whether the job is to be cancelled; None if the claim does not hold."""
     return connection.execute(_RENEW, {**claim.key_parameters, "until": until}).scalar()
 
 

@@ -39,15 +39,14 @@ class StoredObject:
     created: bool
 
 
+class ObjectGone(Exception):
+    """An object was swept away before anybody owned it; put it again and retry."""
+
+
 class ObjectStore:
     """Store of immutable objects, each under the SHA-256 of its bytes.
 
-    Parameters
-    ----------
-    url : str
-        A folder as `file://…`, or a bucket as `s3://…`.
-    cache_dir : Path
-        Folder for local copies of remote objects.
+    It is a folder (`file://…`) or a bucket (`s3://…`); copies of a bucket's objects lie in `cache_dir`.
     """
 
     def __init__(self, url: str, cache_dir: Path) -> None:
@@ -98,11 +97,6 @@ class ObjectStore:
 
         A missing or damaged object is a problem at once in a local store. Of a damaged remote object the last piece is
         held back, so that nobody takes it for complete.
-
-        Raises
-        ------
-        ProblemError
-            500 if the object is missing or damaged.
         """
         if self._folder is not None:
             self._verify(self._folder / _get_object_path(key), key)
@@ -115,10 +109,7 @@ class ObjectStore:
     def fetch_file(self, key: str) -> Path:
         """Return a local file with the object: the object itself in a local store, else a copy in the cache.
 
-        Raises
-        ------
-        ProblemError
-            500 if the object is missing or damaged.
+        Raise a problem (500) if the object is missing or damaged.
         """
         if self._folder is not None:
             path = self._folder / _get_object_path(key)
@@ -137,12 +128,6 @@ class ObjectStore:
     def local_folder(self) -> Path:
         """Folder that holds all files that `fetch_file` returns."""
         return (self._cache_dir if self._folder is None else self._folder).resolve()
-
-    def find_key(self, path: Path) -> str | None:
-        """Return the key of the object that a path from `fetch_file` belongs to, or None for any other path."""
-        key = path.name
-        place = self._cache_dir / key if self._folder is None else self._folder / _get_object_path(key)
-        return key if path == place and _KEY.fullmatch(key) else None
 
     def is_damaged(self, key: str) -> bool:
         """Return whether an object, read again from the store, is missing or does not have its hash."""

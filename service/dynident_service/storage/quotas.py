@@ -140,19 +140,7 @@ def lock_account(session: Session, account: Account | None) -> None:
 def check_quota(session: Session, account: Account | None, several: Sequence[NewResource]) -> None:
     """Check that an account may have further resources; does nothing if it has no limit.
 
-    Parameters
-    ----------
-    session : Session
-        Session of the transaction that adds the resources.
-    account : Account or None
-        Account that they belong to.
-    several : sequence of NewResource
-        What is to be added.
-
-    Raises
-    ------
-    QuotaExceeded
-        If a limit would be exceeded.
+    Raise `QuotaExceeded` if a limit would be exceeded.
     """
     if account is None:
         return
@@ -173,21 +161,8 @@ def check_byte_quota(
 ) -> None:
     """Check that an account may have further files.
 
-    Parameters
-    ----------
-    session : Session
-        Session of the transaction that adds the files.
-    account : Account or None
-        Account that they belong to.
-    owned : iterable of OwnedObject
-        The files; those that the account has already take no room.
-    at_least : int
-        Bytes that are needed in any case, for files whose size is not known yet.
-
-    Raises
-    ------
-    QuotaExceeded
-        If the limit would be exceeded.
+    Raise `QuotaExceeded` if not. Files that the account has already take no room; `at_least` stands for files whose
+    size is not known yet.
     """
     new = {owned_object.key: owned_object.size for owned_object in owned}
     if account is None or not account.limits.bytes or not (new or at_least):

@@ -51,6 +51,7 @@ PREFIXES = {
     "series": "ser",
     "import": "imp",
     "batch": "bat",
+    "campaign": "cam",
     "job": "job",
 }
 KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
@@ -81,13 +82,7 @@ _CLOCK = _NumberSequence()
 
 
 def create_identifier(kind: str) -> str:
-    """Return a new identifier: the prefix of its kind and a 128-bit number in Crockford's base 32.
-
-    Parameters
-    ----------
-    kind : str
-        Key of `PREFIXES`.
-    """
+    """Return a new identifier: the prefix of its kind and a 128-bit number in Crockford's base 32."""
     number = _CLOCK.draw_number()
     # 26 digits of 5 bits are 130 bits; the first digit holds only the upper 3 of the 128.
     digits = [ALPHABET[number >> shift & 31] for shift in range(125, -1, -5)]
@@ -109,6 +104,7 @@ Kind = Literal[
     "series",
     "import",
     "batch",
+    "campaign",
 ]
 JobKind = Literal[
     "design",

@@ -50,14 +50,7 @@ MOST_DEPENDENTS = 20
 class Resources:
     """Repository of the stored resources: robots, measurements, identifications and the rest.
 
-    Parameters
-    ----------
-    database : Database
-        Database with the rows.
-    objects : ObjectStore
-        Store with the files.
-    limits : QuotaLimits, optional
-        Limits of accounts that have none of their own.
+    `limits` are those of accounts that have none of their own.
     """
 
     def __init__(self, database: Database, objects: ObjectStore, limits: QuotaLimits | None = None) -> None:
@@ -69,14 +62,8 @@ class Resources:
     def create(self, new: NewResource) -> Resource:
         """Store a resource with its dependencies, objects and job, all or nothing.
 
-        A retry (same `Idempotency-Key`, same request) returns the resource of the first request.
-
-        Raises
-        ------
-        ObjectGone
-            If an object was swept away since it was put.
-        QuotaExceeded
-            If the account would exceed a limit.
+        A retry (same `Idempotency-Key`, same request) returns the resource of the first request. Raise `ObjectGone` if
+        an object was swept away since it was put, `QuotaExceeded` if the account would exceed a limit.
         """
         return self._create(
             new.retry, [new], lambda session, owner: insert_resource(session, self._objects, new, owner)
@@ -85,17 +72,7 @@ class Resources:
     def create_together(self, several: Sequence[NewResource], last: Callable[[list[str]], NewResource]) -> Resource:
         """Store many resources and a last one that is made from their ids, in one transaction.
 
-        Parameters
-        ----------
-        several : sequence of NewResource
-            The first resources.
-        last : callable
-            Makes the last resource from the ids of the others. Its retry key is that of the request.
-
-        Returns
-        -------
-        Resource
-            The last one.
+        The retry key of the last one is that of the request. It is returned.
         """
 
         def insert(session: Session, owner: str | None) -> Resource:
@@ -108,10 +85,7 @@ class Resources:
     def find_retried(self, retry: Retry | None) -> Resource | None:
         """Return the resource that an earlier request with the same retry key created, or None.
 
-        Raises
-        ------
-        ProblemError
-            422 if the key was used with another request.
+        Refuse (422) a key that was used with another request.
         """
         if retry is None:
             return None
@@ -154,10 +128,7 @@ class Resources:
     ) -> Resource:
         """Change name, tags or archive flag of a resource, or fields of its request; None leaves a value as it is.
 
-        Raises
-        ------
-        ProblemError
-            404 if there is no such resource.
+        Refuse (404) if there is no such resource.
         """
         with self._database.write() as session:
             row = session.get(ResourceRow, identifier, with_for_update=True)
@@ -180,25 +151,7 @@ class Resources:
     ) -> Resource:
         """Add to the result of a resource and to its objects; objects of the same roles are replaced.
 
-        Parameters
-        ----------
-        kind : Kind
-            Kind of the resource.
-        identifier : str
-            Its id.
-        result : mapping
-            Values that are added to the result, or replace those of the same names.
-        objects : sequence of OwnedObject
-            New objects.
-
-        Raises
-        ------
-        ProblemError
-            404 if there is no such resource.
-        ObjectGone
-            If an object was swept away since it was put.
-        QuotaExceeded
-            If the owner of the resource would exceed a limit.
+        Raises as `create`, and 404 if there is no such resource.
         """
         with self._database.write() as session:
             payer = self._find_paying_account(session, identifier)
@@ -224,21 +177,7 @@ class Resources:
     def list_page(
         self, kind: Kind, limit: int, cursor: str | None = None, on_id: str | None = None, *, archived: bool = True
     ) -> Page:
-        """List resources of a kind, newest first.
-
-        Parameters
-        ----------
-        kind : Kind
-            Kind of the resources.
-        limit : int
-            Upper limit for their number.
-        cursor : str, optional
-            Where to continue, as the previous page gave it.
-        on_id : str, optional
-            Only resources that depend on this one.
-        archived : bool
-            Whether archived resources are listed too.
-        """
+        """List resources of a kind, newest first. `on_id` lists only resources that depend on this one."""
         columns = RESOURCES.c
         query = WITH_JOBS.where(columns.kind == kind).order_by(columns.id.desc()).limit(limit + 1)
         if cursor is not None:
@@ -259,10 +198,7 @@ class Resources:
     def delete(self, kind: Kind, identifier: str) -> None:
         """Delete a resource with its job and objects.
 
-        Raises
-        ------
-        ProblemError
-            404 if there is none, 409 if others depend on it or its job is not finished.
+        Refuse with 404 if there is none, with 409 if others depend on it or its job is not finished.
         """
         with self._database.write() as session:
             row = session.get(ResourceRow, identifier, with_for_update=True)
@@ -276,19 +212,8 @@ class Resources:
     def check_room(self, kind: Kind, files: Sequence[Path], attached_to: str | None = None) -> None:
         """Check that there is room for files before they are put into the store; it is checked again with their owner.
 
-        Parameters
-        ----------
-        kind : Kind
-            Kind of the resource that will own the files.
-        files : sequence of Path
-            The files.
-        attached_to : str, optional
-            Id of an existing resource that will own them; without it a new one will.
-
-        Raises
-        ------
-        QuotaExceeded
-            If the account would exceed a limit.
+        `attached_to` is an existing resource that will own them; without it a new one will. Raise `QuotaExceeded` if
+        not.
         """
         account = get_account()
         with self._database.read() as session:

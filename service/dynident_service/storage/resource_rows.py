@@ -65,20 +65,7 @@ def read_resources(session: Session, identifiers: Iterable[str]) -> tuple[Resour
 
 
 def complete_resources(connection: Connection, rows: Sequence[Row[object]]) -> tuple[Resource, ...]:
-    """Read dependencies and objects of resources.
-
-    Parameters
-    ----------
-    connection : Connection
-        Connection that reads.
-    rows : sequence of Row
-        Rows of `WITH_JOBS`.
-
-    Returns
-    -------
-    tuple of Resource
-        In the order of the rows.
-    """
+    """Read dependencies and objects of resources. The rows are those of `WITH_JOBS`."""
     # Two queries for all resources of a page, instead of two for each.
     by_id = {str(row[0]): row for row in rows}
     needs: dict[str, list[tuple[str, str]]] = {identifier: [] for identifier in by_id}
@@ -117,24 +104,7 @@ _INSERTING = {table: insert(table) for table in (RESOURCES, DEPENDENCIES, OBJECT
 
 
 def insert_resource(session: Session, objects: ObjectStore, new: NewResource, owner: str | None) -> Resource:
-    """Insert one resource within a transaction; the caller commits.
-
-    Parameters
-    ----------
-    session : Session
-        Session that writes.
-    objects : ObjectStore
-        Store with the objects that the resource owns.
-    new : NewResource
-        What to insert.
-    owner : str or None
-        Name of the API key that it belongs to.
-
-    Returns
-    -------
-    Resource
-        As stored.
-    """
+    """Insert one resource within a transaction; the caller commits."""
     (resource,) = insert_resources(session, objects, [new], owner)
     return resource
 
@@ -144,28 +114,7 @@ def insert_resources(
 ) -> list[Resource]:
     """Insert several resources of one owner within a transaction; the caller commits.
 
-    Parameters
-    ----------
-    session : Session
-        Session that writes.
-    objects : ObjectStore
-        Store with the objects that the resources own.
-    several : sequence of NewResource
-        What to insert.
-    owner : str or None
-        Name of the API key that they belong to.
-
-    Returns
-    -------
-    list of Resource
-        As stored, in the same order.
-
-    Raises
-    ------
-    ProblemError
-        If a resource that one depends on does not exist.
-    ObjectGone
-        If an object that one owns does not exist.
+    Refuse one whose dependency does not exist; raise `ObjectGone` if an object that one owns does not.
     """
     connection = session.connection()
     _check_dependencies(connection, [need for new in several for need in new.rests_on])

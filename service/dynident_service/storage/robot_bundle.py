@@ -33,7 +33,7 @@ from dynident_service.storage.backup_and_restore import (
     open_archive_for_reading,
     put_object,
 )
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, describe_error
 from dynident_service.storage.database_tables import (
     DependencyRow,
     JobEventRow,
@@ -48,7 +48,6 @@ from dynident_service.storage.deletion_and_expiry import lock_objects, raise_tom
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.repository_values import FINAL, KINDS, Kind, OwnedObject, Resource
 from dynident_service.storage.resource_rows import JOB_COLUMNS, RESOURCE_COLUMNS, to_resource
-from dynident_service.storage.retry_while_away import describe_error
 
 LARGEST, LARGEST_BIG = 2**31 - 1, 2**63 - 1
 """Largest values of PostgreSQL's integer columns; SQLite would take larger ones."""
@@ -57,10 +56,7 @@ LARGEST, LARGEST_BIG = 2**31 - 1, 2**63 - 1
 def check_rows(table: Table, rows: Sequence[Mapping[str, object]]) -> None:
     """Check that rows have all columns, with values that every supported database accepts.
 
-    Raises
-    ------
-    ValueError
-        For the first row that does not.
+    Raise ValueError for the first row that does not.
     """
     named = set(rows[0]) if rows else set()
     lacking = [column.name for column in table.columns if column.name not in named and not _is_optional_column(column)]
@@ -145,13 +141,7 @@ MAX_FILES = 100_000
 
 
 def export_robot(database: Database, objects: ObjectStore, robot_id: str, target: Path) -> ArchiveSize:
-    """Write the bundle of a robot into a file, which appears once it is complete.
-
-    Raises
-    ------
-    DynidentError
-        If there is no such robot.
-    """
+    """Write the bundle of a robot into a file, which appears once it is complete."""
     bundle = RobotBundle(database, objects, robot_id)
     unfinished = target.with_name(target.name + ".part")
     try:
@@ -164,13 +154,7 @@ def export_robot(database: Database, objects: ObjectStore, robot_id: str, target
 
 
 class RobotBundle:
-    """Bundle of a robot and of all resources that depend on it, except for those whose job has not ended.
-
-    Raises
-    ------
-    DynidentError
-        If there is no such robot.
-    """
+    """Bundle of a robot and of all resources that depend on it, except for those whose job has not ended."""
 
     def __init__(self, database: Database, objects: ObjectStore, robot_id: str) -> None:
         self._objects = objects
@@ -234,29 +218,9 @@ def import_robot(
 ) -> tuple[str, ArchiveSize]:
     """Read the bundle of a robot. Resources keep their ids; those that exist already are left as they are.
 
-    Parameters
-    ----------
-    database : Database
-        Target of the rows.
-    objects : ObjectStore
-        Target of the objects.
-    source : Path
-        The bundle, a ZIP or a folder.
-    scratch : Path
-        Folder for temporary files.
-    look_at : callable
-        Called with each resource; raises if this service could not show it.
-
-    Returns
-    -------
-    tuple of str and ArchiveSize
-        Id of the robot, and what was imported.
-
-    Raises
-    ------
-    DynidentError
-        If the archive is no bundle, was modified, or holds anything that a service would not have written. Nothing is
-        imported then.
+    Return its id, and what was imported. `look_at` is called with each resource, and raises if this service could not
+    show it. Refuse an archive that is no bundle, was modified, or holds anything that a service would not have written;
+    nothing is imported then.
     """
     with open_archive_for_reading(source, MAX_FILES) as files:
         with database.engine.connect() as connection:

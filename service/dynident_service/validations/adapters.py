@@ -1,25 +1,16 @@
-"""Validations from bodies, their views and tables."""
+"""Validations from bodies, their views."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from dynident.number_format import format_number
-from dynident.presentation.tables import (
-    Cell,
-    ReportedTable,
-    make_interval_cell,
-    make_number_cell,
-    make_percent_cell,
-    make_percent_cells,
-    make_text_cells,
-)
+from dynident.presentation.tables import ReportedTable
 from dynident.presentation.validation_and_verdict_tables import (
-    build_drift_tables,
+    VALIDATION_TITLES,
+    build_figure_tables,
     build_validation_table,
-    make_drift_cell,
 )
 from dynident.reports.reported_data import ReportedValidation
 from dynident.schema.registry import kind_to_document
@@ -38,209 +29,25 @@ from dynident.validation import (
 )
 from dynident.validation.validation_request import Payload, Stated, Trial, build_trial
 from dynident_service.shared.field_by_field import show_errors, to_request, to_view
-from dynident_service.shared.wire_types import DriftView, ErrorsView
+from dynident_service.shared.wire_types import DriftView, to_plain_json
 from dynident_service.validations import wire_types as wire
-from dynident_service.validations.wire_types import (
-    BootstrapView,
-    FiltersView,
-    MethodView,
-    PayloadView,
-    SimulationOnMeasurement,
-    ValidationResult,
-)
 
 if TYPE_CHECKING:
     from dynident.validation.validation_request import TrialResult
 
 
-TITLES = {
-    "direct": "Direct validation: the identification's own data",
-    "cross": "Cross validation: held-out data",
-    "inertia_matrix": "Inertia matrix over the whole joint range",
-    "payload": "A known load",
-    "methods": "Different methods on the same data",
-    "simulation": "A simulator with the identified parameters",
-    "drift": "Drift of a simulation without a controller",
-    "filters": "Filters, by simulating the identification",
-    "bootstrap": "Standard deviations, from resampled blocks of time",
-}
-
-
-def build_reported_validation(result: ValidationResult, joints: Sequence[str]) -> ReportedValidation:
+def build_reported_validation(result: wire.ValidationResult, joints: Sequence[str]) -> ReportedValidation:
     """Build the part of a report on a validation: title, verdict and tables."""
-    verdict = ValidationOutcome(result.verdict, result.reason)
-    return ReportedValidation(TITLES[result.kind], verdict, tuple(build_validation_tables(result, joints)), result.kind)
+    tables = tuple(build_figure_tables(to_plain_json(result), joints))
+    return ReportedValidation(
+        VALIDATION_TITLES[result.kind], ValidationOutcome(result.verdict, result.reason), tables, result.kind
+    )
 
 
-def list_stored_tables(result: ValidationResult, joints: Sequence[str]) -> list[ReportedTable]:
+def list_stored_tables(result: wire.ValidationResult, joints: Sequence[str]) -> list[ReportedTable]:
     """Return the verdict of a stored validation and its reason as a table, then the figures behind it."""
-    verdict = build_validation_table([(TITLES[result.kind], ValidationOutcome(result.verdict, result.reason))])
-    return [verdict, *build_validation_tables(result, joints)]
-
-
-def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> Iterator[ReportedTable]:
-    """Yield a table for each kind of figures that the result of a validation has."""
-    joint_columns = (*joints, "all joints")
-    if result.measurements and result.total is not None:
-        rows = [(measurement.name, measurement.errors) for measurement in result.measurements]
-        rows += [("all", result.total)] if len(rows) > 1 else []
-        cells = tuple((Cell(name), *_relative_error_cells(errors, len(joints))) for name, errors in rows)
-        yield ReportedTable("Relative torque error", ("measurement", *joint_columns), cells)
-    if result.worst_posture is not None:
-        # The posture is told so that the user can try it.
-        posture = tuple((Cell(joint), make_number_cell(value)) for joint, value in result.worst_posture.items())
-        yield ReportedTable(f"Worst of {result.postures_tried} postures", ("joint", "rad or m"), posture)
-    yield from _build_method_tables(result.methods, joint_columns)
-    if any(simulation.torque is not None for simulation in result.simulations):
-        torque_rows = tuple(
-            (
-                Cell(simulation.name),
-                make_number_cell(simulation.duration, unit="s"),
-                *_relative_error_cells(simulation.torque, len(joints)),
-            )
-            for simulation in result.simulations
-        )
-        yield ReportedTable(
-            "Simulated against measured torque", ("measurement", "simulated", *joint_columns), torque_rows
-        )
-        position_rows = tuple(
-            (Cell(simulation.name), *make_percent_cells(simulation.position_share))
-            for simulation in result.simulations
-            if simulation.position_share is not None
-        )
-        if position_rows:
-            title = "Distance of the simulated from the measured positions, relative to each joint's range"
-            yield ReportedTable(title, ("measurement", *joints), position_rows)
-        drift_rows = [row for simulation in result.simulations for row in _build_drift_rows(simulation)]
-        if drift_rows:
-            title = "Drift without a controller under the measured torque, rad or m, and relative to the travel"
-            yield ReportedTable(title, ("measurement", "after", *joints), tuple(drift_rows))
-    if result.drift is not None:
-        drift = result.drift
-        quantities = [("position, rad or m (share of the travel),", drift.distance, drift.share)]
-        yield from build_drift_tables(
-            drift.joint_names,
-            drift.after,
-            [*quantities, ("velocity, rad/s or m/s,", drift.speed, None)],
-            drift.starts,
-        )
-    if result.filters is not None:
-        yield _build_filter_table(result.filters)
-    if result.bootstrap is not None and result.bootstrap.parameters:
-        yield _build_bootstrap_table(result.bootstrap)
-    if result.payloads:
-        yield _build_payload_table(result.payloads)
-        yield from (_build_gain_table(payload) for payload in result.payloads if payload.gains)
-
-
-def _build_drift_rows(simulation: SimulationOnMeasurement) -> Iterator[tuple[Cell, ...]]:
-    drift = simulation.drift
-    if drift is None:
-        return
-    for after, distances, shares in zip(drift.after, drift.distance, drift.share, strict=True):
-        # Where no segment is that long there is no row; a diverged simulation has one.
-        if any(distance is not None for distance in distances) or after == drift.after[0]:
-            pairs = zip(distances, shares, strict=True)
-            cells = [make_drift_cell(distance, share) for distance, share in pairs]
-            yield (Cell(simulation.name), make_number_cell(after, unit="s"), *cells)
-
-
-def _build_method_tables(methods: Sequence[MethodView], joint_columns: Sequence[str]) -> Iterator[ReportedTable]:
-    solved_methods = [(method, method.held_out) for method in methods if method.held_out is not None]
-    if solved_methods:
-        # The best method is marked by its own error, and not by its place in the list.
-        best = min(errors.relative_total or 0.0 for _, errors in solved_methods)
-        columns = ("method", *joint_columns, "σ apart", "farthest", "torque", "own ±", "time")
-        rows = tuple(_build_method_row(method, errors, best) for method, errors in solved_methods)
-        title = "Relative held-out error by method; distance of parameters and torque from the first method"
-        yield ReportedTable(title, columns, rows)
-    failed_rows = tuple((Cell(method.method), Cell(method.problem)) for method in methods if method.problem)
-    if failed_rows:
-        title = f"Methods that cannot use these data: {len(failed_rows)}"
-        yield ReportedTable(title, ("method", "why"), failed_rows, numbers_from=2)
-
-
-def _build_method_row(method: MethodView, errors: ErrorsView, best: float) -> tuple[Cell, ...]:
-    *joints, total = _relative_error_cells(errors, 0)
-    return (
-        Cell(method.method),
-        *joints,
-        Cell(total.text, total.value, "ok" if total.value == best else None),
-        make_number_cell(method.distance_rms, 2),
-        Cell(method.farthest or ""),
-        make_percent_cell(method.torque_distance),
-        make_percent_cell(method.torque_deviation),
-        make_number_cell(method.seconds, 2, "s"),
-    )
-
-
-def _build_filter_table(filters: FiltersView) -> ReportedTable:
-    rows = []
-    for trial in filters.trials:
-        preprocessing = trial.preprocessing
-        cutoffs = (
-            "none" if value is None else f"{format_number(value)} Hz"
-            for value in (preprocessing.position_cutoff, preprocessing.torque_cutoff)
-        )
-        notes = [note for note, other in (("used", filters.used), ("smallest error", filters.chosen)) if trial == other]
-        cells = make_text_cells(*cutoffs, str(preprocessing.decimation))
-        rows.append(
-            (*cells, *make_percent_cells([trial.error, trial.bias]), Cell(", ".join(notes) or trial.problem or ""))
-        )
-    columns = ("position cut-off", "torque cut-off", "decimation", "parameter error", "bias", "which")
-    title = "Parameter error that each choice of filters causes, as a share of the torque"
-    return ReportedTable(title, columns, tuple(rows), numbers_from=2)
-
-
-def _build_bootstrap_table(bootstrap: BootstrapView) -> ReportedTable:
-    rows = tuple(
-        (
-            *make_text_cells(parameter.name, parameter.unit),
-            make_number_cell(parameter.told, 2),
-            make_number_cell(parameter.drawn, 2),
-            make_number_cell(parameter.ratio),
-            make_interval_cell(parameter.expected),
-            Cell("! outside", mark="warning") if parameter.outside else Cell("✓", mark="ok"),
-        )
-        for parameter in bootstrap.parameters
-    )
-    columns = ("parameter", "unit", "reported", "drawn", "ratio", "expected", "as expected")
-    return ReportedTable("Standard deviations: reported, and over draws", columns, rows, numbers_from=2)
-
-
-def _build_payload_table(payloads: Sequence[PayloadView]) -> ReportedTable:
-    rows = tuple(
-        (
-            Cell(payload.name),
-            make_number_cell(payload.stated_mass),
-            make_number_cell(payload.mass),
-            make_interval_cell(payload.interval, "not identifiable"),
-            make_number_cell(payload.friction_shared),
-            make_number_cell(payload.friction_apart),
-        )
-        for payload in payloads
-    )
-    columns = ("measurement", "stated", "weighed", "95 % interval", "with common friction", "with friction of each run")
-    return ReportedTable("Mass of the load, kg", columns, rows)
-
-
-def _build_gain_table(payload: PayloadView) -> ReportedTable:
-    rows = tuple(
-        (
-            Cell(gain.joint),
-            make_number_cell(gain.drive_gain),
-            make_interval_cell(gain.interval),
-            make_number_cell(gain.factor),
-            Cell("✓" if gain.identifiable else "no"),
-        )
-        for gain in payload.gains
-    )
-    columns = ("joint", "drive gain", "95 % interval", "factor on the stated", "identifiable")
-    return ReportedTable(f"Drive gains, if the load in {payload.name} has the stated mass", columns, rows)
-
-
-def _relative_error_cells(errors: ErrorsView | None, n: int) -> list[Cell]:
-    return make_percent_cells([None] * (n + 1) if errors is None else [*errors.relative, errors.relative_total])
+    reported = build_reported_validation(result, joints)
+    return [build_validation_table([(reported.title, reported.judged)]), *reported.tables]
 
 
 def trial_from_request(wire_request: wire.ValidationRequest) -> Trial:

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from fastapi import APIRouter
 
 from dynident_service.identifications.wire_types import StoredIdentification
 from dynident_service.problems import make_unusable
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.required_resources import depend_on, get_model_joints, require_measurements, require_model
-from dynident_service.shared.resource_routes import ResourceRoutes, add_create_route
-from dynident_service.shared.wire_types import Table
+from dynident_service.shared.resource_routes import PagesDep, SubmissionDep, show_with_tables
+from dynident_service.shared.wire_types import Page, Table
 from dynident_service.storage.repository_values import Dependency, NewJob, Resource
-from dynident_service.storage_and_engine import Services
+from dynident_service.storage_and_engine import Services, ServicesDep
 from dynident_service.validations.wire_types import ValidationRequest, ValidationResult, ValidationView
 
 router = APIRouter(prefix="/v1/validations", tags=["validations"])
+JOB = NewJob("validation", "dynident_service.validations.jobs:validate_model")
 
 
 def _build_tables(services: Services, resource: Resource) -> list[Table]:
@@ -28,19 +27,31 @@ def _build_tables(services: Services, resource: Resource) -> list[Table]:
     return show_tables(list_stored_tables(ValidationResult.model_validate(resource.result), joints))
 
 
-@add_create_route(
-    router,
-    ResourceRoutes("validation", ValidationView, parent_kind="identification", tables=_build_tables),
-    NewJob("validation", "dynident_service.validations.jobs:validate_model"),
-)
-def create_validation(services: Services, body: ValidationRequest) -> Sequence[Dependency]:
+@router.post("", status_code=202)
+def create_validation(body: ValidationRequest, services: ServicesDep, submit: SubmissionDep) -> ValidationView:
     """Validate an identified model: on its own data, on data it has not seen, or for physical consistency."""
     _check_fields(body)
     model = require_model(services, body.identification_id)
-    return (
-        depend_on(model),
-        *_require_measurements(services, body, model),
-    )
+    needs = [depend_on(model), *_require_measurements(services, body, model)]
+    return submit(ValidationView, "validation", body, JOB, needs)
+
+
+@router.get("")
+def list_validations(pages: PagesDep, identification_id: str | None = None) -> Page[ValidationView]:
+    """List the validations, newest first; those of one identification if requested."""
+    return pages.show("validation", ValidationView.show, identification_id)
+
+
+@router.get("/{validation_id}")
+def get_validation(validation_id: str, services: ServicesDep) -> ValidationView:
+    """Show a validation, with its result once there is one."""
+    return show_with_tables(ValidationView, services, "validation", validation_id, _build_tables)
+
+
+@router.delete("/{validation_id}", status_code=204)
+def delete_validation(validation_id: str, services: ServicesDep) -> None:
+    """Delete a validation."""
+    services.resources.delete("validation", validation_id)
 
 
 def _check_fields(body: ValidationRequest) -> None:

@@ -13,7 +13,7 @@ from dynident_service.shared.wire_types import (
     DriftView,
     ErrorsView,
     Identifier,
-    Name,
+    NamedRequest,
     RequestModel,
     SourcePath,
     UsedPreprocessing,
@@ -34,7 +34,7 @@ class MethodRequest(RequestModel):
 
 
 @derive_body(Stated)
-class ValidationRequest(RequestModel):
+class ValidationRequest(NamedRequest):
     """The model to validate, and how."""
 
     identification_id: Identifier
@@ -51,7 +51,6 @@ class ValidationRequest(RequestModel):
         "filters: the motion to simulate, by default a measurement of the identification; payload: the runs "
         "with the load",
     )
-    name: Name | None = None
 
 
 class MeasurementErrors(ViewModel):

@@ -12,12 +12,13 @@ from typing import Literal
 
 import numpy as np
 
-from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.campaign_request import DESIGN_SECONDS, CampaignRequest
 from dynident.advice.prediction_error import (
     RegionRows,
     compare_with_run,
     compute_parameter_errors,
     compute_region_rows,
+    follows_design,
     predict_errors,
 )
 from dynident.array_types import FloatArray
@@ -202,6 +203,8 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
             f"one run takes {run:g} s, and all together may take {given:g} s; give more minutes or shorter runs",
             pointer="/minutes",
         )
+    if design.time_budget is None and design.starts is None:
+        request = replace(request, design=replace(design, time_budget=DESIGN_SECONDS))
     return CampaignState(robot, request, region or draw_region(robot, design.limits, request.speed))
 
 
@@ -288,7 +291,7 @@ def add_run(
     recording : Recording
         The recording, of a planned motion or of any other.
     planned : PlannedRun, optional
-        The motion that was planned for it.
+        The motion that was planned for it; a recording of another motion keeps no promise.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
 
@@ -310,6 +313,9 @@ def add_run(
         )
     if any(earlier.name == recording.name for earlier in state.recordings):
         recording = replace(recording, name=f"{recording.name} {len(state.runs) + 1}")
+    # A promise is that of its motion: another motion, told by mistake or at will, is a run without a promise.
+    if planned is not None and not follows_design(recording, planned.design):
+        planned = None
     # Before anything is fitted to it, the run tests the model: a prediction that nothing was chosen on.
     predicted = None if before is None else compare_with_run(before, recording).predicted
     recordings = (*state.recordings, recording)
@@ -373,7 +379,7 @@ def decide(state: CampaignState, rows: RegionRows, planned: PlannedRun | None = 
     remarks = _describe_promise(run, names)
     design = state.request.design
     duration = compute_planned_seconds(design) if planned is None else planned.design.duration
-    has_time = state.seconds_left >= duration
+    has_time = state.seconds_left >= duration and len(state.runs) < state.request.runs
     if run.is_changed and has_time:
         count = format_count(len(run.added), "effect") if run.added else "no effect"
         words = f"The diagnosis of all runs now adds {count}, unlike before; the next run tests the model."
@@ -390,11 +396,12 @@ def decide(state: CampaignState, rows: RegionRows, planned: PlannedRun | None = 
             f"no effect of the catalogue explains; more runs do not reach {format_percent(goal)}.{remarks}",
         )
     if not has_time:
-        return Decision(
-            "out_of_time",
-            f"Less than one run is left of {state.request.minutes:g} min; error: {reached}. Give more minutes or a "
-            f"larger error.{remarks}",
+        spent = (
+            f"All {format_count(len(state.runs), 'run')} are made"
+            if len(state.runs) >= state.request.runs
+            else f"Less than one run is left of {state.request.minutes:g} min"
         )
+        return Decision("out_of_time", f"{spent}; error: {reached}. Give more or a larger error.{remarks}")
     if planned is not None and len(state.runs) >= FEWEST_RUNS:
         at_end = _predict_end(state, rows, planned)
         if (at_end > _BROKEN_PROMISE * goal).any():

@@ -25,6 +25,8 @@ class CampaignRequest(Request):
         Share of the velocity and acceleration limits up to which the torque is to be predicted.
     minutes : float
         Robot time of all runs together, min.
+    runs : int
+        Largest number of runs.
     first_speed : float
         Share of the velocity limits that the first run keeps to.
     choices : IdentificationChoices
@@ -47,8 +49,9 @@ class CampaignRequest(Request):
         at_most=1,
     )
     minutes: float = declare_field("Robot time of all runs together", default=10.0, unit="min", above=0, at_most=10_000)
+    runs: int = declare_field("Largest number of runs", default=100, at_least=1, at_most=10_000)
     first_speed: float = declare_field(
         "Share of the velocity limits that the first run keeps to", default=0.3, above=0, at_most=1
     )
     choices: IdentificationChoices = declare_field(made_by=IdentificationChoices)
-    design: DesignRequest = declare_field(made_by=lambda: DesignRequest(time_budget=DESIGN_SECONDS))
+    design: DesignRequest = declare_field(made_by=DesignRequest)

@@ -9,12 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.comparison.measured_against_predicted import compare
 from dynident.diagnosis.comparison.noise_floor import judge
 from dynident.excitation import Design
-from dynident.excitation.criteria.prediction_region import Region
+from dynident.excitation.criteria.prediction_region import Region, collect_region
 from dynident.excitation.experiments.design_task import STANDSTILL_VELOCITY
 from dynident.identification import Identification
 from dynident.recordings import Recording
@@ -25,6 +26,10 @@ CONFIDENCE = 0.95
 _DRAWS = 1000
 # Samples of a planned motion that stand for all of it.
 _PLANNED_SAMPLES = 2000
+# A recording follows a planned motion where so many of its postures are within this share of each joint's travel of a
+# planned one, and where travel and speed of each joint are at least this part of the planned ones. Joints with less
+# travel than the fourth (rad or m) stand; samples above the fifth part of the top speed move.
+_ON_PATH, _NEAR, _LEAST_PART, _STANDS, _MOVES = 0.9, 0.1, 0.7, 1e-3, 0.05
 # Directions of the covariance below this share of the largest, columns of unit norm, are known exactly.
 _EXACT = 1e-14
 
@@ -171,6 +176,36 @@ def predict_errors(
     now, of_independent = (rows.compute_errors(part, freedom) for part in (statistics.covariance, independent))
     excess = np.divide(now, of_independent, out=np.ones_like(now), where=of_independent > 0)
     return np.asarray(excess * rows.compute_errors(0.5 * (left + left.T), freedom))
+
+
+def follows_design(recording: Recording, design: Design) -> bool:
+    """Return whether a recording is of a planned motion, however late it begins; only then its promise counts.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    design : Design
+        The planned motion.
+    """
+    recorded = collect_region([recording])
+    travel = np.maximum(np.ptp(design.q, axis=0), np.finfo(float).tiny)
+    planned = design.q[:: max(1, len(design.q) // _PLANNED_SAMPLES)]
+    tree = cKDTree(planned / travel)
+    distances, _ = tree.query(recorded.q / travel, p=np.inf)
+    if np.mean(distances <= _NEAR) < _ON_PATH:
+        return False
+    # Of the samples that move alone: a recording may begin long before the motion.
+    slowest = _MOVES * np.abs(design.dq).max(axis=0)
+    is_fast = _compute_moving_rms(recorded.dq, slowest) >= _LEAST_PART * _compute_moving_rms(design.dq, slowest)
+    is_wide = np.ptp(recorded.q, axis=0) >= _LEAST_PART * travel
+    return bool((is_fast & is_wide)[travel > _STANDS].all())
+
+
+def _compute_moving_rms(dq: FloatArray, slowest: FloatArray) -> FloatArray:
+    """Return the rms speed (n,) of each joint's samples that are faster than `slowest` (n,)."""
+    moves = np.abs(dq) > slowest
+    return np.asarray(np.sqrt((moves * dq**2).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,10 @@
-"""Tables of a model: errors by joint and on a recording, parameters, shape constants, backward elimination."""
+"""Tables of a model: errors by joint and on a recording, parameters, shape constants, currents, drive gains."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Protocol
 
 from dynident.effects import Effect, EffectChoice, get_effect
@@ -21,12 +21,20 @@ from dynident.presentation.labels import (
     format_shape_constants,
     format_shape_interval,
 )
-from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
+from dynident.presentation.tables import (
+    Cell,
+    ReportedTable,
+    make_interval_cell,
+    make_number_cell,
+    make_percent_cell,
+    make_text_cells,
+)
 
 if TYPE_CHECKING:
     # For type checkers alone: most commands compare nothing.
     from dynident.diagnosis import Comparison, Judgement, WorstInterval
     from dynident.identification import CurrentModel
+    from dynident.robot import Robot
 
 
 class ErrorNumbers(Protocol):
@@ -403,3 +411,57 @@ def build_current_tables(models: Sequence[CurrentModel]) -> Iterator[ReportedTab
             for parameter in model.parameters
         )
         yield ReportedTable(model.joint, ("parameter", "value", "± 95 %", "unit", "judgement"), parameters)
+
+
+Interval = tuple[float | None, float | None]
+GainFigures = tuple[str, float, float, Interval, str, bool]
+LoadFigures = tuple[str, float, Interval, float | None, bool]
+
+
+def build_gain_tables(gains: Iterable[GainFigures], loads: Iterable[LoadFigures]) -> Iterator[ReportedTable]:
+    """Yield the table of drive gains, and that of loads that were weighed with them.
+
+    Of a gain: joint, stated gain, identified gain, its 95 % interval, unit, whether the data determine it. Of a load:
+    recording, mass in kg, its interval, the part of its deviation that the gains cause, whether it differs from zero.
+    """
+    rows = tuple(
+        (
+            Cell(joint),
+            make_number_cell(stated, 4),
+            *_make_estimate_cells(value, interval),
+            Cell("factor" if unit == "-" else unit),
+            Cell("✓ yes", mark="ok") if identifiable else Cell("✕ no", mark="error"),
+        )
+        for joint, stated, value, interval, unit, identifiable in gains
+    )
+    yield ReportedTable("Drive gains", ("joint", "stated", "identified", "± 95 %", "unit", "identifiable"), rows)
+    load_rows = tuple(
+        (
+            Cell(name),
+            *_make_estimate_cells(mass, interval),
+            make_interval_cell(interval),
+            make_number_cell(from_gains, 2),
+            Cell("yes" if identifiable else "no"),
+        )
+        for name, mass, interval, from_gains, identifiable in loads
+    )
+    if load_rows:
+        columns = ("measurement", "mass", "± 95 %", "95 % interval", "σ from the gains", "not zero")
+        yield ReportedTable("Loads weighed with these gains, kg", columns, load_rows)
+
+
+def _make_estimate_cells(value: float, ends: Interval) -> tuple[Cell, Cell]:
+    """Return the cells of a value and of half its interval; the interval decides the digits."""
+    low, high = ends
+    # An end that is null is infinite: then there is no half to show.
+    half = None if low is None or high is None else (high - low) / 2.0
+    texts = format_estimate(value, inf if half is None else half)
+    return Cell(texts[0], value), Cell(texts[1], half)
+
+
+def get_gain_unit(robot: Robot, index: int) -> str:
+    """Return the unit of a joint's drive gain; - for a factor."""
+    # Without a stated gain the recorded torque is multiplied by a factor, which has no unit.
+    if robot.drives[index].gain is None:
+        return "-"
+    return "N m/A" if robot.joints[index].kind == "revolute" else "N/A"

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any
 
 from dynident.number_format import format_count, format_number, format_percent
 from dynident.presentation.labels import MarkedText
-from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
+from dynident.presentation.tables import (
+    Cell,
+    ReportedTable,
+    make_interval_cell,
+    make_number_cell,
+    make_percent_cell,
+    make_percent_cells,
+    make_text_cells,
+)
 from dynident.validation import ValidationOutcome, Verdict
 from dynident.verdict import ModelVerdict, State
 
@@ -16,6 +27,19 @@ VALIDATION_WORDS: Mapping[Verdict, MarkedText] = {
     "not_evaluated": MarkedText("– not evaluated", "warning"),
 }
 """Words and mark for the verdict of a validation."""
+
+VALIDATION_TITLES = {
+    "direct": "Direct validation: the identification's own data",
+    "cross": "Cross validation: held-out data",
+    "inertia_matrix": "Inertia matrix over the whole joint range",
+    "payload": "A known load",
+    "methods": "Different methods on the same data",
+    "simulation": "A simulator with the identified parameters",
+    "drift": "Drift of a simulation without a controller",
+    "filters": "Filters, by simulating the identification",
+    "bootstrap": "Standard deviations, from resampled blocks of time",
+}
+"""What each kind of validation tests."""
 
 STATE_WORDS: Mapping[State, MarkedText] = {
     "yes": MarkedText("✓ fit", "ok"),
@@ -95,3 +119,169 @@ def make_drift_cell(distance: float | None, share: float | None) -> Cell:
         return Cell("diverged", mark="warning")
     text = format_number(distance, 2)
     return Cell(text if share is None else f"{text} ({format_percent(share, decimals=0)})", distance)
+
+
+def build_figure_tables(document: Mapping[str, object], joints: Sequence[str]) -> Iterator[ReportedTable]:
+    """Yield a table for each kind of figures of a validation, whose JSON has all fields of the HTTP contract."""
+    result: Any = json.loads(json.dumps(document), object_hook=lambda part: SimpleNamespace(**part))
+    joint_columns = (*joints, "all joints")
+    if result.measurements and result.total is not None:
+        rows = [(measurement.name, measurement.errors) for measurement in result.measurements]
+        rows += [("all", result.total)] if len(rows) > 1 else []
+        cells = tuple((Cell(name), *_relative_error_cells(errors, len(joints))) for name, errors in rows)
+        yield ReportedTable("Relative torque error", ("measurement", *joint_columns), cells)
+    if result.worst_posture is not None:
+        # The posture is told so that the user can try it.
+        posture = tuple((Cell(joint), make_number_cell(value)) for joint, value in vars(result.worst_posture).items())
+        yield ReportedTable(f"Worst of {result.postures_tried} postures", ("joint", "rad or m"), posture)
+    yield from _build_method_tables(result.methods, joint_columns)
+    if any(simulation.torque is not None for simulation in result.simulations):
+        torque_rows = tuple(
+            (
+                Cell(simulation.name),
+                make_number_cell(simulation.duration, unit="s"),
+                *_relative_error_cells(simulation.torque, len(joints)),
+            )
+            for simulation in result.simulations
+        )
+        yield ReportedTable(
+            "Simulated against measured torque", ("measurement", "simulated", *joint_columns), torque_rows
+        )
+        position_rows = tuple(
+            (Cell(simulation.name), *make_percent_cells(simulation.position_share))
+            for simulation in result.simulations
+            if simulation.position_share is not None
+        )
+        if position_rows:
+            title = "Distance of the simulated from the measured positions, relative to each joint's range"
+            yield ReportedTable(title, ("measurement", *joints), position_rows)
+        drift_rows = [row for simulation in result.simulations for row in _build_drift_rows(simulation)]
+        if drift_rows:
+            title = "Drift without a controller under the measured torque, rad or m, and relative to the travel"
+            yield ReportedTable(title, ("measurement", "after", *joints), tuple(drift_rows))
+    if result.drift is not None:
+        drift = result.drift
+        quantities = [("position, rad or m (share of the travel),", drift.distance, drift.share)]
+        yield from build_drift_tables(
+            drift.joint_names,
+            drift.after,
+            [*quantities, ("velocity, rad/s or m/s,", drift.speed, None)],
+            drift.starts,
+        )
+    if result.filters is not None:
+        yield _build_filter_table(result.filters)
+    if result.bootstrap is not None and result.bootstrap.parameters:
+        yield _build_bootstrap_table(result.bootstrap)
+    if result.payloads:
+        yield _build_payload_table(result.payloads)
+        yield from (_build_gain_table(payload) for payload in result.payloads if payload.gains)
+
+
+def _build_drift_rows(simulation: Any) -> Iterator[tuple[Cell, ...]]:
+    drift = simulation.drift
+    if drift is None:
+        return
+    for after, distances, shares in zip(drift.after, drift.distance, drift.share, strict=True):
+        # Where no segment is that long there is no row; a diverged simulation has one.
+        if any(distance is not None for distance in distances) or after == drift.after[0]:
+            pairs = zip(distances, shares, strict=True)
+            cells = [make_drift_cell(distance, share) for distance, share in pairs]
+            yield (Cell(simulation.name), make_number_cell(after, unit="s"), *cells)
+
+
+def _build_method_tables(methods: Sequence[Any], joint_columns: Sequence[str]) -> Iterator[ReportedTable]:
+    solved_methods = [(method, method.held_out) for method in methods if method.held_out is not None]
+    if solved_methods:
+        # The best method is marked by its own error, and not by its place in the list.
+        best = min(errors.relative_total or 0.0 for _, errors in solved_methods)
+        columns = ("method", *joint_columns, "σ apart", "farthest", "torque", "own ±", "time")
+        rows = tuple(_build_method_row(method, errors, best) for method, errors in solved_methods)
+        title = "Relative held-out error by method; distance of parameters and torque from the first method"
+        yield ReportedTable(title, columns, rows)
+    failed_rows = tuple((Cell(method.method), Cell(method.problem)) for method in methods if method.problem)
+    if failed_rows:
+        title = f"Methods that cannot use these data: {len(failed_rows)}"
+        yield ReportedTable(title, ("method", "why"), failed_rows, numbers_from=2)
+
+
+def _build_method_row(method: Any, errors: Any, best: float) -> tuple[Cell, ...]:
+    *joints, total = _relative_error_cells(errors, 0)
+    return (
+        Cell(method.method),
+        *joints,
+        Cell(total.text, total.value, "ok" if total.value == best else None),
+        make_number_cell(method.distance_rms, 2),
+        Cell(method.farthest or ""),
+        make_percent_cell(method.torque_distance),
+        make_percent_cell(method.torque_deviation),
+        make_number_cell(method.seconds, 2, "s"),
+    )
+
+
+def _build_filter_table(filters: Any) -> ReportedTable:
+    rows = []
+    for trial in filters.trials:
+        preprocessing = trial.preprocessing
+        cutoffs = (
+            "none" if value is None else f"{format_number(value)} Hz"
+            for value in (preprocessing.position_cutoff, preprocessing.torque_cutoff)
+        )
+        notes = [note for note, other in (("used", filters.used), ("smallest error", filters.chosen)) if trial == other]
+        cells = make_text_cells(*cutoffs, str(preprocessing.decimation))
+        rows.append(
+            (*cells, *make_percent_cells([trial.error, trial.bias]), Cell(", ".join(notes) or trial.problem or ""))
+        )
+    columns = ("position cut-off", "torque cut-off", "decimation", "parameter error", "bias", "which")
+    title = "Parameter error that each choice of filters causes, as a share of the torque"
+    return ReportedTable(title, columns, tuple(rows), numbers_from=2)
+
+
+def _build_bootstrap_table(bootstrap: Any) -> ReportedTable:
+    rows = tuple(
+        (
+            *make_text_cells(parameter.name, parameter.unit),
+            make_number_cell(parameter.told, 2),
+            make_number_cell(parameter.drawn, 2),
+            make_number_cell(parameter.ratio),
+            make_interval_cell(parameter.expected),
+            Cell("! outside", mark="warning") if parameter.outside else Cell("✓", mark="ok"),
+        )
+        for parameter in bootstrap.parameters
+    )
+    columns = ("parameter", "unit", "reported", "drawn", "ratio", "expected", "as expected")
+    return ReportedTable("Standard deviations: reported, and over draws", columns, rows, numbers_from=2)
+
+
+def _build_payload_table(payloads: Sequence[Any]) -> ReportedTable:
+    rows = tuple(
+        (
+            Cell(payload.name),
+            make_number_cell(payload.stated_mass),
+            make_number_cell(payload.mass),
+            make_interval_cell(payload.interval, "not identifiable"),
+            make_number_cell(payload.friction_shared),
+            make_number_cell(payload.friction_apart),
+        )
+        for payload in payloads
+    )
+    columns = ("measurement", "stated", "weighed", "95 % interval", "with common friction", "with friction of each run")
+    return ReportedTable("Mass of the load, kg", columns, rows)
+
+
+def _build_gain_table(payload: Any) -> ReportedTable:
+    rows = tuple(
+        (
+            Cell(gain.joint),
+            make_number_cell(gain.drive_gain),
+            make_interval_cell(gain.interval),
+            make_number_cell(gain.factor),
+            Cell("✓" if gain.identifiable else "no"),
+        )
+        for gain in payload.gains
+    )
+    columns = ("joint", "drive gain", "95 % interval", "factor on the stated", "identifiable")
+    return ReportedTable(f"Drive gains, if the load in {payload.name} has the stated mass", columns, rows)
+
+
+def _relative_error_cells(errors: Any, n: int) -> list[Cell]:
+    return make_percent_cells([None] * (n + 1) if errors is None else [*errors.relative, errors.relative_total])

@@ -137,7 +137,7 @@ def accumulate_equations(
 
 @dataclass(frozen=True, eq=False)
 class EquationAccumulator:
-    """Accumulates the equations of one recording; can be sent to another process if `rows_of` can.
+    """Accumulates the equations of one recording.
 
     Parameters
     ----------

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from dynident.blas_threads import single_threaded
 from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlaps
 from dynident.errors import DynidentError
@@ -38,6 +40,16 @@ from dynident.verdict.fitness_by_use import (
 from dynident.verdict.held_out_evidence import HeldOutEvidence, Outcome
 from dynident.verdict.momentum_observer import ContactDetection, calibrate_contact_detection
 from dynident.verdict.stop_cause import Stop, find_stop_cause, is_hopeless
+
+TESTS: Mapping[UseName, str] = {
+    "simulation": "Can bodies have these parameters, and how far does a simulated robot drift from held-out motions "
+    "under the measured torque, without a controller?",
+    "feed_forward": "How large is the held-out residual while joints move, at reversals, and at starts and stops?",
+    "collision_detection": "Which force at the tool does a momentum observer detect, and how fast, with one false "
+    "alarm an hour?",
+    "payload": "Was a known load weighed rightly, and which mass at the tool shows along the held-out motion?",
+}
+"""What each use is judged by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +99,36 @@ class ModelVerdict:
         parts = {words: [use.words for use in self.uses if use.state == state] for state, words in _STATES.items()}
         text = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if names)
         return f"{text[:1].upper()}{text[1:]}."
+
+    def get_values(self, use: UseName) -> dict[str, float]:
+        """Return the numbers that the test of a use gave.
+
+        Parameters
+        ----------
+        use : UseName
+            The use.
+
+        Returns
+        -------
+        dict of str to float
+            Values in SI units by name; without those that nothing told.
+        """
+        values: dict[str, float | None] = {}
+        if self.held_out_moving is not None:
+            values["error"] = self.held_out_moving.relative_total
+        if use == "simulation" and self.drift is not None:
+            values |= {"drift_share": self.drift.worst_share, "drift_until": self.drift.judged_until}
+        if use == "feed_forward" and self.held_out_moving is not None:
+            values["error_of_worst_joint"] = float(np.max(self.held_out_moving.relative))
+        if use == "collision_detection" and self.contact is not None:
+            values |= {
+                "force": self.contact.force,
+                "within": self.contact.within,
+                "false_alarms_per_hour": self.contact.false_alarms_an_hour,
+            }
+        if use == "payload":
+            values["smallest_mass"] = self.mass
+        return {name: value for name, value in values.items() if value is not None and np.isfinite(value)}
 
     def __repr__(self) -> str:
         return "\n".join([f"ModelVerdict: {self.summary}", *(f"  {line}" for line in self._lines())])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident.advice.campaign_request import DESIGN_SECONDS, CampaignRequest
+from dynident.advice.campaign_request import CampaignRequest
 from dynident.errors import DynidentError
 from dynident.excitation.design_request import DesignRequest
 from dynident_cli.commands.design import SafetyFiles
@@ -97,8 +97,6 @@ def campaign(
         files.surroundings, choose_mesh_folders(machine, robot, files.meshes), floor=files.floor
     )
     design = replace(motion.build_request(DesignRequest), limits=load_limits(files.limits), surroundings=surroundings)
-    if design.time_budget is None and design.starts is None:
-        design = replace(design, time_budget=DESIGN_SECONDS)
     chosen = argument_loading.read_effects(effects, machine)
     choices = replace(request.choices, effects=chosen) if chosen else request.choices
     folder = files.folder

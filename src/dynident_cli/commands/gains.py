@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from dynident.errors import DynidentError
 from dynident.identification.loads.drive_gain_request import KnownLoad
-from dynident_cli.input_checks import READABLE_FILE
+from dynident_cli.option_parsers import READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Effects,
@@ -108,6 +108,7 @@ def gains(
     MEASUREMENT are the runs without the load. If they have currents with unknown gains, give --drive-gains 1,1,….
     """
     from dynident.identification import identify_gains, payload_mass
+    from dynident.presentation.model_tables import build_gain_tables, get_gain_unit
     from dynident.progress import scale_progress
     from dynident_cli import argument_loading, command_output, contract_documents
 
@@ -131,13 +132,19 @@ def gains(
             for recording in other
         ]
         progress(1.0, "solved")
-    described, tables = contract_documents.describe_gains(machine, drive_gains, loads)
     gains_text = ",".join(f"{value:.4g}" for value in drive_gains.values)
 
     def print_gains(console: Console) -> None:
-        command_output.print_tables(console, tables)
+        gains = (
+            (gain.joint, gain.stated, gain.drive_gain, gain.interval, get_gain_unit(machine, index), gain.identifiable)
+            for index, gain in enumerate(drive_gains.each)
+        )
+        weighed = ((name, load.mass, load.interval, load.from_gains, load.identifiable) for name, load in loads)
+        command_output.print_tables(console, build_gain_tables(gains, weighed))
         console.print(f"To identify with them: --drive-gains {gains_text}", soft_wrap=True)
         for warning in drive_gains.warnings:
             console.print(f"! {warning}")
 
-    command_output.print_result(as_json, lambda: described, print_gains)
+    command_output.print_result(
+        as_json, lambda: contract_documents.describe_gains(machine, drive_gains, loads), print_gains
+    )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dynident.validation.validation_request import TRIALS, Stated, build_trial
-from dynident_cli.input_checks import READABLE_FILE
+from dynident_cli.option_parsers import READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues, find_option
 from dynident_cli.shared_options import (
     ModelArgument,
@@ -127,12 +127,7 @@ def check_recording_counts(trial: Trial, n_measurements: int, n_held_out: int) -
 def parse_methods(arguments: list[str]) -> tuple[Method, ...] | None:
     """Parse methods as `model/strategy/estimator`.
 
-    Each of the three may be left out: `filtered`, `sequential/ols`.
-
-    Raises
-    ------
-    DynidentError
-        With the word that is none of these.
+    Each of the three may be left out: `filtered`, `sequential/ols`. Refuse the word that is none of these.
     """
     texts = [item.strip() for text in arguments for item in text.split(",") if item.strip()]
     return tuple(_parse_method(text) for text in texts) or None

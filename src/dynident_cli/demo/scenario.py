@@ -26,24 +26,8 @@ _MIN_SIGNAL_TO_NOISE = 2.7
 def find_hideable_effects(robot: Robot, effect: str, joint: str) -> list[TrueEffect]:
     """Return an effect of a usual size on every joint where it would show, or on one joint only.
 
-    A friction that grows with the load, for instance, is nothing on a joint that carries none.
-
-    Parameters
-    ----------
-    robot : Robot
-    effect : str
-        The effect's id.
-    joint : str
-        The joint to hide it on; "" for any.
-
-    Returns
-    -------
-    list of TrueEffect
-
-    Raises
-    ------
-    DynidentError
-        Where the effect cannot be hidden at all, or not on that joint.
+    A friction that grows with the load, for instance, is nothing on a joint that carries none. Refuse an effect that
+    cannot be hidden at all, or not on that joint ("" for any).
     """
     effect_class = get_effect(effect, "--effect")
     names = [robot.joint_names[index] for index in list_possible_joints(effect_class, robot)]
@@ -72,18 +56,7 @@ def _get_active_interval(effect: TrueEffect) -> tuple[float, float]:
 
 
 def compute_signal_to_noise(robot: Robot, effect: TrueEffect) -> float:
-    """Return the largest torque of an effect over random states, over the noise of the torque sensor.
-
-    Parameters
-    ----------
-    robot : Robot
-        With inertias.
-    effect : TrueEffect
-
-    Returns
-    -------
-    float
-    """
+    """Return the largest torque of an effect over random states, over the noise of the torque sensor."""
     assert robot.inertias is not None
     signals = Signals(robot)
     columns = build_columns([effect.choice], signals)
@@ -135,20 +108,7 @@ class Course:
     """One trajectory of the plan.
 
     With `points` the motion goes at random from one point to the next and dwells in each, as most users' arms do;
-    period and harmonics then have no meaning.
-
-    Attributes
-    ----------
-    name : str
-    kind : "optimized" or "random"
-    period : float
-        s
-    harmonics, periods : int
-    speed : float
-        Share of the robot's velocity limits.
-    starts : int
-        Of the optimiser.
-    points : int
+    period and harmonics then have no meaning. The period is in s, the speed a share of the robot's velocity limits.
     """
 
     name: str
@@ -210,18 +170,8 @@ SHORT = Plan(
 class Scenario:
     """A virtual robot with a hidden effect.
 
-    Attributes
-    ----------
-    robot : Robot
-        As its description has it.
-    inertias : (n, 10) array
-        The true inertias of the links.
-    drive : tuple of TrueEffect
-        The true friction and rotor inertias.
-    hidden : TrueEffect or None
-        None where nothing is hidden.
-    plan : Plan
-    seed : int
+    `robot` is as its description has it, `inertias` (n, 10) are the true ones; `drive` has the true friction and rotor
+    inertias.
     """
 
     robot: Robot
@@ -235,25 +185,7 @@ class Scenario:
     def draw(cls, robot: Robot, effect: str, joint: str, seed: int, quick: bool) -> Scenario:
         """Draw a robot at random and hide an effect in it.
 
-        Parameters
-        ----------
-        robot : Robot
-        effect : str
-            The effect's id, or `NOTHING`.
-        joint : str
-            The joint to hide it on; "" for any.
-        seed : int
-        quick : bool
-            Whether to take the short plan.
-
-        Returns
-        -------
-        Scenario
-
-        Raises
-        ------
-        DynidentError
-            Where the effect cannot be hidden, or not on that joint, or the robot has no inertias.
+        Refuse an effect that cannot be hidden, or not on that joint, and a robot without inertias.
         """
         if robot.inertias is None:
             raise DynidentError(
@@ -295,18 +227,9 @@ class Scenario:
     def compute_temperature(self, t: FloatArray) -> FloatArray:
         """Return the temperature of the joints over time.
 
-        The arm works until the second recording is over, rests until the third, and works again. So what depends on the
-        temperature does not depend on the time in the same way.
-
-        Parameters
-        ----------
-        t : (m,) array
-            Times of the session, s.
-
-        Returns
-        -------
-        (m,) array
-            degC
+        Times t (m,) of the session in s, temperatures (m,) in degC. The arm works until the second recording is over,
+        rests until the third, and works again. So what depends on the temperature does not depend on the time in the
+        same way.
         """
         third = next(self.start_time(course) for course in self.plan.courses if course.name == _THIRD_RUN)
         parts = ((0.0, third - _REST_DURATION, _WARM), (third - _REST_DURATION, third, _COLD), (third, np.inf, _WARM))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TypedDict
+from typing import Literal, TypedDict
+
+from dynident_client.answers.shared_answers import CampaignRunView, Problem
 
 
 class BaselineValues(TypedDict):
@@ -17,6 +19,26 @@ class BaselineValues(TypedDict):
     median_condition_number: float | None
     smallest_singular_value: float | None
     trace_of_inverse: float | None
+
+
+class CampaignStep(TypedDict):
+    """A motion that was asked for, or a recording that was told."""
+
+    design_id: str | None
+    """The motion"""
+    duration: float | None
+    """Length of the motion, s"""
+    error: Problem | None
+    identification_id: str | None
+    """The model from all recordings so far; null of a motion"""
+    job_id: str
+    kind: Literal["ask", "tell"]
+    progress: Progress
+    promised: list[float] | None
+    """Errors that the motion promises, by joint"""
+    runs: list[CampaignRunView]
+    """What the recordings brought"""
+    status: str
 
 
 class CriterionValues(TypedDict):
@@ -63,6 +85,8 @@ class DesignResult(TypedDict):
     notes: list[str]
     parameter_names: list[str]
     period: float | None
+    promised: list[float] | None
+    """For a motion of a campaign: relative error of the predicted torque that it leaves, by joint"""
     runs: list[Run]
     """Runs of a set of test motions; the column segment of the trajectory has their numbers"""
     sampling_rate: float
@@ -122,6 +146,14 @@ class Other(TypedDict):
     frame: int | None
     """Index of the frame in the robot's geometry; null for the base"""
     name: str
+
+
+class Progress(TypedDict):
+    """Progress of a job."""
+
+    fraction: float
+    """0 to 1"""
+    message: str
 
 
 class Run(TypedDict):

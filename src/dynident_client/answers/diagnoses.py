@@ -24,6 +24,8 @@ class Candidate(TypedDict):
     rank: int
     reason: Reason | None
     """Why it is a finding or not"""
+    reasons: list[ReasonOfCandidate]
+    """`reason` in a list; empty in diagnoses that an older version stored."""
     runs: list[str]
     """Labels of the runs in which it acts; empty: in all of them"""
     separability: float | None
@@ -117,6 +119,21 @@ class DetectionLimit(TypedDict):
     unit: str
     usual: float
     """Size on arms that have the effect"""
+
+
+class DetectionLimitOfJoint(TypedDict):
+    """A detection limit in one row."""
+
+    effect: str
+    joint: str | None
+    """null for an effect of the whole robot"""
+    limit: float | None
+    """Smallest size that these recordings would have shown in 95 of 100 cases; null if none"""
+    of_usual: float | None
+    """The limit over the size on arms that have the effect; null if none would have shown"""
+    parameter: str
+    """The parameter that tells how large the effect is"""
+    unit: str
 
 
 class DiagnosisResult(TypedDict):
@@ -264,6 +281,16 @@ class Reason(TypedDict):
     step: int | None
     """Rank of the finding that it refers to; of a finding its own"""
     text: str
+    """The reason as a sentence"""
+    values: dict[str, float | str | None]
+    """Numbers and names that belong to the code"""
+
+
+class ReasonOfCandidate(TypedDict):
+    """Why a candidate is a finding or not, in short."""
+
+    code: str
+    detail: str
     """The reason as a sentence"""
     values: dict[str, float | str | None]
     """Numbers and names that belong to the code"""

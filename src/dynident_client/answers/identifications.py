@@ -4,7 +4,27 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypedDict
 
-from dynident_client.answers.shared_answers import DriftView, EffectChoice, ErrorsView, UsedPreprocessing
+from dynident_client.answers.shared_answers import (
+    CampaignRunView,
+    DriftView,
+    EffectChoice,
+    ErrorsView,
+    UsedPreprocessing,
+)
+
+
+class CampaignDecision(TypedDict):
+    """What to do next, and why."""
+
+    code: Literal["next_run", "reached", "not_reachable", "out_of_time"]
+    sentence: str
+
+
+class CampaignOutcome(TypedDict):
+    """What a campaign made of the recordings that it was told."""
+
+    decision: CampaignDecision
+    runs: list[CampaignRunView]
 
 
 class CommonView(TypedDict):
@@ -127,6 +147,8 @@ class EssentialView(TypedDict):
 class IdentificationResult(TypedDict):
     """An identified model."""
 
+    campaign: CampaignOutcome | None
+    """For a model of a campaign: what its last recordings brought, and the decision"""
     condition_meaning: str
     """What the equilibrated condition number means"""
     condition_number: float | None
@@ -231,6 +253,25 @@ class Lineage(TypedDict):
     """The ladder as tables for people: ladder, joints; if compared with another one, two_ladders"""
 
 
+class NextStepView(TypedDict):
+    """One thing to do next."""
+
+    action: Literal[
+        "diagnose",
+        "design",
+        "identify_feasible",
+        "check_gains",
+        "identify_gains",
+        "export_for_simulation",
+        "export_for_feed_forward",
+        "observe_momentum",
+        "weigh_load",
+        None,
+    ]
+    """Which action of dynident does it; null where none does"""
+    sentence: str
+
+
 class ParameterView(TypedDict):
     """One base parameter."""
 
@@ -256,6 +297,19 @@ class ParameterView(TypedDict):
     value: float
     well_identified: bool
     """Whether the data determine it, by its judgement"""
+
+
+class PredictedTorqueView(TypedDict):
+    """Predicted torque, [sample][joint] in N m or N."""
+
+    joints: list[str]
+    lower: list[list[float]] | None
+    """Interval of what would be measured; null without `interval`"""
+    model_lower: list[list[float]] | None
+    """Interval of the model's own torque, from the covariance of its parameters"""
+    model_upper: list[list[float]] | None
+    torque: list[list[float]]
+    upper: list[list[float]] | None
 
 
 class ReportResult(TypedDict):
@@ -379,8 +433,9 @@ class Tables(TypedDict):
 class UseView(TypedDict):
     """Whether the model is fit for a use."""
 
-    fit: bool
-    """Whether it may be used so, at least within the limit that the reason names"""
+    fit: bool | None
+    """Whether it may be used so, at least within the limit that the reason names; null: not judged"""
+    next: NextStepView
     next_action: Literal[
         "diagnose",
         "design",
@@ -399,7 +454,11 @@ class UseView(TypedDict):
     reason: str
     state: Literal["yes", "limited", "no", "not_judged"]
     """limited: fit within a limit; not_judged: there are no data to judge by"""
+    test: str
+    """What the use is judged by"""
     use: Literal["simulation", "feed_forward", "collision_detection", "payload"]
+    values: dict[str, float]
+    """Numbers that the test gave, in SI units"""
 
 
 class VerdictView(TypedDict):

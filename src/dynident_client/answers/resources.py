@@ -30,10 +30,14 @@ class CheckView(TypedDict):
     apply: dict[str, Any] | None
     """The correction, if it is known: a body for POST /v1/measurements/{id}/revisions; for a file that was refused,
     fields for the metadata of the next upload"""
+    code: str
+    """The kind of finding: the name of the check."""
     column: str
     """Column of the file"""
     detail: str
     name: str
+    remedy: RemedyView | None
+    """The first remedy that the sentence names"""
     row: int | None
     """Data row of the file, from 1"""
     rows: dict[str, list[int]]
@@ -41,13 +45,8 @@ class CheckView(TypedDict):
     status: Literal["ok", "warning", "error"]
     time: float | None
     """Seconds of t"""
-
-
-class Dependent(TypedDict):
-    """A resource that rests on another one."""
-
-    id: str
-    kind: str
+    values: dict[str, str | int | float]
+    """Where the finding is: column, row, time, and number of rows; what is not known is left out."""
 
 
 class EffectParameter(TypedDict):
@@ -230,36 +229,6 @@ class PosesView(TypedDict):
     for frames in a loop that cannot be closed there"""
 
 
-class Problem(TypedDict, total=False):
-    """The body of every error (RFC 9457)."""
-
-    checks: list[dict[str, Any]] | None
-    """Everything that was found in a file."""
-    dependents: list[Dependent] | None
-    """On 409: the resources that must be deleted first."""
-    dependents_count: int | None
-    """On 409: their number; not all are listed."""
-    detail: str
-    errors: list[ProblemField] | None
-    request_id: str | None
-    """Id of the request in the log of the service."""
-    status: int
-    title: str
-    type: str
-
-
-class ProblemField(TypedDict, total=False):
-    """One field, column or parameter that is wrong."""
-
-    detail: str
-    pointer: str
-    """A JSON pointer into the body, a column of a file, or the name of a parameter."""
-    row: int | None
-    """Data row of a file, from 1"""
-    time: float | None
-    """Seconds of t"""
-
-
 class QuestionView(TypedDict):
     """A question that must be answered before the file can be used."""
 
@@ -296,6 +265,14 @@ class Readiness(TypedDict):
 
     checks: dict[str, str]
     status: Literal["ready", "not_ready"]
+
+
+class RemedyView(TypedDict):
+    """A field of the metadata, or of the robot, with the value that puts a finding right."""
+
+    field: str
+    value: Any
+    """null where only the user can know it"""
 
 
 class ShapeParameter(TypedDict):

@@ -2,7 +2,37 @@
 
 from __future__ import annotations
 
-from typing import TypedDict
+from typing import Any, TypedDict
+
+
+class CampaignRunView(TypedDict):
+    """One run of a campaign, as it stood after its recording was taken in; errors are relative, by joint."""
+
+    achieved: list[float]
+    """Errors over the region from both"""
+    added: list[EffectChoice]
+    """Effects in the model beyond those asked for"""
+    design_id: str | None
+    is_changed: bool
+    """Whether these are others than after the run before"""
+    lacking: list[float]
+    """Errors over the region from what the model lacks"""
+    measurement_id: str
+    name: str
+    parameters: list[float]
+    """Errors over the region from uncertain parameters, with 95 %"""
+    predicted: list[float] | None
+    """Errors of this run's torque as the model before it predicted it; null for the first run"""
+    promised: list[float] | None
+    """Errors that its motion promised; null: it was not planned"""
+    seconds: float
+
+
+class Dependent(TypedDict):
+    """A resource that rests on another one."""
+
+    id: str
+    kind: str
 
 
 class DriftView(TypedDict):
@@ -55,6 +85,36 @@ class ErrorsView(TypedDict):
     """Per joint"""
     sigma: list[float | None] | None
     """Standard deviation of the residual per joint"""
+
+
+class Problem(TypedDict, total=False):
+    """The body of every error (RFC 9457)."""
+
+    checks: list[dict[str, Any]] | None
+    """Everything that was found in a file."""
+    dependents: list[Dependent] | None
+    """On 409: the resources that must be deleted first."""
+    dependents_count: int | None
+    """On 409: their number; not all are listed."""
+    detail: str
+    errors: list[ProblemField] | None
+    request_id: str | None
+    """Id of the request in the log of the service."""
+    status: int
+    title: str
+    type: str
+
+
+class ProblemField(TypedDict, total=False):
+    """One field, column or parameter that is wrong."""
+
+    detail: str
+    pointer: str
+    """A JSON pointer into the body, a column of a file, or the name of a parameter."""
+    row: int | None
+    """Data row of a file, from 1"""
+    time: float | None
+    """Seconds of t"""
 
 
 class UsedPreprocessing(TypedDict):

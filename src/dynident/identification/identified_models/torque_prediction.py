@@ -72,6 +72,7 @@ def predict(
     *,
     level: float = 0.95,
     t: FloatArray | None = None,
+    is_steady: bool = False,
 ) -> PredictedTorque:
     """Predict torque along a motion, in its order: hysteresis remembers the path.
 
@@ -86,6 +87,8 @@ def predict(
     t : (m,), optional
         Times of the samples in s, counted from the start of the session. With them the derivatives of the acceleration
         are formed, which some effects depend on.
+    is_steady : bool
+        Whether each sample stands for itself, with hysteresis that slides steadily in the direction of its velocity.
 
     Returns
     -------
@@ -100,13 +103,17 @@ def predict(
     observation = estimate.model.observation
     _check_inputs(estimate, (q, dq, ddq), level)
     _check_effects(estimate, has_time=t is not None)
+    if is_steady:
+        memory = observation.compute_sliding_states(dq)
+    else:
+        # Hysteresis starts from its initial state and is carried along the path, so the order of the rows counts.
+        memory = MemoryStates(observation.memory).push(observation.robot.positions(q))
     entries = observation.evaluate(
         q,
         dq,
         ddq,
         reference=estimate.reference,
-        # Hysteresis starts from its initial state and is carried along the path, so the order of the rows counts.
-        memory=MemoryStates(observation.memory).push(observation.robot.positions(q)),
+        memory=memory,
         further=NOTHING_FURTHER if t is None else differentiate_acceleration(ddq, t),
     )
     torque = observation.compute_torque(entries, estimate.values)

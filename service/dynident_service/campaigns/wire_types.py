@@ -1,0 +1,155 @@
+"""Bodies and answers of campaigns."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from dynident.advice.campaign_request import CampaignRequest as Requested
+from dynident.excitation.design_request import DesignRequest
+from dynident_service.problems import Problem
+from dynident_service.robots.wire_types import Limits
+from dynident_service.shared.request_bodies import derive_body
+from dynident_service.shared.wire_types import (
+    EffectChoice,
+    Effects,
+    Identifier,
+    NamedRequest,
+    Progress,
+    RequestModel,
+    SourcePath,
+    ViewModel,
+    WithTables,
+)
+
+
+@derive_body(Requested, only=("error", "speed"))
+class TorqueGoal(RequestModel):
+    """Torque that is predicted as well as asked for."""
+
+    kind: Literal["torque"] = "torque"
+    region_ids: list[Identifier] = Field(
+        default=[],
+        max_length=100,
+        description="Measurements of motions of the application, in which the torque shall be predicted; by default "
+        "all that the limits allow, up to `speed`",
+    )
+
+
+@derive_body(Requested, only=("runs",))
+class Budget(RequestModel):
+    """What a campaign may cost."""
+
+    robot_time: float = Field(
+        default=600.0,
+        gt=0,
+        le=600_000,
+        description="Time of all runs together, in s",
+        json_schema_extra={"x-unit": "s"},
+    )
+
+
+@derive_body(
+    DesignRequest,
+    only=(
+        "trajectory",
+        "home",
+        "starts",
+        "random_trajectories",
+        "seed",
+        "torque_margin",
+        "surroundings",
+        "time_budget",
+    ),
+)
+@derive_body(Requested, only=("first_speed",))
+class CampaignRequest(NamedRequest):
+    """A goal, what it may cost, and what every motion must keep to."""
+
+    robot_id: Identifier
+    goal: TorqueGoal = TorqueGoal()
+    budget: Budget = Budget()
+    measurement_ids: list[Identifier] = Field(
+        default=[], max_length=100, description="Measurements that the campaign begins with, as if they had been told"
+    )
+    effects: Effects | None = Field(default=None, description="Effects of the first model; by default the usual ones")
+    limits: dict[str, Limits] = Field(default={})
+
+
+class TellRequest(RequestModel):
+    """The recording of a run."""
+
+    measurement_id: Identifier
+    design_id: Identifier | None = Field(
+        default=None, description="The motion that was made; by default, the last one that was asked for"
+    )
+
+
+class CampaignRunView(ViewModel):
+    """One run of a campaign, as it stood after its recording was taken in; errors are relative, by joint."""
+
+    measurement_id: str = ""
+    design_id: str | None = None
+    name: str
+    seconds: float
+    promised: list[float] | None = Field(description="Errors that its motion promised; null: it was not planned")
+    predicted: list[float] | None = Field(
+        description="Errors of this run's torque as the model before it predicted it; null for the first run"
+    )
+    parameters: list[float] = Field(description="Errors over the region from uncertain parameters, with 95 %")
+    lacking: list[float] = Field(description="Errors over the region from what the model lacks")
+    achieved: Annotated[list[float], SourcePath("errors")] = Field(description="Errors over the region from both")
+    added: list[EffectChoice] = Field(description="Effects in the model beyond those asked for")
+    is_changed: bool = Field(description="Whether these are others than after the run before")
+
+
+class CampaignDecision(ViewModel):
+    """What to do next, and why."""
+
+    code: Literal["next_run", "reached", "not_reachable", "out_of_time"]
+    sentence: str
+
+
+class CampaignOutcome(ViewModel):
+    """What a campaign made of the recordings that it was told."""
+
+    runs: list[CampaignRunView]
+    decision: CampaignDecision
+
+
+class CampaignStep(ViewModel):
+    """A motion that was asked for, or a recording that was told."""
+
+    kind: Literal["ask", "tell"]
+    design_id: str | None = Field(description="The motion")
+    identification_id: str | None = Field(description="The model from all recordings so far; null of a motion")
+    job_id: str
+    status: str
+    progress: Progress
+    error: Problem | None = None
+    promised: list[float] | None = Field(default=None, description="Errors that the motion promises, by joint")
+    duration: float | None = Field(default=None, description="Length of the motion, s")
+    runs: list[CampaignRunView] = Field(default=[], description="What the recordings brought")
+
+
+class CampaignView(WithTables):
+    """A campaign."""
+
+    id: str
+    name: str | None
+    created_at: datetime
+    request: CampaignRequest
+    joints: list[str]
+    state: Literal["asking", "designing", "waiting", "estimating", "reached", "unreachable", "stopped"] = Field(
+        description="asking: ask for the next motion; waiting: make it and tell its recording; stopped: nothing is "
+        "left of the budget"
+    )
+    decision: CampaignDecision
+    robot_time: float = Field(description="Of all runs so far, s")
+    promised: float | None = Field(description="Error of the worst joint that the last motion promises")
+    achieved: float | None = Field(description="Error of the worst joint after the last run")
+    design_id: str | None = Field(description="The motion to make; null if none is waiting")
+    identification_id: str | None = Field(description="The model from all runs; null before the first")
+    steps: list[CampaignStep] = Field(description="In order")
