@@ -13,7 +13,7 @@ from dynident.export.c_header import to_c_header, to_cpp_header
 from dynident.export.casadi_function import to_casadi_bytes
 from dynident.export.comments_and_names import make_slug
 from dynident.export.controller_load_files import to_franka_load, to_kuka_load, to_load_urdf, to_urscript
-from dynident.export.export_request import WHOLE_FORMATS, ExportFormat
+from dynident.export.export_request import LOAD_FORMATS, WHOLE_FORMATS, ExportFormat
 from dynident.export.feasible_links_and_joints import ExportedFile
 from dynident.export.fmu import to_fmu
 from dynident.export.mjcf import to_mjcf
@@ -39,8 +39,8 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
         "json", "urdf", "sdf", "mjcf", "usd", "fmu", "mjlab", "isaac_lab", "c", "c_header", "cpp_header", "casadi",
         "ros2", "randomisation", or for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
         Format of the file. The formats json, fmu, c, c_header, cpp_header, casadi and ros2 hold every effect; urdf,
-        sdf, mjcf and usd hold links, rotors, Coulomb and viscous friction (mjcf also springs), mjlab and isaac_lab those of
-        the joints, and what they leave out is in the file's `notes`. The last four hold the load of the effect
+        sdf, mjcf and usd hold links, rotors, Coulomb and viscous friction (mjcf also springs), mjlab and isaac_lab
+        those of the joints, and what they leave out is in the file's `notes`. The last four hold the load of the effect
         `payload` alone, as controllers take it.
     nearest : bool
         For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab, randomisation): if no bodies that can
@@ -62,6 +62,8 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
             pointer="/format",
             title="No such format",
         )
+    if format not in _WITHOUT_BASE:
+        identification.model.robot.require_fixed_base(f"export as {format}")
     file = WRITERS[format](identification, nearest)
     if format in WHOLE_FORMATS:
         file = replace(file, held_out_error=compute_held_out_error(identification))
@@ -80,6 +82,10 @@ def compute_held_out_error(identification: Identification) -> float | None:
     if held_out is None:
         return None
     return compute_moving_errors(held_out, identification.values).relative_total
+
+
+# Formats that do not state how the base is mounted.
+_WITHOUT_BASE = {"json", "c", "casadi"} | LOAD_FORMATS
 
 
 def _add_notes(file: ExportedFile, identification: Identification) -> ExportedFile:
