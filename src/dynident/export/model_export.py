@@ -118,8 +118,8 @@ WRITERS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingP
     {
         "json": _export_json,
         "urdf": lambda identification, nearest: to_urdf(identification, nearest=nearest),
-        "mjcf": lambda identification, nearest: to_mjcf(identification, nearest=nearest),
         "sdf": lambda identification, nearest: to_sdf(identification, nearest=nearest),
+        "mjcf": lambda identification, nearest: to_mjcf(identification, nearest=nearest),
         "usd": lambda identification, nearest: to_usd(identification, nearest=nearest),
         "fmu": lambda identification, _: to_fmu(identification),
         "mjlab": lambda identification, nearest: to_mjlab_actuators(identification, nearest=nearest),
