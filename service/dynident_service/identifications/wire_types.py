@@ -281,9 +281,7 @@ class PredictedTorqueView(ViewModel):
 
     joints: list[str]
     torque: list[list[float]]
-    lower: list[list[float]] | None = Field(
-        default=None, description="Interval of what would be measured; null without `interval`"
-    )
+    lower: list[list[float]] | None = Field(default=None, description="Of what is measured; null without `interval`")
     upper: list[list[float]] | None = None
     model_lower: list[list[float]] | None = Field(
         default=None, description="Interval of the model's own torque, from the covariance of its parameters"
@@ -436,8 +434,8 @@ class UseView(ViewModel):
     test: str = Field(default="", description="What the use is judged by")
     values: dict[str, float] = Field(default={}, description="Numbers that the test gave, in SI units")
     reason: str
-    next_step: str = Field(description="The next thing to do")
-    next_action: UseAction | None = Field(description="Which action of dynident does it; null where none does")
+    next_step: str = Field(description="`sentence` of `next`")
+    next_action: UseAction | None = Field(description="`action` of `next`")
     next: NextStepView
 
 

@@ -30,7 +30,6 @@ from dynident.advice.effect_separation import (
     normal_equations_from_rehearsal,
 )
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.diagnosis import Diagnosis, Examination
 from dynident.diagnosis.ambiguities import Doubt
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
@@ -47,6 +46,7 @@ from dynident.identification import Identification
 from dynident.motion import Surroundings
 from dynident.motion.limits.bounds import Bounds, build_bounds
 from dynident.number_format import format_number
+from dynident.parallel import single_threaded
 from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot
 from dynident.simulation import build_typical_effect

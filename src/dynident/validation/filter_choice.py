@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
 from dynident.estimation import compute_relative_change, solve_weighted
 from dynident.estimation.row_weights import estimate_robust_scale
@@ -28,6 +27,7 @@ from dynident.identification.estimators.identified_robot_simulator import (
     read_longest_piece,
 )
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import (
     FurtherColumns,

@@ -14,12 +14,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.effects import get_effect
 from dynident.estimation.parameter_covariance import NORMAL_95
 from dynident.identification import Identification
 from dynident.identification.standard_parameters import draw_postures, get_joint_range
 from dynident.number_format import format_number
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.regressors.model_structure import Model
 from dynident.robot.robot_model import Robot

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynident.blas_threads import single_threaded
 from dynident.errors import Remedy
 from dynident.identification.recording_faults.column_faults import (
     ColumnFault,
@@ -49,6 +48,7 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
 from dynident.identification.recording_faults.unexplained_torque import UnexplainedTorque
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.recordings.recording import ModelChecks, Recording
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Check, Revision
 from dynident.robot.robot_model import Robot
