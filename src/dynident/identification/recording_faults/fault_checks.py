@@ -199,9 +199,7 @@ def _is_explained_by_one(faults: Sequence[DetectedFault], now: UnexplainedTorque
 
 def _report_commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
     columns = ", ".join(tau[joint] for joint in static.joints)
-    unexplained, moving = (
-        format_percent(max(share, 1e-4), decimals=2) for share in (static.unexplained, static.moving_share)
-    )
+    unexplained, moving = (format_percent(max(share, 1e-4)) for share in (static.unexplained, static.moving_share))
     return Check(
         COMMANDED,
         "error",
