@@ -23,8 +23,8 @@ from dynident.robot import Robot
 from dynident.robot.limits_and_drives import check_hardware
 from dynident_cli import option_parsers
 from dynident_cli.command_output import show_progress_bar
-from dynident_cli.input_checks import check_readable
 from dynident_cli.metadata_files import StatedAnswers, accept_proposal, read_metadata
+from dynident_cli.option_parsers import check_readable
 from dynident_cli.request_options import write_option
 from dynident_cli.shared_options import RobotAdditions, TimedReading
 

@@ -14,7 +14,7 @@ from dynident.errors import DynidentError, word_remedies
 from dynident.identification.column_inference import EffortKind, Inspection, Question
 from dynident.recordings import RecordingMetadata
 from dynident_cli.contract_documents import parse_metadata
-from dynident_cli.input_checks import read_json_object
+from dynident_cli.option_parsers import read_json_object
 from dynident_cli.request_options import write_option
 
 NEEDED_FOR_GAINS = "drives"

@@ -57,6 +57,7 @@ from dynident.presentation.validation_and_verdict_tables import (
 from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
 from dynident_cli.command_output import print_tables, write_model
+from dynident_cli.contract_documents import to_document
 
 if TYPE_CHECKING:
     from dynident.api.model import Model
@@ -267,7 +268,7 @@ def show_validation(console: Console, result: ValidationResult, robot: Robot) ->
     """Print the tables of a validation, its verdict, and the reason."""
     names = robot.joint_names
     by_number = {name: str(number) for number, name in enumerate(names, start=1)}
-    for reported_table in build_figure_tables(result, names):
+    for reported_table in build_figure_tables(to_document(result), names):
         # Where the terminal is too narrow for the joints' names as columns, their numbers stand there.
         short = by_number if _table_width(reported_table) > console.width else {}
         # Only names of joints are shortened; other heads stay as they are.

@@ -14,7 +14,7 @@ import typer
 from dynident.known_robots import list_library_arms
 from dynident.recordings.recording_metadata import ConditioningStep
 from dynident.robot.limits_and_drives import HARDWARE
-from dynident_cli.input_checks import FILE_IN_FOLDER, KNOWN_ROBOT, READABLE_FILE
+from dynident_cli.option_parsers import FILE_IN_FOLDER, KNOWN_ROBOT, READABLE_FILE
 
 
 def repeatable_option(*names: str, metavar: str, help: str) -> object:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.effects import EffectChoice, ReferenceParameters, Role, get_effect
+from dynident.effects import EffectChoice, ReferenceParameters, Role, get_effect, get_role
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.export.comments_and_names import describe_effect
@@ -34,6 +34,17 @@ def select_held_effects(identification: Identification, held: Collection[Role]) 
     """Return the chosen effects of a model that a format for parameters with the roles `held` can hold."""
     effects = identification.choices.effects
     return tuple(choice for choice in effects if not choice.runs and get_effect(choice.effect).fits_roles(held))
+
+
+def check_is_tree(identification: Identification, format_name: str) -> None:
+    """Raise a DynidentError if joints of the robot follow others, or its links form closed loops."""
+    if identification.model.robot.linkage is not None:
+        raise DynidentError(
+            f"joints of {identification.model.robot.name} follow others, which this export to {format_name} does not "
+            "write; export MJCF, C code, a CasADi function or JSON",
+            pointer="/format",
+            title=f"Not expressible in {format_name}",
+        )
 
 
 def project_model(identification: Identification, held: Collection[Role]) -> Identification:
@@ -232,6 +243,31 @@ class FeasibleLinks:
                 "terms out."
             )
         return tuple(notes)
+
+    def describe_loss(self, tags: str, *unread: Role) -> str:
+        """Return a sentence on the error of a program that ignores parts of the file.
+
+        Parameters
+        ----------
+        tags : str
+            What they are called in the file.
+        unread : Role
+            Roles of the parameters that it ignores: "rotor", "dry", "damping".
+        """
+        model, standard = self.projected.model, self.standard
+        by_role = {"rotor": standard.rotors, "dry": standard.coulomb, "damping": standard.viscous}
+        names = model.robot.tree.joint_names
+        values = standard.values.copy()
+        for k, column in enumerate(model.columns):
+            role = get_role(column)
+            if role in unread and role in by_role and not column.runs:
+                values -= model.base.grouping[:, k] * by_role[role][names.index(column.link)]
+        errors = ProjectionError.compare_with(self.identification, self.projected, values)
+        data = "on held-out data" if errors.is_held_out else "on the data of the fit"
+        return (
+            f"Programs that do not read {tags} compute the torque with a relative error of "
+            f"{format_percent(errors.file.relative_total, decimals=2)} {data}, where joints move."
+        )
 
     @cached_property
     def rounding_error(self) -> float:

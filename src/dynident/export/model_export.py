@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from dynident.errors import DynidentError
+from dynident.export.actuator_files import to_isaac_lab_actuators, to_mjlab_actuators
 from dynident.export.c_code import make_c_name, to_c
 from dynident.export.c_header import to_c_header, to_cpp_header
 from dynident.export.casadi_function import to_casadi_bytes
@@ -14,9 +15,12 @@ from dynident.export.comments_and_names import make_slug
 from dynident.export.controller_load_files import to_franka_load, to_kuka_load, to_load_urdf, to_urscript
 from dynident.export.export_request import ExportFormat
 from dynident.export.feasible_links_and_joints import ExportedFile
+from dynident.export.fmu import to_fmu
 from dynident.export.mjcf import to_mjcf
 from dynident.export.model_json import to_json
+from dynident.export.sdf import to_sdf
 from dynident.export.urdf import to_urdf
+from dynident.export.usd import to_usd
 from dynident.identification import Identification
 from dynident.text_encoding import encode_text
 
@@ -29,13 +33,15 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
     identification : Identification
         The identified model, with the data of its fit.
     format : str
-        "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", or for the load alone "urscript",
-        "franka_load", "kuka_load", "load_urdf".
-        Format of the file. The formats json, c, c_header, cpp_header and casadi hold every effect; urdf and mjcf hold
-        links, rotors, Coulomb and viscous friction (mjcf also springs), and what they leave out is in the file's
-        `notes`. The last four hold the load of the effect `payload` alone, as controllers take it.
+        "json", "urdf", "sdf", "mjcf", "usd", "fmu", "mjlab", "isaac_lab", "c", "c_header", "cpp_header", "casadi", or
+        for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
+        Format of the file. The formats json, fmu, c, c_header, cpp_header and casadi hold every effect; urdf, sdf,
+        mjcf and usd hold links, rotors, Coulomb and viscous friction (mjcf also springs), mjlab and isaac_lab those of
+        the joints, and what they leave out is in the file's `notes`. The last four hold the load of the effect
+        `payload` alone, as controllers take it.
     nearest : bool
-        For urdf and mjcf: if no bodies that can exist have the identified parameters, write the nearest that can.
+        For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab): if no bodies that can exist have the
+        identified parameters, write the nearest that can.
 
     Returns
     -------
@@ -73,14 +79,6 @@ def _export_json(identification: Identification, _nearest: bool) -> ExportedFile
     return ExportedFile(f"{make_slug(identification.model.robot.name)}.json", "application/json", content)
 
 
-def _export_urdf(identification: Identification, nearest: bool) -> ExportedFile:
-    return to_urdf(identification, nearest=nearest)
-
-
-def _export_mjcf(identification: Identification, nearest: bool) -> ExportedFile:
-    return to_mjcf(identification, nearest=nearest)
-
-
 def _export_c(identification: Identification, _nearest: bool) -> ExportedFile:
     return ExportedFile(f"{make_c_name(identification)}.c", "text/x-c", encode_text(to_c(identification)))
 
@@ -93,8 +91,13 @@ def _export_casadi(identification: Identification, _nearest: bool) -> ExportedFi
 WRITERS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingProxyType(
     {
         "json": _export_json,
-        "urdf": _export_urdf,
-        "mjcf": _export_mjcf,
+        "urdf": lambda identification, nearest: to_urdf(identification, nearest=nearest),
+        "mjcf": lambda identification, nearest: to_mjcf(identification, nearest=nearest),
+        "sdf": lambda identification, nearest: to_sdf(identification, nearest=nearest),
+        "usd": lambda identification, nearest: to_usd(identification, nearest=nearest),
+        "fmu": lambda identification, _: to_fmu(identification),
+        "mjlab": lambda identification, nearest: to_mjlab_actuators(identification, nearest=nearest),
+        "isaac_lab": lambda identification, nearest: to_isaac_lab_actuators(identification, nearest=nearest),
         "c": _export_c,
         "c_header": lambda identification, _: to_c_header(identification),
         "cpp_header": lambda identification, _: to_cpp_header(identification),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any, Protocol
 
 from dynident.number_format import format_count, format_number, format_percent
@@ -153,8 +155,9 @@ def _make_drift_cell(distance: float | None, share: float | None) -> Cell:
     return Cell(text if share is None else f"{text} ({format_percent(share, 2)})", distance)
 
 
-def build_figure_tables(result: Any, joints: Sequence[str]) -> Iterator[ReportedTable]:
-    """Yield a table for each kind of figures of a validation, as the HTTP contract has them."""
+def build_figure_tables(document: Mapping[str, object], joints: Sequence[str]) -> Iterator[ReportedTable]:
+    """Yield a table for each kind of figures of a validation, whose JSON has all fields of the HTTP contract."""
+    result: Any = json.loads(json.dumps(document), object_hook=lambda part: SimpleNamespace(**part))
     joint_columns = (*joints, "all joints")
     if result.measurements and result.total is not None:
         rows = [(measurement.name, measurement.errors) for measurement in result.measurements]
@@ -163,7 +166,7 @@ def build_figure_tables(result: Any, joints: Sequence[str]) -> Iterator[Reported
         yield ReportedTable("Relative torque error", ("measurement", *joint_columns), cells)
     if result.worst_posture is not None:
         # The posture is told so that the user can try it.
-        posture = tuple((Cell(joint), make_number_cell(value)) for joint, value in result.worst_posture.items())
+        posture = tuple((Cell(joint), make_number_cell(value)) for joint, value in vars(result.worst_posture).items())
         yield ReportedTable(f"Worst of {result.postures_tried} postures", ("joint", "rad or m"), posture)
     yield from _build_method_tables(result.methods, joint_columns)
     if any(simulation.torque is not None for simulation in result.simulations):
