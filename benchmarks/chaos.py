@@ -38,13 +38,12 @@ from mischief.parties import Party, left_behind, on_a_cluster, two_services
 from mischief.weather import BRIEF, STORM, Mischief, Weather
 from sqlalchemy import select
 
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, retry_while_away
 from dynident_service.storage.database_tables import JobEventRow, JobRow, ResourceRow
 from dynident_service.storage.integrity_check import check_storage
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.repository_values import FINAL, NewJob
-from dynident_service.storage.retry_while_away import retry_while_away
 
 BUSY = frozenset({429, 500, 502, 503, 504})
 PATIENCE = 240.0

@@ -33,12 +33,11 @@ from dynident_service.problem_responses import REQUEST_ID, SafeHeaders
 from dynident_service.problem_responses import install_handlers as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
 from dynident_service.reports import routes as reports
-from dynident_service.request_limits import Admission, BodyLimit, set_threads
+from dynident_service.request_limits import Admission, BodyLimit, UploadRoom, get_quota_limits, set_threads
 from dynident_service.robots import routes as robots
 from dynident_service.settings import Settings
 from dynident_service.storage_and_engine import Services, open_services
 from dynident_service.tracing import RequestTracing
-from dynident_service.upload_quotas import UploadRoom, get_quota_limits
 from dynident_service.validations import routes as validations
 from dynident_service.workbench import mount_workbench as mount_workbench
 
@@ -140,7 +139,7 @@ def create_app(settings: Settings | None = None, fork_server: ForkServer | None 
             allow_origins=settings.allowed_origins,
             allow_methods=["*"],
             allow_headers=["*"],
-            expose_headers=["Location", REQUEST_ID],
+            expose_headers=["Location", "X-Held-Out-Error", REQUEST_ID],
         )
     app.add_middleware(AuditLog)
     app.add_middleware(Admission, settings=settings, party_of=_make_party_lookup(app))

@@ -17,10 +17,10 @@ from anyio import to_thread
 from fastapi import Request
 
 from dynident_service.fair_queue import SharedPlaces, SharedQueue, Ticket
-from dynident_service.jobs.child_messages import Answer, Call
 from dynident_service.jobs.child_pool import ChildPool, ChildProcess, ForkServer, ProcessExit
 from dynident_service.jobs.confinement import ComputationLimits, Confinement
 from dynident_service.jobs.job_supervisor import measure_processor_time
+from dynident_service.jobs.task_input_output import Answer, Call
 from dynident_service.problems import ProblemError
 from dynident_service.request_limits import find_request_party, mark_long
 

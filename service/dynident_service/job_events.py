@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 import anyio
 from anyio import to_thread
 
+from dynident_service.storage.database import AWAY
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.retry_while_away import AWAY
 
 SOONEST, LATEST = 0.01, 0.1
 """Shortest and longest time in seconds between queries, however many follow: the short one if the engine reports news,

@@ -22,14 +22,13 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from dynident_service.api_keys import KeyHolder, KeyRing, extract_key, find_needed_scope
-from dynident_service.log_lines import FIELDS, set_current_request
 from dynident_service.problem_responses import REQUEST_ID, respond
 from dynident_service.problems import Problem, make_problem
-from dynident_service.request_limits import charge_key
+from dynident_service.request_limits import charge_key, get_quota_limits
 from dynident_service.settings import Settings, is_loopback
 from dynident_service.storage.job_queue import QueueHealth
 from dynident_service.storage.quotas import Account, set_account
-from dynident_service.upload_quotas import get_quota_limits
+from dynident_service.tracing import FIELDS, set_current_request
 
 VALID_REQUEST_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 """Pattern of an id that is accepted from the caller; anything else would be written into the log unchecked."""

@@ -14,7 +14,6 @@ from starlette.exceptions import HTTPException as StarletteHTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from dynident.errors import DynidentError
-from dynident_service.log_lines import get_current_request
 from dynident_service.problems import (
     MEDIA_TYPE,
     Problem,
@@ -25,7 +24,8 @@ from dynident_service.problems import (
     to_problem_fields,
 )
 from dynident_service.storage.data_directory import is_disk_full
-from dynident_service.storage.retry_while_away import AWAY, describe_error
+from dynident_service.storage.database import AWAY, describe_error
+from dynident_service.tracing import get_current_request
 
 REQUEST_ID = "X-Request-ID"
 log = logging.getLogger("dynident.service")

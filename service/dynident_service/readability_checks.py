@@ -8,15 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import TracebackType
 
+from dynident_service.campaigns.wire_types import CampaignRequest
 from dynident_service.comparisons.wire_types import ComparisonView
 from dynident_service.designs.wire_types import DesignView, SimulationView
 from dynident_service.diagnoses.wire_types import DiagnosisView, SeriesView
 from dynident_service.drive_gains.wire_types import CurrentModelsView, DriveGainsView
 from dynident_service.identifications.batch_routes import member_ids
 from dynident_service.identifications.routes import show_identification
-from dynident_service.jobs.child_messages import Answer, Call
 from dynident_service.jobs.child_pool import ChildProcess, ForkServer
 from dynident_service.jobs.confinement import REQUEST_MEMORY, AllowedFolders, Confinement
+from dynident_service.jobs.task_input_output import Answer, Call
 from dynident_service.measurements.import_routes import show_import
 from dynident_service.measurements.routes import show_measurement
 from dynident_service.problems import ProblemError
@@ -107,6 +108,8 @@ SHOW_FUNCTIONS: Mapping[Kind, Callable[[Resource], object]] = {
     "measurement": show_measurement,
     "identification": show_identification,
     "batch": member_ids,
+    # Its steps are resources of their own.
+    "campaign": lambda campaign: CampaignRequest.model_validate(campaign.request),
     "comparison": ComparisonView.show,
     "current_models": CurrentModelsView.show,
     "design": DesignView.show,

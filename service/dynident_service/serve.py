@@ -26,11 +26,11 @@ from dynident_service.app import create_app
 from dynident_service.environment_secrets import forget_keys
 from dynident_service.fair_queue import SharedPlaces, name_address_party
 from dynident_service.jobs.job_engine import Engine
-from dynident_service.log_lines import configure_logging
 from dynident_service.problem_responses import SAFE
 from dynident_service.problems import MEDIA_TYPE, make_problem
 from dynident_service.settings import Settings, load_settings
 from dynident_service.storage.data_directory import PRIVATE, prepare_data_directory
+from dynident_service.tracing import configure_logging
 
 UNREAD_LIMIT = "TCP_USER_TIMEOUT"
 """Name of the socket option; only Linux has it."""

@@ -20,13 +20,13 @@ from dynident.version import __version__
 from dynident_service.api_keys import KeyHolder, list_keys
 from dynident_service.middleware import HOLDER
 from dynident_service.problems import Problem
+from dynident_service.request_limits import get_quota_limits
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.resource_routes import PagesDep, resource_path
 from dynident_service.shared.wire_types import Catalogue, Page, Progress, ViewModel
 from dynident_service.storage.quotas import QuotaLimits, Usage, compute_all_usage, compute_usage, get_account
 from dynident_service.storage.repository_values import KINDS, Job, JobKind, State
 from dynident_service.storage_and_engine import Services, ServicesDep
-from dynident_service.upload_quotas import get_quota_limits
 
 
 class Quota(ViewModel):

@@ -12,21 +12,20 @@ from typing import Annotated, Any, cast
 
 from fastapi import Depends, Request
 
-from dynident_service.housekeeping import Housekeeping
 from dynident_service.interactive_compute import InteractiveCompute
 from dynident_service.job_events import JobEventNotifier
 from dynident_service.jobs.child_pool import ForkServer
 from dynident_service.jobs.confinement import REQUEST_MEMORY, AllowedFolders, Confinement
 from dynident_service.jobs.job_engine import Engine
 from dynident_service.jobs.task_input_output import LruCache
-from dynident_service.readiness import Readiness
+from dynident_service.readiness import Housekeeping, Readiness
+from dynident_service.request_limits import get_quota_limits
 from dynident_service.settings import Settings
 from dynident_service.storage.data_directory import mark_in_use, prepare_data_directory
 from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.resource_repository import Resources
-from dynident_service.upload_quotas import get_quota_limits
 
 MOST_VERDICTS = 500
 """Cached verdicts, of some 2 kB each."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from dynident.errors import DynidentError
-from dynident_cli.input_checks import read_json_object, read_text
+from dynident_cli.option_parsers import read_json_object, read_text
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, TypeAdapter

@@ -57,6 +57,7 @@ from dynident.presentation.validation_and_verdict_tables import (
 from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
 from dynident_cli.command_output import print_tables, write_model
+from dynident_cli.contract_documents import to_document
 
 if TYPE_CHECKING:
     from dynident.api.model import Model
@@ -130,7 +131,7 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
             "  While a joint stands still, static friction may balance the torque. Compared with the predicted torque "
             f"itself, the error on all rows is {format_percent(comparison.raw_errors.relative_total)}."
         )
-    print_tables(console, [build_worst_table(comparison, 5)])
+    print_tables(console, [build_worst_table(comparison.worst[:5], comparison.joint_names, comparison.units)])
     for note in judgement.notes:
         console.print(f"  {note}")
 
@@ -181,7 +182,8 @@ def show_diagnosis(
 def show_changes(console: Console, diagnosis: Diagnosis, robot: Robot) -> None:
     """Print what differs from the baseline, and what the model lacks before and after."""
     console.print(diagnosis.summary, style="bold")
-    tables = {table.name: table for table in build_diagnosis_tables(diagnosis, robot.joint_names)}
+    units = [joint.effort_unit for joint in robot.joints]
+    tables = {table.name: table for table in build_diagnosis_tables(diagnosis, robot.joint_names, units)}
     if "changes" in tables:
         print_tables(console, [tables["changes"].drop_columns(EVIDENCE[-1])])
     _show_evidence(console, diagnosis.changes or ())
@@ -266,7 +268,7 @@ def show_validation(console: Console, result: ValidationResult, robot: Robot) ->
     """Print the tables of a validation, its verdict, and the reason."""
     names = robot.joint_names
     by_number = {name: str(number) for number, name in enumerate(names, start=1)}
-    for reported_table in build_figure_tables(result, names):
+    for reported_table in build_figure_tables(to_document(result), names):
         # Where the terminal is too narrow for the joints' names as columns, their numbers stand there.
         short = by_number if _table_width(reported_table) > console.width else {}
         # Only names of joints are shortened; other heads stay as they are.

@@ -15,7 +15,7 @@ from typer.core import TyperGroup
 from dynident.errors import Cancelled, DynidentError, word_remedies
 from dynident.optional_dependencies import format_install_hint
 from dynident.version import __version__
-from dynident_cli.input_checks import check_inputs
+from dynident_cli.option_parsers import check_inputs
 from dynident_cli.request_options import spread_options, write_option
 
 if TYPE_CHECKING:
@@ -74,10 +74,9 @@ _MODULES = {
     **dict.fromkeys(("effects", "essential", "extend", "inspect", "ladder", "remove"), "identify"),
     **dict.fromkeys(("changes", "compare", "series"), "diagnose"),
     "simulate": "design",
-    **dict.fromkeys(("restore", "export_robot", "import_robot", "doctor"), "backup"),
+    **dict.fromkeys(("mcp", "backup", "restore", "export_robot", "import_robot", "doctor"), "serve"),
     "currents": "gains",
     "export": "report",
-    "mcp": "serve",
 }
 """Modules of `dynident_cli.commands`, for commands that do not stand in the one with their name."""
 

@@ -14,7 +14,7 @@ import typer
 from dynident.known_robots import list_library_arms
 from dynident.recordings.recording_metadata import ConditioningStep
 from dynident.robot.limits_and_drives import HARDWARE
-from dynident_cli.input_checks import FILE_IN_FOLDER, KNOWN_ROBOT, READABLE_FILE
+from dynident_cli.option_parsers import FILE_IN_FOLDER, KNOWN_ROBOT, READABLE_FILE
 
 
 def repeatable_option(*names: str, metavar: str, help: str) -> object:
@@ -96,6 +96,22 @@ class RobotAdditions:
             "--gravity",
             metavar="X,Y,Z",
             help="Gravity in the base frame in m/s², if the base is not upright: 0,0,9.81 for a ceiling.",
+        ),
+    ] = ""
+    base: Annotated[
+        str,
+        typer.Option(
+            "--base",
+            metavar="KIND",
+            help="How the root link moves: fixed, floating or planar. By default as the description says.",
+        ),
+    ] = ""
+    contacts: Annotated[
+        str,
+        typer.Option(
+            "--contacts",
+            metavar="LINK,…",
+            help="Feet of a floating robot whose forces were not measured; they are eliminated from the equations.",
         ),
     ] = ""
     has: Annotated[str, typer.Option("--has", metavar="PART,…", help=f"Parts of the robot: {', '.join(HARDWARE)}.")] = (

@@ -230,11 +230,18 @@ class Identifications(LabelledCollection[Identification]):
         format: Literal[
             "json",
             "urdf",
+            "sdf",
             "mjcf",
+            "usd",
+            "fmu",
+            "mjlab",
+            "isaac_lab",
             "c",
             "c_header",
             "cpp_header",
             "casadi",
+            "ros2",
+            "randomisation",
             "urscript",
             "franka_load",
             "kuka_load",
@@ -251,12 +258,12 @@ class Identifications(LabelledCollection[Identification]):
         identification : Record or str
             The model or its identifier.
         format : str
-            "json", "urdf", "mjcf", "c", "c_header", "cpp_header", "casadi", or for the load alone "urscript",
-            "franka_load", "kuka_load", "load_urdf".
+            "json", "urdf", "sdf", "mjcf", "usd", "fmu", "mjlab", "isaac_lab", "c", "c_header", "cpp_header", "casadi",
+            "ros2", "randomisation", or for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
             Format of the file.
         nearest : bool, optional
-            For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that
-            can.
+            For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab, randomisation): where no bodies that
+            can exist have the identified parameters, write the nearest that can.
         anyway : bool, optional
             Whether a model whose error says that it is not to be used is written, too; it is refused otherwise.
 

@@ -16,8 +16,8 @@ from dynident.errors import DynidentError
 from dynident.identification import from_bytes
 from dynident.progress import ignore_progress
 from dynident.robot import robot_from_library
+from dynident_cli.demo.demonstration import design_runs
 from dynident_cli.demo.scenario import Scenario, find_hideable_effects
-from dynident_cli.demo.user_steps import design_runs
 
 ROBOT = robot_from_library("ur10")
 # A quick motion is optimised in few steps, and is another one on another kind of processor: 1.54 was seen on one.

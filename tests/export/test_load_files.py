@@ -13,7 +13,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.export import export_model, identify_load
+from dynident.export import export_model, identify_load, to_ur_friction
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording
 
@@ -106,3 +106,33 @@ def test_a_model_without_a_load_says_what_to_do() -> None:
     plain = identify(ROBOT, [run("empty", 1, carries=False)], [], IdentificationChoices(EFFECTS))
     with pytest.raises(DynidentError, match="effect payload"):
         export_model(plain, "urscript")
+
+
+def with_friction(viscous: float, coulomb: float, seed: int) -> Identification:
+    """The arm with this friction in the commanded torque: what its own compensation leaves."""
+    motion = fourier_motion(ROBOT, 12.0, 200.0, seed=seed)
+    tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq) + 0.2 * motion.ddq
+    tau = tau + coulomb * np.sign(motion.dq) + viscous * motion.dq
+    tau += 0.05 * np.random.default_rng(seed).normal(size=tau.shape)
+    choices = IdentificationChoices(EFFECTS, preprocessing=Preprocessing(20.0, 15.0, 5))
+    return identify(ROBOT, [record(ROBOT, motion, tau)], [], choices)
+
+
+def test_shares_of_the_own_compensation_of_a_ur_arm_cancel_its_friction() -> None:
+    # The maker's coefficients are 2.5 N m s/rad, which is too much, and 1.2 N m, which is too little.
+    file = to_ur_friction(with_friction(2.0, 1.5, 1), with_friction(2.0 - 2.5, 1.5 - 1.2, 2))
+    rows = {line.split(":")[0].strip(): line for line in file.content.decode().splitlines() if line.startswith("  ")}
+    np.testing.assert_allclose(numbers(rows["viscous_scale"]), 2.0 / 2.5, atol=0.03)
+    np.testing.assert_array_equal(numbers(rows["coulomb_scale"]), 1.0)
+    text = file.content.decode()
+    for joint in ROBOT.joint_names:
+        [share, error] = numbers(re.search(rf"# {joint} coulomb_scale: (.*)", text)[1])
+        assert abs(share - 1.5 / 1.2) < 2 * error + 0.01
+        assert any(joint in note and "Coulomb" in note.title() for note in file.notes)
+    assert "parameters:" in text.splitlines()
+
+
+def test_a_compensation_that_recordings_do_not_show_is_refused() -> None:
+    model = with_friction(2.0, 1.5, 1)
+    with pytest.raises(DynidentError, match="do not show the compensation"):
+        to_ur_friction(model, model)

@@ -8,6 +8,7 @@ import runpy
 import subprocess
 import sys
 from collections import Counter
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,18 @@ def test_imports_run_downward_only() -> None:
     # Its cache still knows modules that were moved since.
     run = subprocess.run([command, "--no-cache"], cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    """Imports within functions and those for types alone count as well; a package's own file names what is in it."""
+    grimp = pytest.importorskip("grimp", reason="import-linter is not installed: pip install 'dynident[dev]'")
+    graph = grimp.build_graph("dynident", "dynident_client", "dynident_service", "dynident_cli", cache_dir=None)
+    modules = {module for module in graph.modules if not graph.find_children(module)}
+    assert len(modules) > 400
+    # A circle is an error, which names its modules.
+    TopologicalSorter(
+        {module: graph.find_modules_directly_imported_by(module) & modules for module in modules}
+    ).prepare()
 
 
 def test_whoever_uses_casadi_loads_the_lock_around_it() -> None:

@@ -41,8 +41,9 @@ def test_the_files_of_the_page_tell_the_same_torque(tmp_path: Path) -> None:
     program = "import numpy\nnumpy.set_printoptions(precision=15, linewidth=400)\n" + "\n".join(blocks("python"))
     said = run([sys.executable, "-c", program], tmp_path)
     torque = {line.split()[0]: numbers(line) for line in said.splitlines()}
-    assert set(torque) == {"urdf", "mjcf", "casadi", "json"}
+    assert set(torque) == {"urdf", "mjcf", "whole", "casadi", "json"}
     np.testing.assert_allclose(torque["mjcf"], torque["urdf"], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(torque["whole"], torque["json"], rtol=1e-9, atol=1e-9)
     # CasADi prints six digits.
     np.testing.assert_allclose(torque["casadi"], torque["json"], rtol=1e-5)
     # The offset of each joint, which links do not have, is between the two kinds of formats.

@@ -8,9 +8,9 @@ from typing import Any, cast
 
 import pytest
 
-from dynident_service.jobs.child_messages import Call
 from dynident_service.jobs.child_pool import ChildProcess, ProcessExit
 from dynident_service.jobs.confinement import Confinement
+from dynident_service.jobs.task_input_output import Call
 
 
 class Orphanage:

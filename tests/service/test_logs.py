@@ -17,13 +17,13 @@ from sqlalchemy import select
 
 from dynident_service.api_keys import create_key
 from dynident_service.app import create_app
-from dynident_service.log_lines import FIELDS, configure_logging, set_current_request, set_log_context
 from dynident_service.settings import Settings
 from dynident_service.storage.database_tables import JobRow
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.job_transitions import REQUEST
 from dynident_service.storage.repository_values import NewJob
 from dynident_service.storage_and_engine import Services
+from dynident_service.tracing import FIELDS, configure_logging, set_current_request, set_log_context
 
 
 @pytest.fixture

@@ -13,7 +13,8 @@ from support.stores import CONTENT, Store, open_store
 
 from dynident_service.problems import ProblemError
 from dynident_service.storage.database import migrate
-from dynident_service.storage.deletion_and_expiry import ObjectGone, sweep_objects
+from dynident_service.storage.deletion_and_expiry import sweep_objects
+from dynident_service.storage.object_store import ObjectGone
 
 AT_ONCE = timedelta(0)
 

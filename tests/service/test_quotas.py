@@ -378,7 +378,6 @@ def test_what_was_stored_before_keys_counted_belongs_to_nobody(empty: Store) -> 
         assert compute_all_usage(session) == {None: Usage(7, 1, 1), "old": Usage(jobs=1)}
     with empty.database.engine.execution_options(**{WRITES: True}).begin() as connection:
         command.check(build_alembic_config(connection))
-        command.downgrade(build_alembic_config(connection), "0006")
 
 
 def test_of_many_that_come_at_once_no_more_are_taken_than_there_is_room_for(empty: Store) -> None:

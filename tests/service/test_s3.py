@@ -21,9 +21,9 @@ from dynident_service.app import create_app
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database, migrate
-from dynident_service.storage.deletion_and_expiry import ObjectGone, sweep_objects
+from dynident_service.storage.deletion_and_expiry import sweep_objects
 from dynident_service.storage.integrity_check import check_storage
-from dynident_service.storage.object_store import CHUNK, ObjectStore
+from dynident_service.storage.object_store import CHUNK, ObjectGone, ObjectStore
 from dynident_service.storage.repository_values import NewResource, OwnedObject
 from dynident_service.storage.resource_repository import Resources
 

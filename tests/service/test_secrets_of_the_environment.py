@@ -17,9 +17,9 @@ from fork_servers import WithoutScience
 from service_helpers import free_port, wait_for
 
 from dynident_service import environment_secrets
-from dynident_service.jobs.child_messages import Answer, Call
 from dynident_service.jobs.child_pool import ChildProcess
 from dynident_service.jobs.confinement import Confinement
+from dynident_service.jobs.task_input_output import Answer, Call
 from dynident_service.settings import Settings
 
 KEY, STORE, PASSWORD = "open-sesame", "secret-of-the-store", "password-of-the-proxy"

@@ -21,7 +21,7 @@ from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanE
 
 from dynident_service import tracing
 from dynident_service.app import create_app
-from dynident_service.jobs.child_messages import Call, answer_call
+from dynident_service.jobs.task_input_output import Call, answer_call
 from dynident_service.settings import Settings
 from dynident_service.storage.repository_values import NewJob
 from dynident_service.storage_and_engine import Services

@@ -13,7 +13,7 @@ import pytest
 from fastapi.testclient import TestClient
 from support.measurement_uploads import Columns, as_csv, files_in, sound, upload
 
-from dynident_service.housekeeping import sweep_folder
+from dynident_service.readiness import sweep_folder
 from dynident_service.storage.deletion_and_expiry import sweep_objects
 from dynident_service.storage_and_engine import Services
 

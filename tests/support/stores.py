@@ -8,8 +8,7 @@ from pathlib import Path
 from service_helpers import TWO_JOINTS
 
 from dynident_service.storage.database import Database
-from dynident_service.storage.deletion_and_expiry import ObjectGone
-from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.object_store import ObjectGone, ObjectStore
 from dynident_service.storage.repository_values import NewResource, OwnedObject, Resource
 from dynident_service.storage.resource_repository import Resources
 

@@ -32,8 +32,9 @@ def _build_tables(_: Services, resource: Resource) -> list[Table]:
         from dynident_service.shared.field_by_field import show_tables
 
     result = DriveGainsResult.model_validate(resource.result)
-    gains = ((gain, gain.unit) for gain in result.gains)
-    return show_tables(build_gain_tables(gains, ((load.name, load) for load in result.loads)))
+    gains = ((g.joint, g.stated, g.drive_gain, g.interval, g.unit, g.identifiable) for g in result.gains)
+    loads = ((load.name, load.mass, load.interval, load.from_gains, load.identifiable) for load in result.loads)
+    return show_tables(build_gain_tables(gains, loads))
 
 
 @router.post("", status_code=202)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -242,7 +242,7 @@ def export_file(model: Identification, format: ExportFormat, nearest: bool, show
         return file
     # What the service shows stands beside the model, so that `model_from_json` reads the file, too.
     content = json.dumps({**shown, "model": model_to_document(model)}, indent=1, allow_nan=False)
-    return ExportedFile(file.name, file.media_type, content.encode(), file.notes)
+    return replace(file, content=content.encode())
 
 
 def build_file_response(file: ExportedFile) -> Response:
@@ -253,6 +253,8 @@ def build_file_response(file: ExportedFile) -> Response:
     headers = {"Content-Disposition": f'attachment; filename="{file.name}"'}
     if file.notes:
         headers[NOTES_HEADER] = _shorten_notes(file.notes)
+    if file.held_out_error is not None:
+        headers["X-Held-Out-Error"] = f"{file.held_out_error:.6g}"
     return Response(file.content, media_type=file.media_type, headers=headers)
 
 
@@ -346,18 +348,14 @@ def _build_intermediate_steps(view: IdentificationView, below: LadderStep | None
     for number, step in enumerate(view.result.rungs if view.result is not None else [], start=1):
         under = steps[-1] if steps else below
         ladder_step = LadderStep(
+            **dict(step),
             id=f"{view.id}/{number}",
             part_of=view.id,
             name=view.name,
             parent_id=None if under is None else under.id,
             status=view.status,
-            added=step.added,
             removed=[],
             effects=[*([] if under is None else under.effects), *step.added],
-            n_parameters=step.n_parameters,
-            residual=step.residual,
-            validation=step.validation,
-            confirmed_by=step.confirmed_by,
         )
         steps.append(ladder_step)
     return steps
@@ -405,9 +403,14 @@ def compare_ladders(own: Sequence[LadderStep], other: Sequence[LadderStep], same
 def _show_difference(number: int, own: LadderStep | None, other: LadderStep | None) -> LadderStepDifference:
     differences: dict[str, Any] = {}
     for kind in ("residual", "validation"):
-        errors = [getattr(step, kind, None) for step in (own, other)]
-        for name, pair in ((kind, errors), (f"{kind}_moving", [_get_moving(shown) for shown in errors])):
-            differences |= {name: _subtract_per_joint(*pair), f"{name}_total": _subtract_totals(*pair)}
+        shown = [getattr(step, kind, None) for step in (own, other)]
+        moving = [getattr(errors, "moving", None) for errors in shown]
+        for name, (a, b) in ((kind, shown), (f"{kind}_moving", moving)):
+            if a is None or b is None:
+                differences |= {name: None, f"{name}_total": None}
+                continue
+            differences[name] = [_subtract(*both) for both in zip(a.relative, b.relative, strict=True)]
+            differences[f"{name}_total"] = _subtract(a.relative_total, b.relative_total)
     return LadderStepDifference(
         rung=number,
         id=own.id if own else None,
@@ -415,20 +418,6 @@ def _show_difference(number: int, own: LadderStep | None, other: LadderStep | No
         n_parameters=_subtract(own.n_parameters if own else None, other.n_parameters if other else None),
         **differences,
     )
-
-
-def _get_moving(errors: ErrorsView | None) -> ErrorFigures | None:
-    return None if errors is None else errors.moving
-
-
-def _subtract_per_joint(own: ErrorFigures | None, other: ErrorFigures | None) -> list[float | None] | None:
-    if own is None or other is None:
-        return None
-    return [_subtract(a, b) for a, b in zip(own.relative, other.relative, strict=True)]
-
-
-def _subtract_totals(own: ErrorFigures | None, other: ErrorFigures | None) -> float | None:
-    return None if own is None or other is None else _subtract(own.relative_total, other.relative_total)
 
 
 def _subtract(a: T | None, b: T | None) -> T | None:

@@ -228,6 +228,27 @@ class EssentialView(ViewModel):
     tables: list[Table] = Field(description="The steps and the parameters as tables for people")
 
 
+class ExportView(ViewModel):
+    """A format that a model can be written in."""
+
+    format: str
+    title: str
+    contains: str = Field(description="What a file of the format holds")
+    held_out_error: float | None = Field(
+        description="Relative error of the torque on held-out data, where joints move, of a program that reads all of "
+        "the file; null without such data, or if the file is no model of the torque"
+    )
+    notes: list[str] = Field(description="What the file cannot hold, and what that costs")
+    refusal: str | None = Field(description="Why this model cannot be written so; null if it can")
+
+
+class ExportsView(ViewModel):
+    """The formats, and the error of the model itself."""
+
+    items: list[ExportView]
+    held_out_error: float | None
+
+
 Rows = Annotated[
     list[Annotated[list[float], Field(fail_fast=True, max_length=200)]],
     Field(fail_fast=True, min_length=1, max_length=100_000),

@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 from dynident_service.environment_secrets import build_child_environment, open_child_secrets
-from dynident_service.jobs.child_messages import Answer, Call, Hello, JobOrder, Receipt
 from dynident_service.jobs.confinement import Confinement
+from dynident_service.jobs.task_input_output import Answer, Call, Hello, JobOrder, Receipt
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment that keeps linear algebra to one thread, as a process that forks must not have others."""

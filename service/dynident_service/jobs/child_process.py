@@ -23,31 +23,35 @@ from sqlalchemy.orm import Session
 
 from dynident.errors import Cancelled, DynidentError
 from dynident_service import tracing
-from dynident_service.jobs.child_messages import (
+from dynident_service.jobs.confinement import Confinement, is_out_of_memory
+from dynident_service.jobs.task_input_output import (
+    PATIENCE,
     Answer,
     Call,
     End,
     Heartbeat,
     Hello,
+    JobEnvironment,
+    JobFunction,
     JobOrder,
+    ObjectCache,
+    Outcome,
     Receipt,
+    Task,
     answer_call,
     make_memory_problem,
 )
-from dynident_service.jobs.confinement import Confinement, is_out_of_memory
-from dynident_service.jobs.task_input_output import PATIENCE, JobEnvironment, JobFunction, ObjectCache, Outcome, Task
-from dynident_service.log_lines import set_log_context
 from dynident_service.problems import Problem, ProblemError, make_problem, to_problem
 from dynident_service.settings import LogSettings
 from dynident_service.storage.data_directory import is_disk_full
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import INFRASTRUCTURE_ERRORS, Database, describe_error, retry_while_away
 from dynident_service.storage.database_tables import ResourceRow
 from dynident_service.storage.job_queue import CheckpointStore, JobCheckpoints, JobQueue, LostClaim
 from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.resource_repository import Resources
 from dynident_service.storage.resource_rows import insert_dependencies, insert_objects, insert_resource
-from dynident_service.storage.retry_while_away import INFRASTRUCTURE_ERRORS, describe_error, retry_while_away
+from dynident_service.tracing import set_log_context
 
 PROGRESS_INTERVAL = 0.1
 """Shortest time in seconds between two reports of progress."""

@@ -15,11 +15,10 @@ from dynident_service.jobs.child_pool import ChildPool, ForkServer
 from dynident_service.jobs.confinement import Confinement
 from dynident_service.jobs.job_supervisor import PATIENCE, supervise_job
 from dynident_service.jobs.task_input_output import JobEnvironment
-from dynident_service.log_lines import set_log_context
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, retry_while_away
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.job_transitions import Claim
-from dynident_service.storage.retry_while_away import retry_while_away
+from dynident_service.tracing import set_log_context
 
 PLUGIN = "dynident-children"
 _lock = threading.Lock()

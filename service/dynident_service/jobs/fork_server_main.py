@@ -18,12 +18,13 @@ import warnings
 from dynident_service.environment_secrets import take_secrets
 from dynident_service.jobs import child_process
 from dynident_service.jobs.child_pool import FORK, MESSAGE, REAP, RUNNING, ProcessExit, receive_exactly
-from dynident_service.log_lines import configure_logging
 from dynident_service.settings import LogSettings
+from dynident_service.tracing import configure_logging
 
 PRELOADED = tuple(
     f"dynident_service.{resource}.jobs"
     for resource in (
+        "campaigns",
         "comparisons",
         "designs",
         "diagnoses",

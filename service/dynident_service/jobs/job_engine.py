@@ -17,11 +17,11 @@ from dynident_service.jobs.child_pool import ChildPool, ForkServer
 from dynident_service.jobs.confinement import Confinement
 from dynident_service.jobs.job_supervisor import supervise_job
 from dynident_service.jobs.task_input_output import JobEnvironment
-from dynident_service.log_lines import set_log_context
 from dynident_service.science_preload import load_science
 from dynident_service.settings import Settings
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.job_transitions import Claim
+from dynident_service.tracing import set_log_context
 
 if TYPE_CHECKING:
     from dynident_service.jobs.dask_cluster import DaskExecutor

@@ -14,13 +14,12 @@ import time
 from pathlib import Path
 from typing import Literal
 
-from dynident_service.jobs.child_messages import End, JobOrder, Receipt, make_memory_problem
 from dynident_service.jobs.child_pool import ChildPool, ChildProcess, ProcessExit
-from dynident_service.jobs.task_input_output import JobEnvironment
+from dynident_service.jobs.task_input_output import End, JobEnvironment, JobOrder, Receipt, make_memory_problem
 from dynident_service.problems import make_problem
+from dynident_service.storage.database import AWAY, describe_error, retry_while_away
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.job_transitions import Claim
-from dynident_service.storage.retry_while_away import AWAY, describe_error, retry_while_away
 
 TICKS = os.sysconf("SC_CLK_TCK")
 LEAST = 0.005

@@ -63,7 +63,7 @@ from dynident_service.shared.upload_forms import (
     require_room_for,
 )
 from dynident_service.shared.wire_types import LabelsRequest, Page, to_plain_json
-from dynident_service.storage.deletion_and_expiry import ObjectGone
+from dynident_service.storage.object_store import ObjectGone
 from dynident_service.storage.repository_values import Dependency, NewResource, OwnedObject, Resource, Retry
 from dynident_service.storage_and_engine import Services, ServicesDep
 

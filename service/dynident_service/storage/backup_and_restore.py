@@ -34,12 +34,11 @@ from dynident_service.storage.archive_format import (
     write_rows,
 )
 from dynident_service.storage.data_directory import prepare_data_directory, restrict_file_permissions
-from dynident_service.storage.database import WRITES, Database, build_alembic_config, migrate
+from dynident_service.storage.database import WRITES, Database, build_alembic_config, describe_error, migrate
 from dynident_service.storage.database_tables import OBJECTS, CheckpointRow, ObjectRow, ResourceRow
 from dynident_service.storage.database_tables import Table as Base
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.repository_values import FINAL
-from dynident_service.storage.retry_while_away import describe_error
 
 AT_ONCE = 500
 """Rows that are read or written per statement."""

@@ -1,20 +1,28 @@
-"""Connect to SQLite or PostgreSQL (timeouts, pool) and migrate its tables."""
+"""Connect to SQLite or PostgreSQL (timeouts, pool), migrate its tables, repeat calls while it or the store is away."""
 
 from __future__ import annotations
 
+import logging
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
+from obstore.exceptions import BaseError
 from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select, text
+from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as NoConnection
 from sqlalchemy.orm import Session
+
+from dynident_service.storage.object_store import ObjectGone
 
 if TYPE_CHECKING:
     from alembic.config import Config
+
 
 WRITES = "dynident_writes"
 """Execution option that marks a connection on which transactions write."""
@@ -163,3 +171,40 @@ def build_alembic_config(connection: Connection) -> Config:
     config.set_main_option("path_separator", "os")
     config.attributes["connection"] = connection
     return config
+
+
+T = TypeVar("T")
+
+AWAY = (OperationalError, InterfaceError, NoConnection, BaseError)
+"""Exceptions of a database that is away or locked, and of a store that does not answer."""
+INFRASTRUCTURE_ERRORS = (*AWAY, ObjectGone)
+"""Exceptions that are no fault of a computation, which is therefore repeated."""
+FIRST_PAUSE = 0.1
+LONGEST_PAUSE = 5.0
+log = logging.getLogger("dynident.storage")
+
+
+def retry_while_away(action: Callable[[], T], patience: float) -> T:
+    """Repeat an action while the database or the store is away.
+
+    After `patience` seconds the last exception is raised.
+    """
+    until, pause = time.monotonic() + patience, FIRST_PAUSE
+    while True:
+        try:
+            return action()
+        except AWAY as error:
+            if time.monotonic() + pause > until:
+                raise
+            log.warning("%s; trying again", describe_error(error))
+        time.sleep(pause)
+        # Pauses grow, so that many workers do not press a server that is just starting.
+        pause = min(2 * pause, LONGEST_PAUSE)
+
+
+def describe_error(error: BaseException) -> str:
+    """Return an exception in one line, without SQL statements and parameters, which may hold user data."""
+    inner = getattr(error, "orig", None) or error
+    # The lines behind it are the statement and its parameters.
+    first_line = (str(inner).splitlines() or [""])[0]
+    return f"{type(inner).__name__}: {first_line}"[:200]

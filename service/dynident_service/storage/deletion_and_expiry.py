@@ -32,7 +32,7 @@ from dynident_service.storage.database_tables import (
     RetryRow,
     TombstoneRow,
 )
-from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.object_store import ObjectGone, ObjectStore
 from dynident_service.storage.repository_values import OwnedObject
 
 IMPORT_LIFETIME = 24 * 3600.0
@@ -84,10 +84,6 @@ def delete_unused_imports(database: Database, age: timedelta) -> int:
             raise_tombstones(session, session.scalars(select(ObjectRow.key).where(ObjectRow.resource_id == row.id)))
             session.delete(row)
         return len(old)
-
-
-class ObjectGone(Exception):
-    """An object was swept away before anybody owned it; put it again and retry."""
 
 
 def raise_tombstones(session: Session, keys: Iterable[str]) -> None:

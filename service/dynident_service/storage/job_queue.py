@@ -19,12 +19,17 @@ from sqlalchemy.orm import Session
 
 from dynident_service.problems import Problem, ProblemError, make_not_found
 from dynident_service.storage import job_transitions
-from dynident_service.storage.database import AT_ONCE, Database, get_database_time
+from dynident_service.storage.database import (
+    AT_ONCE,
+    INFRASTRUCTURE_ERRORS,
+    Database,
+    describe_error,
+    get_database_time,
+)
 from dynident_service.storage.database_tables import EVENTS, JOBS, CheckpointRow, JobRow
 from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.repository_values import FINAL, Job, JobEvent, NewJob, State
 from dynident_service.storage.resource_rows import JOB_COLUMNS
-from dynident_service.storage.retry_while_away import INFRASTRUCTURE_ERRORS, describe_error
 
 LEASE = timedelta(seconds=30)
 """How long a claim holds without renewal, by the clock of the database; longer than anybody waits for a lock."""

@@ -16,11 +16,11 @@ from sqlalchemy.orm import Session
 from sqlalchemy.sql.dml import ReturningUpdate
 
 from dynident_service import tracing
-from dynident_service.log_lines import get_current_request
 from dynident_service.problems import Problem, make_problem
 from dynident_service.storage.database import get_database_time
 from dynident_service.storage.database_tables import CHECKPOINTS, EVENTS, JOBS
 from dynident_service.storage.repository_values import Job, NewJob, State, create_identifier
+from dynident_service.tracing import get_current_request
 
 # Jobs that an earlier version queued name their functions by modules of former folders; some of these modules are
 # parts of others now.

@@ -39,6 +39,10 @@ class StoredObject:
     created: bool
 
 
+class ObjectGone(Exception):
+    """An object was swept away before anybody owned it; put it again and retry."""
+
+
 class ObjectStore:
     """Store of immutable objects, each under the SHA-256 of its bytes.
 

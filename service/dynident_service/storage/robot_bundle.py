@@ -33,7 +33,7 @@ from dynident_service.storage.backup_and_restore import (
     open_archive_for_reading,
     put_object,
 )
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, describe_error
 from dynident_service.storage.database_tables import (
     DependencyRow,
     JobEventRow,
@@ -48,7 +48,6 @@ from dynident_service.storage.deletion_and_expiry import lock_objects, raise_tom
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.repository_values import FINAL, KINDS, Kind, OwnedObject, Resource
 from dynident_service.storage.resource_rows import JOB_COLUMNS, RESOURCE_COLUMNS, to_resource
-from dynident_service.storage.retry_while_away import describe_error
 
 LARGEST, LARGEST_BIG = 2**31 - 1, 2**63 - 1
 """Largest values of PostgreSQL's integer columns; SQLite would take larger ones."""

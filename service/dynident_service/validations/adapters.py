@@ -29,7 +29,7 @@ from dynident.validation import (
 )
 from dynident.validation.validation_request import Payload, Stated, Trial, build_trial
 from dynident_service.shared.field_by_field import show_errors, to_request, to_view
-from dynident_service.shared.wire_types import DriftView
+from dynident_service.shared.wire_types import DriftView, to_plain_json
 from dynident_service.validations import wire_types as wire
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 def build_reported_validation(result: wire.ValidationResult, joints: Sequence[str]) -> ReportedValidation:
     """Build the part of a report on a validation: title, verdict and tables."""
-    tables = tuple(build_figure_tables(result, joints))
+    tables = tuple(build_figure_tables(to_plain_json(result), joints))
     return ReportedValidation(
         VALIDATION_TITLES[result.kind], ValidationOutcome(result.verdict, result.reason), tables, result.kind
     )

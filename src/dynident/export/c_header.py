@@ -1,8 +1,7 @@
 """Write M, C, g, friction and a momentum observer of a model as one C or C++ header for controllers.
 
-The header needs only a compiler and its math library. It allocates no memory, throws nothing and has no state of its
-own: parameters, load and hysteresis states are structures of the caller. The C++ header is the C header with a class
-around it.
+The header needs only a compiler and its math library. It allocates no memory and throws nothing. Parameters, load and
+hysteresis states are structures of the caller. The C++ header is the C header with a class around it.
 """
 
 from __future__ import annotations
@@ -83,7 +82,7 @@ def to_c_header(identification: Identification) -> ExportedFile:
     DynidentError
         For an effect of another distribution whose columns use an operation that C code is not written for.
     """
-    header = _Header.from_identification(identification)
+    header = Header.from_identification(identification)
     return ExportedFile(f"{header.name}.h", "text/x-c", encode_text(header.write_c()), header.notes)
 
 
@@ -105,13 +104,13 @@ def to_cpp_header(identification: Identification) -> ExportedFile:
     DynidentError
         As `to_c_header` does.
     """
-    header = _Header.from_identification(identification)
+    header = Header.from_identification(identification)
     return ExportedFile(f"{header.name}.hpp", "text/x-c++", encode_text(header.write_cpp()), header.notes)
 
 
 @dataclass(frozen=True, eq=False)
-class _Header:
-    """The functions of an identified model, and the prefix of their names."""
+class Header:
+    """The functions of an identified model, the prefix of their names, and notes for users, a sentence each."""
 
     identification: Identification
     equation: EquationOfMotion
@@ -120,7 +119,8 @@ class _Header:
     notes: tuple[str, ...]
 
     @classmethod
-    def from_identification(cls, identification: Identification) -> _Header:
+    def from_identification(cls, identification: Identification) -> Header:
+        """Return the header of an identified model, with all functions."""
         equation = build_equation_of_motion(identification.estimate)
         functions, notes = list_functions(equation), []
         if equation.acceleration_obstacle:

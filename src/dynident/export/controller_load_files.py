@@ -1,4 +1,4 @@
-"""Write an identified payload for controllers: URScript, Franka, KUKA, and a URDF link.
+"""Write an identified payload for controllers (URScript, Franka, KUKA, a URDF link), and friction for UR's driver.
 
 The load is that of the effect `payload`: ten inertial parameters of its link's frame. Controllers want its mass, the
 centre of mass, and the inertia about that centre.
@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from dynident.array_types import FloatArray
-from dynident.effects import get_role
+from dynident.effects import Role, get_role
 from dynident.errors import DynidentError
 from dynident.estimation.parameter_covariance import NORMAL_95
 from dynident.export.comments_and_names import describe_origin, escape_xml_comment, make_slug, replace_unprintable
@@ -291,6 +291,80 @@ def to_load_urdf(identification: Identification) -> ExportedFile:
         "</joint>",
     ]
     return _write_file(identification, "load.urdf", "application/xml", lines, load)
+
+
+def to_ur_friction(uncompensated: Identification, compensated: Identification) -> ExportedFile:
+    """Return the shares of a UR arm's own friction compensation that cancel its friction, for the ROS 2 driver.
+
+    The driver's service `set_friction_model_parameters` takes shares of the maker's coefficients, which are not public.
+    Two models show both: where the controller adds all of its compensation, the commanded torque contains only the
+    friction that the compensation lacks. With friction F without it and F' with all of it, the share is F / (F - F').
+
+    Parameters
+    ----------
+    uncompensated, compensated : Identification
+        Models with Coulomb and viscous friction, from torques that were commanded in direct torque control, with all
+        shares 0, and with all shares 1.
+
+    Returns
+    -------
+    ExportedFile
+        YAML of the service's request, with 95 % intervals in comments. Shares are limited to 0 to 1; notes say where
+        friction remains.
+
+    Raises
+    ------
+    DynidentError
+        If the robots differ, or have not six joints; or if the two models do not show the compensation of a joint.
+    """
+    robot = uncompensated.model.robot
+    if robot.joint_names != compensated.model.robot.joint_names or robot.n != 6:
+        raise DynidentError("the driver takes the friction of the six joints of one arm", pointer="compensated")
+    head = [
+        f"Shares of the arm's own friction compensation, {describe_origin()} (± is the 95 % interval).",
+        "From torques commanded in direct torque control without friction compensation, and with all of it.",
+    ]
+    lines, notes = [], []
+    fields: tuple[tuple[str, Role, str], ...] = (
+        ("viscous_scale", "damping", "N m s/rad"),
+        ("coulomb_scale", "dry", "N m"),
+    )
+    for field, role, unit in fields:
+        shares = []
+        for joint in robot.joint_names:
+            full, full_error = _get_friction(uncompensated, joint, role)
+            rest, rest_error = _get_friction(compensated, joint, role)
+            makers = full - rest
+            if makers <= float(np.hypot(full_error, rest_error)):
+                raise DynidentError(
+                    f"the {field.split('_')[0]} friction of {joint} is {full:.3g} {unit} without compensation and "
+                    f"{rest:.3g} {unit} with it: the recordings do not show the compensation",
+                    pointer="compensated",
+                    title="Compensation not seen",
+                )
+            share = full / makers
+            # The derivatives of F / (F - F') by F and F'.
+            error = float(np.hypot(rest * full_error, full * rest_error)) / makers**2
+            shares.append(min(max(share, 0.0), 1.0))
+            head.append(f"{joint} {field}: {share:.3g} ± {error:.2g}")
+            if share > 1.0 + error:
+                kind = field.split("_")[0]
+                notes.append(f"With all of the compensation, {joint} keeps {rest:.3g} {unit} of {kind} friction.")
+        lines.append(f"  {field}: [{', '.join(f'{share:.4g}' for share in shares)}]")
+    content = [*(f"# {replace_unprintable(line)}" for line in (*head, *notes)), "parameters:", *lines]
+    name = f"{make_slug(robot.name)}_friction.yaml"
+    return ExportedFile(name, "application/yaml", encode_text("\n".join(content) + "\n"), tuple(notes))
+
+
+def _get_friction(identification: Identification, joint: str, role: Role) -> tuple[float, float]:
+    """Return the friction of a joint with the half-width of its 95 % interval."""
+    deviations = np.sqrt(np.diag(identification.estimate.statistics.covariance))
+    for column, value, deviation in zip(identification.model.kept, identification.values, deviations, strict=True):
+        if column.link == joint and get_role(column) == role and not column.runs:
+            return float(value), NORMAL_95 * float(deviation)
+    raise DynidentError(
+        f"a model has no {'Coulomb' if role == 'dry' else 'viscous'} friction of {joint}", pointer="uncompensated"
+    )
 
 
 def _write_file(

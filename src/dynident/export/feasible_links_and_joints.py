@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.effects import EffectChoice, ReferenceParameters, Role, get_effect
+from dynident.effects import EffectChoice, ReferenceParameters, Role, get_effect, get_role
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.export.comments_and_names import describe_effect
@@ -34,6 +34,17 @@ def select_held_effects(identification: Identification, held: Collection[Role]) 
     """Return the chosen effects of a model that a format for parameters with the roles `held` can hold."""
     effects = identification.choices.effects
     return tuple(choice for choice in effects if not choice.runs and get_effect(choice.effect).fits_roles(held))
+
+
+def check_is_tree(identification: Identification, format_name: str) -> None:
+    """Raise a DynidentError if joints of the robot follow others, or its links form closed loops."""
+    if identification.model.robot.linkage is not None:
+        raise DynidentError(
+            f"joints of {identification.model.robot.name} follow others, which this export to {format_name} does not "
+            "write; export MJCF, C code, a CasADi function or JSON",
+            pointer="/format",
+            title=f"Not expressible in {format_name}",
+        )
 
 
 def project_model(identification: Identification, held: Collection[Role]) -> Identification:
@@ -119,13 +130,10 @@ class ProjectionError:
     def describe(self) -> tuple[str, ...]:
         """Return sentences with the errors, in total and by joint."""
         data = "held-out data" if self.is_held_out else "the data of the fit (no held-out data were given)"
-        total = (
-            f"{format_percent(self.file.relative_total, decimals=2)} "
-            f"({format_percent(self.model.relative_total, decimals=2)})"
-        )
+        total = f"{format_percent(self.file.relative_total)} ({format_percent(self.model.relative_total)})"
         subject = f"Relative error of torque where joints move, on {data}, of this file (and of the model)"
         each = ", ".join(
-            f"{joint} {format_percent(file, decimals=2)} ({format_percent(model, decimals=2)})"
+            f"{joint} {format_percent(file)} ({format_percent(model)})"
             for joint, file, model in zip(self.joints, self.file.relative, self.model.relative, strict=True)
         )
         errors = f"{subject}: {total}; {each}."
@@ -157,12 +165,16 @@ class ExportedFile:
         What stands in the file.
     notes : tuple of str
         What the format could not hold, a sentence each.
+    held_out_error : float or None
+        Relative error of the torque on held-out data, where joints move, of a program that reads all of the file; None
+        where there are no such data, or the file is no model of the torque.
     """
 
     name: str
     media_type: str
     content: bytes
     notes: tuple[str, ...] = ()
+    held_out_error: float | None = None
 
     def __repr__(self) -> str:
         head = f"ExportedFile({self.name}, {len(self.content) / 1e3:.1f} kB)"
@@ -215,6 +227,16 @@ class FeasibleLinks:
         return self.identification.model.robot
 
     @cached_property
+    def cost(self) -> ProjectionError:
+        """Errors of the model, and of these links and joints."""
+        return ProjectionError.compare_with(self.identification, self.projected, self.standard.values)
+
+    @property
+    def held_out_error(self) -> float | None:
+        """Relative error of these links and joints on held-out data, where joints move; None without such data."""
+        return self.cost.file.relative_total if self.cost.is_held_out else None
+
+    @cached_property
     def notes(self) -> tuple[str, ...]:
         """What a user must know: parameters that were changed, effects that are left out, rounded geometry."""
         choices_in_file = select_held_effects(self.identification, self.held)
@@ -226,8 +248,7 @@ class FeasibleLinks:
         ]
         if left_out:
             left_out.append("The other parameters were fitted to the data again without these effects.")
-        cost = ProjectionError.compare_with(self.identification, self.projected, self.standard.values)
-        notes = [*cost.describe(), *self.standard.notes, *left_out]
+        notes = [*self.cost.describe(), *self.standard.notes, *left_out]
         if self.rounding_error > SMALL:
             notes.append(
                 "Right angles are rounded in the description: the torque of the links therefore differs by "
@@ -235,6 +256,31 @@ class FeasibleLinks:
                 "terms out."
             )
         return tuple(notes)
+
+    def describe_loss(self, tags: str, *unread: Role) -> str:
+        """Return a sentence on the error of a program that ignores parts of the file.
+
+        Parameters
+        ----------
+        tags : str
+            What they are called in the file.
+        unread : Role
+            Roles of the parameters that it ignores: "rotor", "dry", "damping".
+        """
+        model, standard = self.projected.model, self.standard
+        by_role = {"rotor": standard.rotors, "dry": standard.coulomb, "damping": standard.viscous}
+        names = model.robot.tree.joint_names
+        values = standard.values.copy()
+        for k, column in enumerate(model.columns):
+            role = get_role(column)
+            if role in unread and role in by_role and not column.runs:
+                values -= model.base.grouping[:, k] * by_role[role][names.index(column.link)]
+        errors = ProjectionError.compare_with(self.identification, self.projected, values)
+        data = "on held-out data" if errors.is_held_out else "on the data of the fit"
+        return (
+            f"Programs that do not read {tags} compute the torque with a relative error of "
+            f"{format_percent(errors.file.relative_total, decimals=2)} {data}, where joints move."
+        )
 
     @cached_property
     def rounding_error(self) -> float:

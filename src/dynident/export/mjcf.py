@@ -120,13 +120,43 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     DynidentError
         As `complete_parameters` does; or if a link has no inertia in the model, or a spring pushes away from rest.
     """
+    links = complete_mjcf_links(identification, nearest=nearest)
+    content = encode_text(write_mjcf(links))
+    return ExportedFile(
+        f"{make_slug(links.robot.name)}.xml", "application/xml", content, links.notes, links.held_out_error
+    )
+
+
+def complete_mjcf_links(identification: Identification, *, nearest: bool = False) -> FeasibleLinks:
+    """Return the links and joints that the MJCF of a model contains; errors as `to_mjcf`."""
     links = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest)
     if links.rounding_error > SMALL:
         # Where right angles are rounded in the description, a rotor is grouped with its link only nearly. The export
         # with the rotor's inertia in the links may then be the more exact one.
         merged = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest, rotors_in_links=True)
         links = min(links, merged, key=lambda candidate: candidate.rounding_error)
-    robot = links.robot
+    return links
+
+
+def write_mjcf(links: FeasibleLinks) -> str:
+    """Return the MJCF of links and joints.
+
+    Parameters
+    ----------
+    links : FeasibleLinks
+        Links and joints, with the model that they are from.
+
+    Returns
+    -------
+    str
+        The text, with the notes at its head.
+
+    Raises
+    ------
+    DynidentError
+        If a link has no inertia in the model, or a spring pushes away from rest.
+    """
+    identification, robot = links.identification, links.robot
     springs = _read_springs(links)
     tree = robot.tree
     names = name_links(tree)
@@ -167,8 +197,7 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     )
     lines = [f"Identified model, {describe_origin()}.", *describe_identification(identification), SIGNS, *links.notes]
     comment = "\n".join(f"  {escape_xml_comment(line)}" for line in lines)
-    text = f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n{write_xml(root, indent=True)}'
-    return ExportedFile(f"{make_slug(robot.name)}.xml", "application/xml", encode_text(text), links.notes)
+    return f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n{write_xml(root, indent=True)}'
 
 
 def _build_body(joint: Joint, name: str) -> Element:

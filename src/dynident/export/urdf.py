@@ -32,6 +32,8 @@ from dynident.text_encoding import encode_text
 
 HELD_ROLES: tuple[Role, ...] = ("link", "rotor", "dry", "damping")
 """Roles of the parameters that the format has words for."""
+DRAKE_NAMESPACE = "http://drake.mit.edu"
+"""XML namespace of Drake's extensions of URDF and SDF."""
 ROTOR_TAG = "dynident_rotor"
 """Child of a `<joint>` whose attribute `inertia` is the rotor's, seen at the joint; URDF itself has no such element."""
 _ONLY_WHERE_MOVING = ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration")
@@ -70,11 +72,15 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
         inertial = links.standard.inertias[j]
         tree.set_inertial(moving, build_inertial(inertial, moving) if np.any(inertial) else None)
         tree.set_drive(joint.name, links.standard.viscous[j], links.standard.coulomb[j], links.standard.rotors[j])
+        # Drake moves only joints that have an actuator: either all get one, or none.
+        tree.set_drake_rotor(joint.name, links.standard.rotors[j] if np.any(links.standard.rotors) else None)
     tree.fix_locked_joints()
     tree.insert_comment(
         [f"Identified model, {describe_origin()}.", *describe_identification(identification), SIGNS, *notes]
     )
-    return ExportedFile(f"{make_slug(robot.name)}.urdf", "application/xml", encode_text(tree.to_text()), notes)
+    return ExportedFile(
+        f"{make_slug(robot.name)}.urdf", "application/xml", encode_text(tree.to_text()), notes, links.held_out_error
+    )
 
 
 def _write_notes(links: FeasibleLinks) -> list[str]:
@@ -86,10 +92,12 @@ def _write_notes(links: FeasibleLinks) -> list[str]:
     ]
     if rotors:
         notes.append(
-            f"URDF has no rotor inertia; this file stores it in <{ROTOR_TAG} inertia> of each joint. Programs that "
-            "do not read this tag leave out its torque, inertia times acceleration (kg m² or kg): "
-            f"{', '.join(rotors)}."
+            f"URDF has no rotor inertia; this file stores it in <{ROTOR_TAG} inertia> of each joint, and for Drake in "
+            "<drake:rotor_inertia>. Programs that do not read these tags leave out its torque, inertia times "
+            f"acceleration (kg m² or kg): {', '.join(rotors)}. {links.describe_loss('them', 'rotor')}"
         )
+    if np.any(links.standard.coulomb > 0):
+        notes.append(f"Drake has no Coulomb friction of joints. {links.describe_loss('friction', 'dry')}")
     if robot.locked_joints and robot.description.format == "urdf":
         names = ", ".join(f"{name} at {value:g}" for name, value in robot.locked_joints.items())
         notes.append(f"Joints that were locked during the identification are fixed in this file: {names}.")
@@ -145,6 +153,43 @@ class _EditedUrdf:
         self._add(element, Element("dynamics", attributes, 0))
         if rotor:
             self._add(element, Element(ROTOR_TAG, {"inertia": format_numbers(rotor)}, 0))
+
+    def set_drake_rotor(self, joint: str, rotor: float | None) -> None:
+        """Set the rotor's inertia as Drake reads it, in the actuator of the joint's transmission; None removes it."""
+        tags = ("drake:rotor_inertia", "drake:gear_ratio")
+        transmissions = [
+            element
+            for element in self._list_children(self._root, "transmission")
+            if any(child.getAttribute("name") == joint for child in self._list_children(element, "joint"))
+        ]
+        actuators = [actuator for element in transmissions for actuator in self._list_children(element, "actuator")]
+        for actuator in actuators:
+            self._remove(actuator, tags)
+        if rotor is None:
+            return
+        self._root.setAttribute("xmlns:drake", DRAKE_NAMESPACE)
+        if not transmissions:
+            transmissions.append(self._append(self._root, "transmission", {"name": f"{joint}_transmission"}))
+            self._append(transmissions[0], "type", {}, "transmission_interface/SimpleTransmission")
+            self._append(transmissions[0], "joint", {"name": joint})
+        if not actuators:
+            actuators.append(self._append(transmissions[0], "actuator", {"name": f"{joint}_motor"}))
+        # The identified inertia is that at the joint, behind the gear.
+        for tag, value in zip(tags, (rotor, 1.0), strict=True):
+            self._append(actuators[0], tag, {"value": format_numbers(value)})
+
+    def _append(
+        self, parent: minidom.Element, tag: str, attributes: Mapping[str, str], text: str = ""
+    ) -> minidom.Element:
+        """Add an element as the last child of another, and return it."""
+        element = self._document.createElement(tag)
+        for name, value in attributes.items():
+            element.setAttribute(name, value)
+        if text:
+            element.appendChild(self._document.createTextNode(text))
+        parent.appendChild(element)
+        parent.appendChild(self._document.createTextNode("\n"))
+        return element
 
     def fix_locked_joints(self) -> None:
         """Make every locked joint a fixed one at the place where it was locked."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from dynident.effects import Effect, EffectChoice, get_effect
 from dynident.estimation import Errors
@@ -33,8 +33,7 @@ from dynident.presentation.tables import (
 if TYPE_CHECKING:
     # For type checkers alone: most commands compare nothing.
     from dynident.diagnosis import Comparison, Judgement, WorstInterval
-    from dynident.identification import CurrentModel, PayloadEstimate
-    from dynident.identification.loads.drive_gains import DriveGain
+    from dynident.identification import CurrentModel
     from dynident.robot import Robot
 
 
@@ -208,18 +207,27 @@ def compare_by_joint(name: str, comparison: Comparison, judgement: Judgement) ->
     )
 
 
-def build_worst_table(comparison: Comparison, most: int) -> ReportedTable:
-    """Return the intervals of time in which the residual is largest, with the poses of the joints."""
+def build_worst_table(intervals: Sequence[WorstInterval], joints: Sequence[str], units: Sequence[str]) -> ReportedTable:
+    """Return the intervals of time in which the residual is largest, with the poses of the joints.
+
+    Parameters
+    ----------
+    intervals : sequence of WorstInterval
+        The worst first.
+    joints, units : sequence of str
+        Names of all joints; the unit of each one's torque or force.
+    """
     rows = tuple(
         (
             *make_text_cells(interval.joint, _format_interval(interval)),
-            make_number_cell(interval.rms),
+            make_number_cell(interval.rms, unit=units[joints.index(interval.joint)]),
             Cell(f"{format_number(interval.ratio, 2)} ×", interval.ratio),
             Cell(", ".join(format_number(value) for value in interval.pose), is_figures=True),
         )
-        for interval in comparison.worst[:most]
+        for interval in intervals
     )
-    columns = ("joint", "when", "rms", "relative to the joint's rms", "pose")
+    positions = " or ".join(dict.fromkeys("rad" if unit == "N m" else "m" for unit in units))
+    columns = ("joint", "when", "rms", "relative to the joint's rms", f"pose ({positions})")
     return ReportedTable("Where it is worst", columns, rows, name="worst")
 
 
@@ -414,40 +422,44 @@ def build_current_tables(models: Sequence[CurrentModel]) -> Iterator[ReportedTab
         yield ReportedTable(model.joint, ("parameter", "value", "± 95 %", "unit", "judgement"), parameters)
 
 
-def build_gain_tables(
-    gains: Iterable[tuple[DriveGain | Any, str]], loads: Iterable[tuple[str, PayloadEstimate | Any]]
-) -> Iterator[ReportedTable]:
-    """Yield the table of gains with their units, and that of loads, by name, that were weighed with them.
+Interval = tuple[float | None, float | None]
+GainFigures = tuple[str, float, float, Interval, str, bool]
+LoadFigures = tuple[str, float, Interval, float | None, bool]
 
-    Stored ones have the fields of the HTTP contract, where null is an infinite end of an interval.
+
+def build_gain_tables(gains: Iterable[GainFigures], loads: Iterable[LoadFigures]) -> Iterator[ReportedTable]:
+    """Yield the table of drive gains, and that of loads that were weighed with them.
+
+    Of a gain: joint, stated gain, identified gain, its 95 % interval, unit, whether the data determine it. Of a load:
+    recording, mass in kg, its interval, the part of its deviation that the gains cause, whether it differs from zero.
     """
     rows = tuple(
         (
-            Cell(gain.joint),
-            make_number_cell(gain.stated, 4),
-            *_make_estimate_cells(gain.drive_gain, gain.interval),
+            Cell(joint),
+            make_number_cell(stated, 4),
+            *_make_estimate_cells(value, interval),
             Cell("factor" if unit == "-" else unit),
-            Cell("✓ yes", mark="ok") if gain.identifiable else Cell("✕ no", mark="error"),
+            Cell("✓ yes", mark="ok") if identifiable else Cell("✕ no", mark="error"),
         )
-        for gain, unit in gains
+        for joint, stated, value, interval, unit, identifiable in gains
     )
     yield ReportedTable("Drive gains", ("joint", "stated", "identified", "± 95 %", "unit", "identifiable"), rows)
     load_rows = tuple(
         (
             Cell(name),
-            *_make_estimate_cells(load.mass, load.interval),
-            make_interval_cell(load.interval),
-            make_number_cell(load.from_gains, 2),
-            Cell("yes" if load.identifiable else "no"),
+            *_make_estimate_cells(mass, interval),
+            make_interval_cell(interval),
+            make_number_cell(from_gains, 2),
+            Cell("yes" if identifiable else "no"),
         )
-        for name, load in loads
+        for name, mass, interval, from_gains, identifiable in loads
     )
     if load_rows:
         columns = ("measurement", "mass", "± 95 %", "95 % interval", "σ from the gains", "not zero")
         yield ReportedTable("Loads weighed with these gains, kg", columns, load_rows)
 
 
-def _make_estimate_cells(value: float, ends: tuple[float | None, float | None]) -> tuple[Cell, Cell]:
+def _make_estimate_cells(value: float, ends: Interval) -> tuple[Cell, Cell]:
     """Return the cells of a value and of half its interval; the interval decides the digits."""
     low, high = ends
     # An end that is null is infinite: then there is no half to show.

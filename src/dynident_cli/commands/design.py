@@ -13,7 +13,7 @@ import typer
 
 from dynident.excitation.design_request import DesignRequest
 from dynident.simulation.virtual_robot_request import Simulated
-from dynident_cli.input_checks import FILE_IN_FOLDER, READABLE_FOLDER
+from dynident_cli.option_parsers import FILE_IN_FOLDER, READABLE_FOLDER
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Effects,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dynident.diagnosis.diagnosis_request import DiagnosisChoices
-from dynident_cli.input_checks import READABLE_FILE
+from dynident_cli.option_parsers import READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Json,
@@ -188,8 +188,8 @@ def _write_extend_command(
         added = ["--diagnosis", "FILE" if out is None else str(out)]
     else:
         added = ["--effects", ",".join(map(format_effect, recommended))]
-    input_checks = [str(path) for path in (model, *measurements)]
-    command = shlex.join(["dynident", "extend", *input_checks, *list_option_words(reading), *added])
+    paths = [str(path) for path in (model, *measurements)]
+    command = shlex.join(["dynident", "extend", *paths, *list_option_words(reading), *added])
     return command if "FILE" not in added else f"{command} (FILE: diagnose again with --out FILE)"
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from dynident.errors import DynidentError
 from dynident.identification.loads.drive_gain_request import KnownLoad
-from dynident_cli.input_checks import READABLE_FILE
+from dynident_cli.option_parsers import READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Effects,
@@ -135,8 +135,12 @@ def gains(
     gains_text = ",".join(f"{value:.4g}" for value in drive_gains.values)
 
     def print_gains(console: Console) -> None:
-        pairs = ((gain, get_gain_unit(machine, index)) for index, gain in enumerate(drive_gains.each))
-        command_output.print_tables(console, build_gain_tables(pairs, loads))
+        gains = (
+            (gain.joint, gain.stated, gain.drive_gain, gain.interval, get_gain_unit(machine, index), gain.identifiable)
+            for index, gain in enumerate(drive_gains.each)
+        )
+        weighed = ((name, load.mass, load.interval, load.from_gains, load.identifiable) for name, load in loads)
+        command_output.print_tables(console, build_gain_tables(gains, weighed))
         console.print(f"To identify with them: --drive-gains {gains_text}", soft_wrap=True)
         for warning in drive_gains.warnings:
             console.print(f"! {warning}")

@@ -13,7 +13,7 @@ from dynident.identification.identification_choices import EssentialChoices, Ide
 from dynident.recordings.recording_metadata import Filters
 from dynident.schema.fields import get_description
 from dynident.text_encoding import encode_text
-from dynident_cli.input_checks import KNOWN_ROBOT, READABLE_FILE
+from dynident_cli.option_parsers import KNOWN_ROBOT, READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Effects,

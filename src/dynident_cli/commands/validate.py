@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dynident.validation.validation_request import TRIALS, Stated, build_trial
-from dynident_cli.input_checks import READABLE_FILE
+from dynident_cli.option_parsers import READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues, find_option
 from dynident_cli.shared_options import (
     ModelArgument,

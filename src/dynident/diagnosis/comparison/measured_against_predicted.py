@@ -136,8 +136,8 @@ class Comparison:
     def __repr__(self) -> str:
         return (
             f"Comparison({len(self.joint_names)} joints, {len(self.t)} rows: relative error "
-            f"{format_percent(self.errors.relative_total, decimals=2)}, "
-            f"{format_percent(self.moving_errors.relative_total, decimals=2)} where joints move)"
+            f"{format_percent(self.errors.relative_total)}, "
+            f"{format_percent(self.moving_errors.relative_total)} where joints move)"
         )
 
     @property

@@ -100,11 +100,15 @@ class EquationOfMotion:
         higher = [a.symbol for a in self.arguments if a.name in ("ddq", "dddq", "ddddq")]
         if any(ca.depends_on(self.effects, symbol) for symbol in higher):
             return "an effect of this model depends on the acceleration itself"
-        unloaded = ca.substitute(ca.diag(self.mass), self.payload, ca.SX.zeros(_TEN, 1))
-        weightless = [j for j in range(self.robot.n) if unloaded[j].is_zero()]
-        if weightless:
-            return f"the model has no inertia at {', '.join(self.robot.joint_names[j] for j in weightless)}"
+        if self.weightless_joints:
+            return f"the model has no inertia at {', '.join(self.weightless_joints)}"
         return ""
+
+    @property
+    def weightless_joints(self) -> tuple[str, ...]:
+        """Joints at which the model has no inertia."""
+        unloaded = ca.substitute(ca.diag(self.mass), self.payload, ca.SX.zeros(_TEN, 1))
+        return tuple(name for j, name in enumerate(self.robot.joint_names) if unloaded[j].is_zero())
 
     def get_symbol(self, name: str) -> ca.SX:
         """Return the symbol of an argument."""

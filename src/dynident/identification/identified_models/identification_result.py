@@ -330,13 +330,11 @@ class Identification:
 
     def __repr__(self) -> str:
         judged = self.held_out_judged
-        held_out = (
-            "no held-out data" if judged is None else f"held out {format_percent(judged.relative_total, decimals=2)}"
-        )
+        held_out = "no held-out data" if judged is None else f"held out {format_percent(judged.relative_total)}"
         return (
             f"Identification({self.model.robot.name}: {self.model.n_parameters} base parameters, {self.choices.model} "
             f"model, {self.choices.solver.name_with_options}; error of the fit "
-            f"{format_percent(self.fit_judged.relative_total, decimals=2)}, {held_out})"
+            f"{format_percent(self.fit_judged.relative_total)}, {held_out})"
         )
 
     @property

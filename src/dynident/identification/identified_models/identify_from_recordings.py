@@ -358,7 +358,7 @@ def identify(
     check_temperature(choices.effects, recordings, validation)
     check_runs(choices.effects, recordings, validation)
     ordinary, _ = split_friction_tests(recordings)
-    check_joint_torques(choices.model, ordinary)
+    check_joint_torques(robot, choices.model, ordinary)
     # Equations of joints without a torque are left out; their motion is still used.
     robot = mark_unrecorded_torques(robot, ordinary)
     preprocessing = choices.preprocessing or choose_preprocessing(ordinary)

@@ -7,8 +7,6 @@ from alembic import op
 
 revision = "0001"
 down_revision = None
-branch_labels = None
-depends_on = None
 
 
 def upgrade() -> None:
@@ -106,21 +104,3 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name="pk_job_events"),
     )
     op.create_index("ix_job_events_job_id", "job_events", ["job_id"], unique=False)
-
-
-def downgrade() -> None:
-    """Take back."""
-    op.drop_index("ix_job_events_job_id", table_name="job_events")
-    op.drop_table("job_events")
-    op.drop_index("ix_retries_resource_id", table_name="retries")
-    op.drop_table("retries")
-    op.drop_index("ix_objects_key", table_name="objects")
-    op.drop_table("objects")
-    op.drop_index("ix_jobs_state_id", table_name="jobs")
-    op.drop_index("ix_jobs_resource_id", table_name="jobs")
-    op.drop_table("jobs")
-    op.drop_index("ix_dependencies_on_id", table_name="dependencies")
-    op.drop_table("dependencies")
-    op.drop_index("ix_resources_kind_id", table_name="resources")
-    op.drop_table("resources")
-    op.drop_table("api_keys")

@@ -7,8 +7,6 @@ from alembic import op
 
 revision = "0002"
 down_revision = "0001"
-branch_labels = None
-depends_on = None
 
 
 def upgrade() -> None:
@@ -20,9 +18,3 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("key", name="pk_tombstones"),
     )
     op.create_index("ix_tombstones_since", "tombstones", ["since"], unique=False)
-
-
-def downgrade() -> None:
-    """Take back."""
-    op.drop_index("ix_tombstones_since", table_name="tombstones")
-    op.drop_table("tombstones")

@@ -7,15 +7,8 @@ from alembic import op
 
 revision = "0003"
 down_revision = "0002"
-branch_labels = None
-depends_on = None
 
 
 def upgrade() -> None:
     """Apply."""
     op.add_column("jobs", sa.Column("losses", sa.Integer(), nullable=False, server_default="0"))
-
-
-def downgrade() -> None:
-    """Take back."""
-    op.drop_column("jobs", "losses")

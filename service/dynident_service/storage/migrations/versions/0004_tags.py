@@ -7,17 +7,9 @@ from alembic import op
 
 revision = "0004"
 down_revision = "0003"
-branch_labels = None
-depends_on = None
 
 
 def upgrade() -> None:
     """Apply."""
     op.add_column("resources", sa.Column("tags", sa.JSON(), nullable=False, server_default="[]"))
     op.add_column("resources", sa.Column("archived", sa.Boolean(), nullable=False, server_default=sa.false()))
-
-
-def downgrade() -> None:
-    """Take back."""
-    op.drop_column("resources", "archived")
-    op.drop_column("resources", "tags")

@@ -7,8 +7,6 @@ from alembic import op
 
 revision = "0006"
 down_revision = "0005"
-branch_labels = None
-depends_on = None
 
 
 def upgrade() -> None:
@@ -17,9 +15,3 @@ def upgrade() -> None:
     op.add_column("api_keys", sa.Column("owner", sa.String(200), nullable=True))
     op.add_column("api_keys", sa.Column("expires_at", sa.DateTime(timezone=True), nullable=True))
     op.add_column("api_keys", sa.Column("last_used_at", sa.DateTime(timezone=True), nullable=True))
-
-
-def downgrade() -> None:
-    """Take back."""
-    for name in ("last_used_at", "expires_at", "owner", "scope"):
-        op.drop_column("api_keys", name)

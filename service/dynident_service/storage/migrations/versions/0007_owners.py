@@ -7,8 +7,6 @@ from alembic import op
 
 revision = "0007"
 down_revision = "0006"
-branch_labels = None
-depends_on = None
 
 OWNED = sa.text("owner IS NOT NULL")
 QUOTAS = ("quota_bytes", "quota_recordings", "quota_jobs")
@@ -23,12 +21,3 @@ def upgrade() -> None:
         )
     for name in QUOTAS:
         op.add_column("api_keys", sa.Column(name, sa.BigInteger(), nullable=True))
-
-
-def downgrade() -> None:
-    """Take back."""
-    for name in QUOTAS:
-        op.drop_column("api_keys", name)
-    for table, column in (("jobs", "state"), ("resources", "kind")):
-        op.drop_index(f"ix_{table}_owner_{column}", table)
-        op.drop_column(table, "owner")

@@ -7,8 +7,6 @@ from alembic import op
 
 revision = "0008"
 down_revision = "0007"
-branch_labels = None
-depends_on = None
 
 OWNED = sa.text("owner IS NOT NULL")
 
@@ -17,9 +15,3 @@ def upgrade() -> None:
     """Apply."""
     op.create_index("ix_jobs_state_owner_id", "jobs", ["state", "owner", "id"])
     op.drop_index("ix_jobs_owner_state", "jobs")
-
-
-def downgrade() -> None:
-    """Take back."""
-    op.create_index("ix_jobs_owner_state", "jobs", ["owner", "state"], sqlite_where=OWNED, postgresql_where=OWNED)
-    op.drop_index("ix_jobs_state_owner_id", "jobs")

@@ -1,0 +1,141 @@
+"""Write the model as SDF for Gazebo and Drake; what they do not read, and what that costs, is in its notes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+import pinocchio as pin
+
+from dynident.array_types import FloatArray
+from dynident.effects import Role
+from dynident.errors import DynidentError
+from dynident.export.comments_and_names import (
+    SIGNS,
+    describe_identification,
+    describe_origin,
+    escape_xml_comment,
+    make_slug,
+    replace_unprintable,
+)
+from dynident.export.feasible_links_and_joints import ExportedFile, FeasibleLinks, check_is_tree
+from dynident.export.urdf import DRAKE_NAMESPACE
+from dynident.identification import Identification
+from dynident.robot.joint import Joint
+from dynident.robot.pinocchio_conversion import to_dynamic_parameters
+from dynident.robot.urdf_writer import name_links
+from dynident.robot.xml_text import format_numbers
+from dynident.text_encoding import encode_text
+
+HELD_ROLES: tuple[Role, ...] = ("link", "rotor", "dry", "damping")
+"""Roles of the parameters that the format has words for, with Drake's extension for rotors."""
+_BASE = "base"
+# Elements that SDF places differently since version 1.7, and that Drake reads with this one.
+_VERSION = "1.9"
+
+
+def to_sdf(identification: Identification, *, nearest: bool = False) -> ExportedFile:
+    """Return the identified model as SDF.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model, with the data of its fit.
+    nearest : bool
+        If no bodies that can exist have the identified parameters, write the nearest that can.
+
+    Returns
+    -------
+    ExportedFile
+        The file, with notes on what it could not hold.
+
+    Raises
+    ------
+    DynidentError
+        As `complete_parameters` does; or if a link has no mass, or joints of the robot follow others.
+    """
+    check_is_tree(identification, "SDF")
+    links = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest, rotors_in_links=True)
+    robot = links.robot
+    notes = (*_write_notes(links), *links.notes)
+    lines = [f"Identified model, {describe_origin()}.", *describe_identification(identification), SIGNS, *notes]
+    comment = "\n".join(f"  {escape_xml_comment(line)}" for line in lines)
+    # Names of links and joints are in one namespace: a link that is called like a joint gets another name.
+    names = [name if name not in robot.joint_names else f"{name}_link" for name in name_links(robot)]
+    parts = "\n".join(
+        f"    {line}" for j, joint in enumerate(robot.joints) for line in _write_link_and_joint(links, j, joint, names)
+    )
+    text = (
+        f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n'
+        f'<sdf version="{_VERSION}" xmlns:drake="{DRAKE_NAMESPACE}">\n'
+        f"  <model name={quoteattr(replace_unprintable(robot.name) or 'robot')}>\n"
+        f'    <link name="{_BASE}"/>\n'
+        f'    <joint name="{_BASE}_mount" type="fixed"><parent>world</parent><child>{_BASE}</child></joint>\n'
+        f"{parts}\n  </model>\n</sdf>\n"
+    )
+    return ExportedFile(
+        f"{make_slug(robot.name)}.sdf", "application/xml", encode_text(text), notes, links.held_out_error
+    )
+
+
+def _write_notes(links: FeasibleLinks) -> list[str]:
+    notes = [f"Drake has no Coulomb friction of joints. {links.describe_loss('<friction>', 'dry')}"]
+    if np.any(links.standard.rotors > 0):
+        notes += [
+            "SDF has no rotor inertia. It is in <drake:rotor_inertia>, unless the link has it already.",
+            links.describe_loss("<drake:rotor_inertia>", "rotor"),
+        ]
+    if not np.allclose(links.robot.gravity, (0.0, 0.0, -9.81)):
+        gravity = ", ".join(f"{g:g}" for g in links.robot.gravity)
+        notes.append(f"Gravity is a property of the world in SDF: set it to {gravity} m/s² (x, y, z).")
+    return notes
+
+
+def _write_link_and_joint(links: FeasibleLinks, j: int, joint: Joint, names: list[str]) -> Iterator[str]:
+    parent = _BASE if joint.parent < 0 else names[joint.parent]
+    if links.standard.inertias[j, 9] <= 0:
+        raise DynidentError(
+            f"the model has no mass on {joint.name}, and an SDF needs one; choose rigid_body on all joints, or export "
+            "C code, a CasADi function or JSON",
+            pointer="/format",
+            title="Not expressible in SDF",
+        )
+    yield f"<link name={quoteattr(names[j])}>"
+    yield f"  <pose relative_to={quoteattr(joint.name)}>0 0 0 0 0 0</pose>"
+    yield f"  {_write_inertial(links.standard.inertias[j])}"
+    yield "</link>"
+    yield f"<joint name={quoteattr(joint.name)} type={quoteattr(joint.kind)}>"
+    yield f"  <parent>{escape(parent)}</parent><child>{escape(names[j])}</child>"
+    rotation = pin.rpy.matrixToRpy(joint.placement[:3, :3])
+    place = format_numbers(*joint.placement[:3, 3], *rotation)
+    yield f"  <pose relative_to={quoteattr(parent)}>{place}</pose>"
+    yield f"  <axis><xyz>{format_numbers(*joint.axis)}</xyz>"
+    damping, friction = (format_numbers(values[j]) for values in (links.standard.viscous, links.standard.coulomb))
+    yield f"    <dynamics><damping>{damping}</damping><friction>{friction}</friction></dynamics>"
+    limits = joint.limits
+    # Drake takes an effort of zero for a joint without a motor, and -1 for one without a limit.
+    bounds = [("effort", -1.0 if limits.effort is None else limits.effort)]
+    bounds += [("velocity", limits.velocity)] if limits.velocity else []
+    if limits.position is not None:
+        bounds += list(zip(("lower", "upper"), limits.position, strict=True))
+    inside = "".join(f"<{tag}>{format_numbers(value)}</{tag}>" for tag, value in bounds)
+    yield f"    <limit>{inside}</limit></axis>"
+    rotor = links.standard.rotors[j]
+    if rotor > 0:
+        yield f"  <drake:rotor_inertia>{format_numbers(rotor)}</drake:rotor_inertia>"
+        yield "  <drake:gear_ratio>1</drake:gear_ratio>"
+    yield "</joint>"
+
+
+def _write_inertial(inertial: FloatArray) -> str:
+    body = pin.Inertia.FromDynamicParameters(to_dynamic_parameters(inertial))
+    tensor = "".join(
+        f"<i{'xyz'[row]}{'xyz'[column]}>{format_numbers(body.inertia[row, column])}</i{'xyz'[row]}{'xyz'[column]}>"
+        for row in range(3)
+        for column in range(row, 3)
+    )
+    return (
+        f"<inertial><pose>{format_numbers(*body.lever)} 0 0 0</pose><mass>{format_numbers(body.mass)}</mass>"
+        f"<inertia>{tensor}</inertia></inertial>"
+    )

@@ -1,0 +1,498 @@
+"""SDF, USD, FMU, URDF for Drake and actuators, each read by the program that it is for, give the identified torque.
+
+Each test skips where its engine is not installed, and says so.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+import subprocess
+import zipfile
+from functools import cache
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from support.exported_robots import moving
+from support.models_with_chosen_parameters import PLAIN, FloatArray, drives, from_standard, made_up, path, predicted
+from support.oracles import Motion, arm, crooked_urdf, fourier_motion, pinocchio_torque, record
+
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.export import (
+    ExportedFile,
+    MissingTorque,
+    export_model,
+    to_fmu,
+    to_mjcf,
+    to_mujoco,
+    to_sdf,
+    to_urdf,
+    to_usd,
+)
+from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.recordings import Preprocessing
+from dynident.robot import Robot, robot_from_urdf
+
+TREE = robot_from_urdf("tree", crooked_urdf(7, 3, (1, 5), (-1, 0, 1, 1, 0, 4, 5)))
+ROBOTS = {"a serial arm": arm("ur10"), "a sliding joint": arm("scara"), "a tree": TREE, "axes askew": arm("crooked")}
+RICH = (*PLAIN, "stribeck", "viscous_nonlinear", "offset", "torque_ripple", "presliding")
+
+
+def import_engine(name: str) -> Any:
+    return pytest.importorskip(name, reason=f"NO {name}: files for it are not read by it here")
+
+
+def identified(robot: Robot, effects: tuple[str, ...] = PLAIN) -> Identification:
+    """A model with the description's inertias, and friction and other effects of usual sizes."""
+    plain = from_standard(robot, drives(robot) | {f"Ia{j + 1}": 0.3 for j in range(robot.n)})
+    if effects == PLAIN:
+        return plain
+    values = {column.name: value for column, value in zip(plain.model.kept, plain.values, strict=True)}
+    columns = made_up(robot, effects).model.kept
+    # Hysteresis that grows with the load would need a load that can be.
+    sizes = [0.0 if column.name.startswith("cz") else values.get(column.name, 0.4) for column in columns]
+    return made_up(robot, effects, np.array(sizes))
+
+
+ARM = arm("scara")
+
+
+@cache
+def held_out() -> Motion:
+    return fourier_motion(ARM, 15.0, 200.0, 2)
+
+
+def needed(motion: Motion, seed: int) -> FloatArray:
+    """Torque of an arm whose friction no simulator has words for, with noise."""
+    tau = pinocchio_torque(ARM, motion.q, motion.dq, motion.ddq) + 0.4 * motion.ddq
+    tau = tau + 2.0 * np.sign(motion.dq) + 1.5 * motion.dq + 3.0 * motion.dq * np.abs(motion.dq)
+    return tau + np.random.default_rng(seed).normal(0.0, 0.02, tau.shape)
+
+
+@cache
+def measured_model() -> Identification:
+    """That arm, identified with all its effects, and tried on held-out data."""
+    motions = (fourier_motion(ARM, 15.0, 200.0, 1), held_out())
+    fit, other = (record(ARM, motion, needed(motion, k)) for k, motion in enumerate(motions))
+    effects = (*(EffectChoice(effect) for effect in PLAIN), EffectChoice("viscous_nonlinear", shape=(("p", 2.0),)))
+    return identify(ARM, [fit], [other], IdentificationChoices(effects, preprocessing=Preprocessing(20.0, 20.0, 3)))
+
+
+def error_of(torque: FloatArray) -> float:
+    """The relative error of torques along the held-out motion."""
+    rows, expected = moving(held_out()), needed(held_out(), 1)
+    return float(np.linalg.norm((torque - expected)[rows]) / np.linalg.norm(expected[rows]))
+
+
+def stated_error(file: ExportedFile, sentence: str) -> float:
+    """A percentage that the head of the file states, behind this sentence."""
+    text = file.content.decode()
+    for note in file.notes:
+        if found := re.search(sentence + r"[^\d]*([\d.]+)\s%", note):
+            assert " ".join(note.split()) in " ".join(text.split())
+            return float(found[1]) / 100
+    raise AssertionError(sentence)
+
+
+OF_FILE = r"of this file \(and of the model\):"
+
+
+def torque_in_drake(text: str, gravity: FloatArray, motion: Motion, names: tuple[str, ...], kind: str) -> FloatArray:
+    """What Drake computes; it has no Coulomb friction of joints."""
+    drake = import_engine("pydrake.all")
+    plant = drake.MultibodyPlant(0.0)
+    drake.Parser(plant).AddModelsFromString(text, kind)
+    if kind == "urdf":
+        root = ElementTree.fromstring(text)
+        moved = {child.get("link") for child in root.iterfind("joint/child")}
+        [base] = {link.get("name") for link in root.iterfind("link")} - moved
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(base))
+    plant.mutable_gravity_field().set_gravity_vector(gravity)
+    plant.Finalize()
+    assert plant.num_actuators() == len(names)
+    context = plant.CreateDefaultContext()
+    places = [plant.GetJointByName(name).position_start() for name in names]
+    torque = np.empty_like(motion.q)
+    for k, (q, dq, ddq) in enumerate(zip(motion.q, motion.dq, motion.ddq, strict=True)):
+        ordered = np.empty((3, len(names)))
+        ordered[:, places] = q, dq, ddq
+        plant.SetPositions(context, ordered[0])
+        plant.SetVelocities(context, ordered[1])
+        forces = drake.MultibodyForces(plant)
+        plant.CalcForceElementsContribution(context, forces)
+        torque[k] = plant.CalcInverseDynamics(context, ordered[2], forces)[places]
+    return torque
+
+
+@pytest.mark.parametrize("kind", ["sdf", "urdf"])
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS.keys())
+def test_drake_computes_the_identified_torque_but_for_coulomb_friction(robot: Robot, kind: str) -> None:
+    model, motion = identified(robot), path(robot, 60)
+    file = {"sdf": to_sdf, "urdf": to_urdf}[kind](model)
+    found = torque_in_drake(file.content.decode(), robot.gravity, motion, robot.joint_names, kind)
+    coulomb = np.array([drives(robot)[f"Fc{j + 1}"] for j in range(robot.n)])
+    expected = predicted(model, motion) - coulomb * np.sign(motion.dq)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", ["sdf", "urdf"])
+def test_the_error_that_a_file_states_for_drake_is_what_drake_finds(kind: str) -> None:
+    file = export_model(measured_model(), kind)
+    torque = torque_in_drake(file.content.decode(), ARM.gravity, held_out(), ARM.joint_names, kind)
+    assert error_of(torque) == pytest.approx(stated_error(file, "Drake has no Coulomb friction"), rel=0.05)
+
+
+def model_of_stage(content: bytes, folder: Path) -> tuple[pin.Model, dict[str, FloatArray]]:
+    """A Pinocchio model built from what usd-core reads of a stage, and armature and friction by joint.
+
+    It stands on the poses of the bodies in the world, not on the frames of the joints in their parents.
+    """
+    import_engine("pxr")
+    from pxr import Usd, UsdGeom, UsdPhysics, UsdValidation
+
+    file = folder / "arm.usda"
+    file.write_bytes(content)
+    stage = Usd.Stage.Open(str(file))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert not UsdValidation.ValidationContext(validators).Validate(stage)
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
+    assert stage.GetDefaultPrim().HasAPI(UsdPhysics.ArticulationRootAPI)
+    model, world, bodies = pin.Model(), {}, {}
+
+    def pose(prim: Any) -> pin.SE3:
+        matrix = np.array(UsdGeom.XformCache().GetLocalToWorldTransform(prim))
+        return pin.SE3(matrix[:3, :3].T, matrix[3, :3])
+
+    def quaternion(value: Any) -> FloatArray:
+        return pin.Quaternion(value.real, *value.imaginary).normalized().matrix()
+
+    drive: dict[str, list[float]] = {"armature": [], "dynamicFrictionEffort": [], "viscousFrictionCoefficient": []}
+    names, bounds = [], []
+    for prim in stage.Traverse():
+        if prim.GetName() == "base":
+            bodies[prim.GetPath()] = 0
+            world[prim.GetPath()] = pose(prim)
+        if not prim.IsA(UsdPhysics.RevoluteJoint) and not prim.IsA(UsdPhysics.PrismaticJoint):
+            continue
+        revolute = prim.IsA(UsdPhysics.RevoluteJoint)
+        joint = (UsdPhysics.RevoluteJoint if revolute else UsdPhysics.PrismaticJoint)(prim)
+        [parent], [child] = joint.GetBody0Rel().GetTargets(), joint.GetBody1Rel().GetTargets()
+        body = stage.GetPrimAtPath(child)
+        world[child] = pose(body)
+        here, there = (
+            pin.SE3(quaternion(turned.Get()), np.array(place.Get(), dtype=float))
+            for turned, place in (
+                (joint.GetLocalRot1Attr(), joint.GetLocalPos1Attr()),
+                (joint.GetLocalRot0Attr(), joint.GetLocalPos0Attr()),
+            )
+        )
+        # Both frames of the joint are one where q = 0.
+        assert (world[parent] * there).isApprox(world[child] * here, 1e-5)
+        assert joint.GetAxisAttr().Get() == "X"
+        axis = here.rotation[:, 0]
+        kind = pin.JointModelRevoluteUnaligned(axis) if revolute else pin.JointModelPrismaticUnaligned(axis)
+        index = model.addJoint(bodies[parent], kind, world[parent].inverse() * world[child], prim.GetName())
+        bodies[child] = index
+        mass = UsdPhysics.MassAPI(body)
+        turned = quaternion(mass.GetPrincipalAxesAttr().Get())
+        inertia = turned @ np.diag(np.array(mass.GetDiagonalInertiaAttr().Get(), dtype=float)) @ turned.T
+        centre = np.array(mass.GetCenterOfMassAttr().Get(), dtype=float)
+        model.appendBodyToJoint(index, pin.Inertia(mass.GetMassAttr().Get(), centre, inertia), pin.SE3.Identity())
+        for name, values in drive.items():
+            values.append(prim.GetAttribute(f"physxJointAxis:{'angular' if revolute else 'linear'}:{name}").Get())
+        # PhysX reads friction of a turning joint in N m s/degree.
+        drive["viscousFrictionCoefficient"][-1] *= 180.0 / np.pi if revolute else 1.0
+        names.append(prim.GetAttribute("dynident:joint").Get())
+        limits = joint.GetLowerLimitAttr().Get(), joint.GetUpperLimitAttr().Get()
+        bounds.append(np.radians(limits) if revolute else limits)
+    scene = UsdPhysics.Scene(stage.GetPrimAtPath(f"{stage.GetDefaultPrim().GetPath()}/scene"))
+    direction = np.array(scene.GetGravityDirectionAttr().Get(), dtype=float)
+    model.gravity.linear = direction * scene.GetGravityMagnitudeAttr().Get()
+    return model, {key: np.array(values) for key, values in drive.items()} | {
+        "names": np.array(names),
+        "limits": np.array(bounds),
+    }
+
+
+def torque_of_usd(file: ExportedFile, motion: Motion, folder: Path) -> FloatArray:
+    model, drive = model_of_stage(file.content, folder)
+    data = model.createData()
+    rows = zip(motion.q, motion.dq, motion.ddq, strict=True)
+    rigid = np.array([pin.rnea(model, data, q, dq, ddq) for q, dq, ddq in rows])
+    friction = drive["dynamicFrictionEffort"] * np.sign(motion.dq) + drive["viscousFrictionCoefficient"] * motion.dq
+    return np.asarray(rigid + friction + drive["armature"] * motion.ddq)
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS.keys())
+def test_a_usd_stage_has_the_identified_torque(robot: Robot, tmp_path: Path) -> None:
+    model, motion = identified(robot), path(robot, 60)
+    file = to_usd(model)
+    # Most attributes of UsdPhysics have single precision.
+    expected = predicted(model, motion)
+    np.testing.assert_allclose(torque_of_usd(file, motion, tmp_path), expected, atol=3e-6 * np.abs(expected).max())
+    _, drive = model_of_stage(file.content, tmp_path)
+    assert tuple(drive["names"]) == robot.joint_names
+    for joint, limits in zip(robot.joints, drive["limits"], strict=True):
+        if joint.limits.position is not None:
+            np.testing.assert_allclose(limits, joint.limits.position, rtol=1e-6)
+
+
+def test_the_error_that_a_usd_states_is_what_its_reader_finds(tmp_path: Path) -> None:
+    file = to_usd(measured_model())
+    assert error_of(torque_of_usd(file, held_out(), tmp_path)) == pytest.approx(stated_error(file, OF_FILE), rel=0.05)
+
+
+def inverse_in_mujoco(model: Identification, motion: Motion, period: float) -> FloatArray:
+    simulated = to_mujoco(model)
+    data, torque = mujoco.MjData(simulated), np.empty_like(motion.q)
+    with MissingTorque(simulated, model):
+        for k in range(len(motion.q)):
+            data.time = k * period
+            data.qpos, data.qvel, data.qacc = motion.q[k], motion.dq[k], motion.ddq[k]
+            mujoco.mj_inverse(simulated, data)
+            torque[k] = data.qfrc_inverse
+    return torque
+
+
+@pytest.mark.parametrize("name", ["ur10", "scara"])
+def test_mujoco_with_the_missing_torque_has_every_effect(name: str) -> None:
+    robot = arm(name)
+    model, motion = identified(robot, RICH), path(robot)
+    used, expected = moving(motion), predicted(model, motion)
+    found = inverse_in_mujoco(model, motion, 0.01)
+    np.testing.assert_allclose(found[used], expected[used], rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_mujoco_with_the_missing_torque_has_the_error_of_the_model() -> None:
+    model = measured_model()
+    torque = inverse_in_mujoco(model, held_out(), 0.005)
+    # The noise of single samples, which preprocessing filters, is in both.
+    assert error_of(torque) == pytest.approx(error_of(predicted(model, held_out())), rel=0.05)
+    assert error_of(torque) < 0.5 * stated_error(to_mjcf(model), OF_FILE)
+
+
+def test_the_callback_leaves_other_models_and_the_process_as_they_were() -> None:
+    model = identified(ARM, RICH)
+    simulated = to_mujoco(model)
+    data, other = mujoco.MjData(simulated), mujoco.MjModel.from_xml_string(to_mjcf(model).content.decode())
+    plain = mujoco.MjData(other)
+    mujoco.mj_forward(other, plain)
+    before = plain.qacc.copy()
+    with MissingTorque(simulated, model):
+        mujoco.mj_forward(simulated, data)
+        mujoco.mj_forward(other, plain)
+    np.testing.assert_array_equal(plain.qacc, before)
+    assert mujoco.get_mjcb_passive() is None
+    with pytest.raises(DynidentError, match="no space"):
+        MissingTorque(other, model)
+
+
+def test_a_joint_that_friction_holds_stands_still_in_mujoco() -> None:
+    model = identified(ARM, (*PLAIN, "stribeck"))
+    simulated = to_mujoco(model)
+    data = mujoco.MjData(simulated)
+    # The first joint turns about the vertical: gravity does not move it. Coulomb and Stribeck friction hold it.
+    data.qfrc_applied[0] = drives(ARM)["Fc1"] + 0.3
+    with MissingTorque(simulated, model):
+        mujoco.mj_step(simulated, data, 200)
+        assert abs(data.qvel[0]) < 1e-3
+        data.qfrc_applied[0] += 0.5
+        mujoco.mj_step(simulated, data, 200)
+    assert data.qvel[0] > 0.01
+
+
+def drive_torque(robot: Robot, samples: int) -> FloatArray:
+    """Torques (m, n) that make all joints swing, at 1 kHz."""
+    times = 1e-3 * np.arange(samples)
+    return np.asarray(np.abs(predicted(identified(robot), path(robot, 60))).max(axis=0) * 0.3
+                      * np.sin(np.outer(times, 2.0 + np.arange(robot.n))))  # fmt: skip
+
+
+class Fmu:
+    """An FMU that fmpy runs."""
+
+    def __init__(self, file: ExportedFile, folder: Path) -> None:
+        fmpy = import_engine("fmpy")
+        from fmpy.fmi3 import FMU3Slave
+        from fmpy.validation import validate_fmu
+
+        place = folder / file.name
+        place.write_bytes(file.content)
+        assert not validate_fmu(str(place))
+        description = fmpy.read_model_description(str(place))
+        self.names = {variable.name: variable.valueReference for variable in description.modelVariables}
+        self.slave = FMU3Slave(
+            guid=description.guid,
+            unzipDirectory=fmpy.extract(str(place), str(folder / "unzipped")),
+            modelIdentifier=description.coSimulation.modelIdentifier,
+            instanceName="arm",
+        )
+        self.slave.instantiate()
+        self.time = 0.0
+
+    def begin(self, **values: float) -> None:
+        self.slave.enterInitializationMode()
+        self.set(**values)
+        self.slave.exitInitializationMode()
+
+    def set(self, **values: float) -> None:
+        self.slave.setFloat64([self.names[name] for name in values], list(values.values()))
+
+    def get(self, name: str, n: int) -> FloatArray:
+        return np.array(self.slave.getFloat64([self.names[f"{name}[{j + 1}]"] for j in range(n)]))
+
+    def step(self, tau: FloatArray, period: float = 1e-3) -> None:
+        self.set(**{f"tau[{j + 1}]": float(value) for j, value in enumerate(tau)})
+        self.slave.doStep(self.time, period)
+        self.time += period
+
+    def close(self) -> None:
+        self.slave.terminate()
+        self.slave.freeInstance()
+
+
+@pytest.mark.parametrize("effects", [PLAIN, RICH], ids=["plain", "rich"])
+@pytest.mark.parametrize("name", ["ur10", "scara"])
+def test_an_fmu_moves_as_mujoco_does(name: str, effects: tuple[str, ...], tmp_path: Path) -> None:
+    robot = arm(name)
+    model, n = identified(robot, effects), robot.n
+    fmu = Fmu(to_fmu(model), tmp_path)
+    fmu.begin()
+    simulated = to_mujoco(model)
+    simulated.opt.timestep = 1e-4
+    simulated.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
+    data, torque, apart, size = mujoco.MjData(simulated), drive_torque(robot, 500), 0.0, 0.0
+    with MissingTorque(simulated, model):
+        for tau in torque:
+            data.qfrc_applied[:] = tau
+            mujoco.mj_step(simulated, data, 10)
+            fmu.step(tau)
+            apart = max(apart, np.abs(fmu.get("q", n) - data.qpos).max())
+            size = max(size, np.abs(data.qpos).max())
+    fmu.close()
+    assert size > 0.1
+    # MuJoCo's steps are of first order, and its friction is soft.
+    assert apart < 5e-3 * size
+
+
+def test_accelerations_of_an_fmu_are_those_of_the_model(tmp_path: Path) -> None:
+    model, motion = identified(ARM, (*PLAIN, "stribeck", "viscous_nonlinear")), path(ARM, 60)
+    torque, used = predicted(model, motion), np.flatnonzero(moving(motion))[::8]
+    file = to_fmu(model)
+    for k in used:
+        fmu = Fmu(file, tmp_path)
+        start = {f"q[{j + 1}]": float(motion.q[k, j]) for j in range(ARM.n)}
+        start |= {f"dq[{j + 1}]": float(motion.dq[k, j]) for j in range(ARM.n)}
+        start |= {f"tau[{j + 1}]": float(torque[k, j]) for j in range(ARM.n)}
+        fmu.begin(**start)
+        # The first step is 1 µs long.
+        np.testing.assert_allclose(fmu.get("ddq", ARM.n), motion.ddq[k], rtol=1e-3, atol=1e-3)
+        fmu.close()
+
+
+def test_an_fmu_rests_carries_a_load_and_goes_back_to_a_state(tmp_path: Path) -> None:
+    robot = arm("ur10")
+    model = identified(robot, (*PLAIN, "presliding"))
+    fmu = Fmu(to_fmu(model), tmp_path)
+    fmu.begin()
+    holding = -predicted(model, Motion(np.zeros(2), *(np.zeros((2, robot.n)),) * 3))[0] * -1.0
+    for _ in range(50):
+        fmu.step(holding)
+    # Friction holds what rounding leaves: nothing creeps.
+    assert np.abs(fmu.get("q", robot.n)).max() < 1e-9
+    state = fmu.slave.getFMUState()
+    fmu.set(**{"payload.mass": 10.0, "payload.centre_z": 0.1})
+    for _ in range(50):
+        fmu.step(holding)
+    fallen = fmu.get("q", robot.n)
+    assert np.abs(fallen).max() > 1e-3
+    fmu.slave.setFMUState(state)
+    assert np.abs(fmu.get("q", robot.n)).max() < 1e-9
+    fmu.close()
+
+
+def test_the_sources_of_an_fmu_compile_strictly(tmp_path: Path) -> None:
+    with zipfile.ZipFile(_write(to_fmu(identified(ARM, RICH)), tmp_path)) as archive:
+        archive.extractall(tmp_path)
+    for name in ("gcc", "clang"):
+        if compiler := shutil.which(name):
+            options = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", "-fPIC", "-shared"]
+            subprocess.run(
+                [compiler, *options, str(tmp_path / "sources/fmu.c"), "-o", str(tmp_path / "fmu.so"), "-lm"],
+                check=True,
+                timeout=300,
+            )
+
+
+def test_equal_models_are_equal_fmus_and_no_compiler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = identified(ARM)
+    assert to_fmu(model).content == to_fmu(model).content
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    assert any("no C compiler" in note for note in to_fmu(model).notes)
+
+
+def _write(file: ExportedFile, folder: Path) -> Path:
+    place = folder / file.name
+    place.write_bytes(file.content)
+    return place
+
+
+class Recorder(ModuleType):
+    """Stands for mjlab or Isaac Lab: its classes keep what they are called with."""
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda **fields: SimpleNamespace(kind=name, **fields)
+
+
+def run_actuators(file: ExportedFile, module: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    package = module.split(".")[0]
+    for name in (package, module):
+        monkeypatch.setitem(__import__("sys").modules, name, Recorder(name))
+    space: dict[str, Any] = {}
+    exec(compile(ast.parse(file.content.decode()), file.name, "exec"), space)
+    return space
+
+
+def test_actuators_of_mjlab_give_the_joints_of_the_mjcf(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    model = identified(ARM)
+    space = run_actuators(export_model(model, "mjlab"), "mjlab.actuator", monkeypatch)
+    mjcf = _write(to_mjcf(model), tmp_path)
+    spec, whole = space["load_spec"](str(mjcf)), mujoco.MjModel.from_xml_path(str(mjcf))
+    assert not len(spec.actuators)
+    actuators = space["torque_actuators"]()
+    for actuator in actuators:
+        [name] = actuator.target_names_expr
+        [joint] = whole.joint(re.sub(r"\\(.)", r"\1", name)).dofadr
+        assert actuator.armature == whole.dof_armature[joint]
+        assert actuator.frictionloss == whole.dof_frictionloss[joint]
+        assert actuator.viscous_damping == whole.dof_damping[joint, ...].flat[0]
+    gains = dict.fromkeys(space["JOINTS"], 10.0)
+    assert all(actuator.stiffness == 10.0 for actuator in space["position_actuators"](gains, gains))
+
+
+def test_actuators_of_isaac_lab_have_the_joints_of_the_usd(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    model = identified(ARM)
+    space = run_actuators(export_model(model, "isaac_lab"), "isaaclab.actuators", monkeypatch)
+    actuator = space["torque_actuators"]()["arm"]
+    assert (actuator.kind, actuator.stiffness, actuator.damping) == ("ImplicitActuatorCfg", 0.0, 0.0)
+    pinocchio_model, drive = model_of_stage(to_usd(model).content, tmp_path)
+    names = [re.escape(name) for name in list(pinocchio_model.names)[1:]]
+    assert actuator.joint_names_expr == names
+    for field, attribute in (
+        ("armature", "armature"),
+        ("friction", "dynamicFrictionEffort"),
+        ("dynamic_friction", "dynamicFrictionEffort"),
+        ("viscous_friction", "viscousFrictionCoefficient"),
+    ):
+        values = [getattr(actuator, field)[name] for name in names]
+        np.testing.assert_allclose(values, drive[attribute], rtol=1e-6)
+    delayed = space["delayed_actuators"](100.0, 10.0, 1, 2)["arm"]
+    assert (delayed.kind, delayed.min_delay, delayed.max_delay) == ("DelayedPDActuatorCfg", 1, 2)
