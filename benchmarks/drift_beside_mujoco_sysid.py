@@ -15,6 +15,7 @@ that MuJoCo moves, with friction that falls with the speed and grows with the lo
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -36,12 +37,9 @@ from dynident.recordings import RecordedJoints, Recording, import_recording, rec
 from dynident.robot import Robot, robot_from_library
 from dynident.validation.simulated_response import choose_drift_starts, compute_open_loop_drift
 
-try:
-    from mujoco import sysid
-
-    # Where one of its wheels is missing, the package is there and empty.
-    sysid.optimize  # noqa: B018
-except (ImportError, AttributeError):
+# Where one of its wheels is missing, the package is there and empty.
+sysid: Any = importlib.import_module("mujoco.sysid")
+if not hasattr(sysid, "optimize"):
     sys.exit("this benchmark needs the wheels of mujoco[sysid]")
 
 HORIZONS = (0.1, 0.5, 2.0)

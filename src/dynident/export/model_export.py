@@ -40,8 +40,8 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
         "ros2", "randomisation", or for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
         Format of the file. The formats json, fmu, c, c_header, cpp_header, casadi and ros2 hold every effect; urdf,
         sdf, mjcf and usd hold links, rotors, Coulomb and viscous friction (mjcf also springs), mjlab and isaac_lab
-        those of the joints, and what they leave out is in the file's `notes`. The last four hold the load of the effect
-        `payload` alone, as controllers take it.
+        those of the joints, randomisation all of these with their distribution, and what they leave out is in the
+        file's `notes`. The last four hold the load of the effect `payload` alone, as controllers take it.
     nearest : bool
         For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab, randomisation): if no bodies that can
         exist have the identified parameters, write the nearest that can.
