@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
@@ -15,7 +14,6 @@ from dynident_service.campaigns.wire_types import CampaignOutcome
 from dynident_service.measurements.wire_types import RevisionRequest, SeenMeasurement
 from dynident_service.shared.request_bodies import derive_body, derive_query
 from dynident_service.shared.wire_types import (
-    LARGEST_BATCH,
     Computed,
     DriftView,
     EffectChoice,
@@ -30,7 +28,6 @@ from dynident_service.shared.wire_types import (
     ViewModel,
     WithTables,
 )
-from dynident_service.storage.repository_values import State
 
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
 SHAPE_JUDGEMENTS = Literal[
@@ -369,35 +366,6 @@ class Lineage(ViewModel):
     )
     last_step: StepSentence | None = Field(
         default=None, description="What the last model differs in from its parent; null for a first model"
-    )
-
-
-class BatchRequest(RequestModel):
-    """Many identifications, each as in `POST /v1/identifications`: either all of them are accepted, or none."""
-
-    items: list[IdentificationRequest] = Field(
-        min_length=1, max_length=LARGEST_BATCH, description="At most DYNIDENT_MAX_BATCH"
-    )
-
-
-class BatchItem(ViewModel):
-    """One identification of a batch."""
-
-    id: str
-    job_id: str
-    status: State
-
-
-class BatchView(ViewModel):
-    """Identifications that were requested together."""
-
-    id: str
-    created_at: datetime
-    states: dict[State, int] = Field(
-        description="Number of identifications in each state; states without any are left out."
-    )
-    items: list[BatchItem] = Field(
-        description="In the order of the request, without those that have been deleted since."
     )
 
 
