@@ -240,6 +240,8 @@ class Identifications(LabelledCollection[Identification]):
             "c_header",
             "cpp_header",
             "casadi",
+            "ros2",
+            "randomisation",
             "urscript",
             "franka_load",
             "kuka_load",
@@ -257,11 +259,11 @@ class Identifications(LabelledCollection[Identification]):
             The model or its identifier.
         format : str
             "json", "urdf", "sdf", "mjcf", "usd", "fmu", "mjlab", "isaac_lab", "c", "c_header", "cpp_header", "casadi",
-            or for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
+            "ros2", "randomisation", or for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
             Format of the file.
         nearest : bool, optional
-            For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab): where no bodies that can exist have
-            the identified parameters, write the nearest that can.
+            For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab, randomisation): where no bodies that
+            can exist have the identified parameters, write the nearest that can.
         anyway : bool, optional
             Whether a model whose error says that it is not to be used is written, too; it is refused otherwise.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,18 @@ def test_the_ending_of_the_file_says_the_format(desk: Path) -> None:
     read = robot_from_urdf("read", (desk / "arm.urdf").read_text())
     assert read.joint_names == ROBOT.joint_names
     assert model_from_json((desk / "exported.json").read_text()).robot.n == ROBOT.n
+
+
+def test_a_ros_2_package_is_a_folder_or_a_zip_file(desk: Path) -> None:
+    (desk / "existing").mkdir()
+    for name in ("ros2", "existing", "package.zip"):
+        answer = dynident("export", desk / "model.npz", "-o", desk / name)
+        assert answer.code == 0, answer.err
+    packages = [next((desk / folder).iterdir()) for folder in ("ros2", "existing")]
+    files = [{str(file.relative_to(p)): file.read_bytes() for file in p.rglob("*") if file.is_file()} for p in packages]
+    assert files[0] == files[1]
+    with zipfile.ZipFile(desk / "package.zip") as packed:
+        assert {name.split("/", 1)[1]: packed.read(name) for name in packed.namelist()} == files[0]
 
 
 def test_a_file_is_named_after_the_robot_where_nobody_names_it(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -54,6 +54,7 @@ SMALL = {
 }
 """Arguments with which a script takes seconds."""
 WITH_RECORDINGS = {
+    "drift_coverage": "--arms 1",
     "effort_kinds": "--cases 2",
     "foreign_files": "--files 1",
     "imports": "--draws 2",
@@ -62,6 +63,7 @@ WITH_RECORDINGS = {
 }
 """The same of scripts that need recordings of real robots."""
 ELSEWHERE = {
+    "drift_beside_mujoco_sysid": "needs the wheels of mujoco[sysid], in an environment of its own",
     "chaos": "tests/service/test_chaos.py",
     "greedy_key": "tests/service/test_greedy_key.py",
     "hostile_cases": "needs schemathesis, in an environment of its own",

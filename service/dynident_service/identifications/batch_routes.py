@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from datetime import datetime
 from functools import cache
 from typing import TYPE_CHECKING
 
 from fastapi import APIRouter, Response
-from pydantic import TypeAdapter
+from pydantic import Field, TypeAdapter
 
 from dynident.errors import DynidentError
 from dynident_service.identifications.routes import list_named_ids, new_identification
-from dynident_service.identifications.wire_types import BatchItem, BatchRequest, BatchView
+from dynident_service.identifications.wire_types import IdentificationRequest
 from dynident_service.problems import (
     MOST_FIELDS,
     Problem,
@@ -25,7 +26,8 @@ from dynident_service.problems import (
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.required_resources import PrefetchedResources
 from dynident_service.shared.resource_routes import RetryKeyDep, replay_response, resource_path
-from dynident_service.storage.repository_values import NewResource, Resource
+from dynident_service.shared.wire_types import LARGEST_BATCH, RequestModel, ViewModel
+from dynident_service.storage.repository_values import NewResource, Resource, State
 from dynident_service.storage_and_engine import Services, ServicesDep
 
 if TYPE_CHECKING:
@@ -35,6 +37,35 @@ router = APIRouter(prefix="/v1/identifications/batch", tags=["identifications"])
 IDENTIFICATIONS = "identification_ids"
 FIELDS_IN_SENTENCE = 3
 """So many wrong fields are told in the sentence; the others stand in the list alone."""
+
+
+class BatchRequest(RequestModel):
+    """Many identifications, each as in `POST /v1/identifications`: either all of them are accepted, or none."""
+
+    items: list[IdentificationRequest] = Field(
+        min_length=1, max_length=LARGEST_BATCH, description="At most DYNIDENT_MAX_BATCH"
+    )
+
+
+class BatchItem(ViewModel):
+    """One identification of a batch."""
+
+    id: str
+    job_id: str
+    status: State
+
+
+class BatchView(ViewModel):
+    """Identifications that were requested together."""
+
+    id: str
+    created_at: datetime
+    states: dict[State, int] = Field(
+        description="Number of identifications in each state; states without any are left out."
+    )
+    items: list[BatchItem] = Field(
+        description="In the order of the request, without those that have been deleted since."
+    )
 
 
 @router.post("", status_code=202)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
@@ -15,7 +14,6 @@ from dynident_service.campaigns.wire_types import CampaignOutcome
 from dynident_service.measurements.wire_types import RevisionRequest, SeenMeasurement
 from dynident_service.shared.request_bodies import derive_body, derive_query
 from dynident_service.shared.wire_types import (
-    LARGEST_BATCH,
     Computed,
     DriftView,
     EffectChoice,
@@ -30,7 +28,6 @@ from dynident_service.shared.wire_types import (
     ViewModel,
     WithTables,
 )
-from dynident_service.storage.repository_values import State
 
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
 SHAPE_JUDGEMENTS = Literal[
@@ -228,6 +225,27 @@ class EssentialView(ViewModel):
     tables: list[Table] = Field(description="The steps and the parameters as tables for people")
 
 
+class ExportView(ViewModel):
+    """A format that a model can be written in."""
+
+    format: str
+    title: str
+    contains: str = Field(description="What a file of the format holds")
+    held_out_error: float | None = Field(
+        description="Relative error of the torque on held-out data, where joints move, of a program that reads all of "
+        "the file; null without such data, or if the file is no model of the torque"
+    )
+    notes: list[str] = Field(description="What the file cannot hold, and what that costs")
+    refusal: str | None = Field(description="Why this model cannot be written so; null if it can")
+
+
+class ExportsView(ViewModel):
+    """The formats, and the error of the model itself."""
+
+    items: list[ExportView]
+    held_out_error: float | None
+
+
 Rows = Annotated[
     list[Annotated[list[float], Field(fail_fast=True, max_length=200)]],
     Field(fail_fast=True, min_length=1, max_length=100_000),
@@ -260,9 +278,7 @@ class PredictedTorqueView(ViewModel):
 
     joints: list[str]
     torque: list[list[float]]
-    lower: list[list[float]] | None = Field(
-        default=None, description="Interval of what would be measured; null without `interval`"
-    )
+    lower: list[list[float]] | None = Field(default=None, description="Of what is measured; null without `interval`")
     upper: list[list[float]] | None = None
     model_lower: list[list[float]] | None = Field(
         default=None, description="Interval of the model's own torque, from the covariance of its parameters"
@@ -353,35 +369,6 @@ class Lineage(ViewModel):
     )
 
 
-class BatchRequest(RequestModel):
-    """Many identifications, each as in `POST /v1/identifications`: either all of them are accepted, or none."""
-
-    items: list[IdentificationRequest] = Field(
-        min_length=1, max_length=LARGEST_BATCH, description="At most DYNIDENT_MAX_BATCH"
-    )
-
-
-class BatchItem(ViewModel):
-    """One identification of a batch."""
-
-    id: str
-    job_id: str
-    status: State
-
-
-class BatchView(ViewModel):
-    """Identifications that were requested together."""
-
-    id: str
-    created_at: datetime
-    states: dict[State, int] = Field(
-        description="Number of identifications in each state; states without any are left out."
-    )
-    items: list[BatchItem] = Field(
-        description="In the order of the request, without those that have been deleted since."
-    )
-
-
 UseAction = Literal[
     "diagnose",
     "design",
@@ -415,8 +402,8 @@ class UseView(ViewModel):
     test: str = Field(default="", description="What the use is judged by")
     values: dict[str, float] = Field(default={}, description="Numbers that the test gave, in SI units")
     reason: str
-    next_step: str = Field(description="The next thing to do")
-    next_action: UseAction | None = Field(description="Which action of dynident does it; null where none does")
+    next_step: str = Field(description="`sentence` of `next`")
+    next_action: UseAction | None = Field(description="`action` of `next`")
     next: NextStepView
 
 

@@ -25,10 +25,19 @@ if TYPE_CHECKING:
     from dynident.export.feasible_links_and_joints import ExportedFile
     from dynident.export.fmu import to_fmu
     from dynident.export.mjcf import to_mjcf
-    from dynident.export.model_export import export_model
+    from dynident.export.model_export import compute_held_out_error, export_model
     from dynident.export.model_json import model_from_json, model_to_document, to_json
     from dynident.export.mujoco_missing_torque import MissingTorque, to_mujoco
+    from dynident.export.randomisation import (
+        ModelDistribution,
+        ModelDraws,
+        TorqueDisturbance,
+        build_distribution,
+        to_randomisation,
+    )
+    from dynident.export.ros2_package import to_ros2_package, unpack_files
     from dynident.export.sdf import to_sdf
+    from dynident.export.torque_disturbance import compute_drift_coverage, measure_disturbance
     from dynident.export.torque_predictor import PredictingModel, TorquePredictor
     from dynident.export.urdf import to_urdf
     from dynident.export.usd import to_usd
@@ -42,11 +51,18 @@ __all__ = [
     "FurtherSignals",
     "IdentifiedLoad",
     "MissingTorque",
+    "ModelDistribution",
+    "ModelDraws",
     "PredictingModel",
+    "TorqueDisturbance",
     "TorquePredictor",
+    "build_distribution",
     "complete_parameters",
+    "compute_drift_coverage",
+    "compute_held_out_error",
     "export_model",
     "identify_load",
+    "measure_disturbance",
     "model_from_json",
     "model_to_document",
     "to_c",
@@ -62,11 +78,14 @@ __all__ = [
     "to_mjcf",
     "to_mjlab_actuators",
     "to_mujoco",
+    "to_randomisation",
+    "to_ros2_package",
     "to_sdf",
     "to_ur_friction",
     "to_urdf",
     "to_urscript",
     "to_usd",
+    "unpack_files",
 ]
 
 if not TYPE_CHECKING:

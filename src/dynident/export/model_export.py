@@ -13,15 +13,18 @@ from dynident.export.c_header import to_c_header, to_cpp_header
 from dynident.export.casadi_function import to_casadi_bytes
 from dynident.export.comments_and_names import make_slug
 from dynident.export.controller_load_files import to_franka_load, to_kuka_load, to_load_urdf, to_urscript
-from dynident.export.export_request import ExportFormat
+from dynident.export.export_request import LOAD_FORMATS, WHOLE_FORMATS, ExportFormat
 from dynident.export.feasible_links_and_joints import ExportedFile
 from dynident.export.fmu import to_fmu
 from dynident.export.mjcf import to_mjcf
 from dynident.export.model_json import to_json
+from dynident.export.randomisation import to_randomisation
+from dynident.export.ros2_package import to_ros2_package
 from dynident.export.sdf import to_sdf
 from dynident.export.urdf import to_urdf
 from dynident.export.usd import to_usd
 from dynident.identification import Identification
+from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.text_encoding import encode_text
 
 
@@ -33,15 +36,15 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
     identification : Identification
         The identified model, with the data of its fit.
     format : str
-        "json", "urdf", "sdf", "mjcf", "usd", "fmu", "mjlab", "isaac_lab", "c", "c_header", "cpp_header", "casadi", or
-        for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
-        Format of the file. The formats json, fmu, c, c_header, cpp_header and casadi hold every effect; urdf, sdf,
-        mjcf and usd hold links, rotors, Coulomb and viscous friction (mjcf also springs), mjlab and isaac_lab those of
-        the joints, and what they leave out is in the file's `notes`. The last four hold the load of the effect
-        `payload` alone, as controllers take it.
+        "json", "urdf", "sdf", "mjcf", "usd", "fmu", "mjlab", "isaac_lab", "c", "c_header", "cpp_header", "casadi",
+        "ros2", "randomisation", or for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
+        Format of the file. The formats json, fmu, c, c_header, cpp_header, casadi and ros2 hold every effect; urdf,
+        sdf, mjcf and usd hold links, rotors, Coulomb and viscous friction (mjcf also springs), mjlab and isaac_lab
+        those of the joints, randomisation all of these with their distribution, and what they leave out is in the
+        file's `notes`. The last four hold the load of the effect `payload` alone, as controllers take it.
     nearest : bool
-        For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab): if no bodies that can exist have the
-        identified parameters, write the nearest that can.
+        For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab, randomisation): if no bodies that can
+        exist have the identified parameters, write the nearest that can.
 
     Returns
     -------
@@ -59,7 +62,30 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
             pointer="/format",
             title="No such format",
         )
-    return _add_notes(WRITERS[format](identification, nearest), identification)
+    if format not in _WITHOUT_BASE:
+        identification.model.robot.require_fixed_base(f"export as {format}")
+    file = WRITERS[format](identification, nearest)
+    if format in WHOLE_FORMATS:
+        file = replace(file, held_out_error=compute_held_out_error(identification))
+    return _add_notes(file, identification)
+
+
+def compute_held_out_error(identification: Identification) -> float | None:
+    """Return the relative error of a model on held-out data, where joints move; None without such data.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    """
+    held_out = identification.data.held_out
+    if held_out is None:
+        return None
+    return compute_moving_errors(held_out, identification.values).relative_total
+
+
+# Formats that do not state how the base is mounted.
+_WITHOUT_BASE = {"json", "c", "casadi"} | LOAD_FORMATS
 
 
 def _add_notes(file: ExportedFile, identification: Identification) -> ExportedFile:
@@ -92,8 +118,8 @@ WRITERS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingP
     {
         "json": _export_json,
         "urdf": lambda identification, nearest: to_urdf(identification, nearest=nearest),
-        "mjcf": lambda identification, nearest: to_mjcf(identification, nearest=nearest),
         "sdf": lambda identification, nearest: to_sdf(identification, nearest=nearest),
+        "mjcf": lambda identification, nearest: to_mjcf(identification, nearest=nearest),
         "usd": lambda identification, nearest: to_usd(identification, nearest=nearest),
         "fmu": lambda identification, _: to_fmu(identification),
         "mjlab": lambda identification, nearest: to_mjlab_actuators(identification, nearest=nearest),
@@ -102,6 +128,8 @@ WRITERS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingP
         "c_header": lambda identification, _: to_c_header(identification),
         "cpp_header": lambda identification, _: to_cpp_header(identification),
         "casadi": _export_casadi,
+        "ros2": lambda identification, _: to_ros2_package(identification),
+        "randomisation": lambda identification, nearest: to_randomisation(identification, nearest=nearest),
         "urscript": lambda identification, _: to_urscript(identification),
         "franka_load": lambda identification, _: to_franka_load(identification),
         "kuka_load": lambda identification, _: to_kuka_load(identification),

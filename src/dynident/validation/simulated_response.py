@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
@@ -28,6 +27,7 @@ from dynident.identification.estimators.identified_robot_simulator import (
 )
 from dynident.identification.thresholds import LARGEST_DRIFT, LARGEST_ERROR, LARGEST_OF_JOINT
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, low_pass
 from dynident.recordings.joint_phases import SLOW, STANDS
@@ -177,21 +177,28 @@ def simulate_open_loop(
     of the recorded joints, for each start and horizon. A simulation that diverged is infinitely far off; nan marks a
     horizon that its motion does not reach.
     """
-    starts = [(motion, start) for motion in motions for start in _choose_starts(motion, horizons)]
-    if not starts:
-        return None
-    # Spread over all motions in proportion to their lengths.
-    chosen = np.unique(np.linspace(0, len(starts) - 1, min(len(starts), most)).astype(int))
+    starts = choose_drift_starts(motions, horizons, most)
     outcomes: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-    for index in chosen:
-        progress(len(outcomes) / len(chosen), "simulating without a controller")
-        motion, start = starts[index]
+    for motion, start in starts:
+        progress(len(outcomes) / len(starts), "simulating without a controller")
         outcomes.append(_simulate_without_control(simulator, motion, start, horizons))
+    if not outcomes:
+        return None
     position, velocity, way = (np.array(values) for values in zip(*outcomes, strict=True))
     return position, velocity, way
 
 
-def _choose_starts(motion: RecordedMotion, horizons: tuple[float, ...]) -> list[int]:
+def choose_drift_starts(
+    motions: Sequence[RecordedMotion], horizons: tuple[float, ...] = HORIZONS, most: int = _MOST_STARTS
+) -> list[tuple[RecordedMotion, int]]:
+    """Return at most `most` motions and samples of them that simulations start from, spread over all motions."""
+    starts = [(motion, start) for motion in motions for start in _list_starts(motion, horizons)]
+    # Spread in proportion to the motions' lengths.
+    chosen = np.unique(np.linspace(0, len(starts) - 1, min(len(starts), most)).astype(int)) if starts else ()
+    return [starts[index] for index in chosen]
+
+
+def _list_starts(motion: RecordedMotion, horizons: tuple[float, ...]) -> list[int]:
     """Return samples that simulations may start from, spread over the motion; the longest horizon fits if it can."""
     t = motion.reference.t
     length = float(t[-1] - t[0])

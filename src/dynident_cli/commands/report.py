@@ -86,15 +86,17 @@ def export(
     ] = "",
     as_json: Json = False,
 ) -> None:
-    """Write a model as URDF, MJCF, C, C++, CasADi or JSON."""
+    """Write a model as URDF, MJCF, C, C++, CasADi, JSON or a ROS 2 package; an --out without ending is a folder."""
     from dynident.api.model_identification import load_model
     from dynident.errors import DynidentError
-    from dynident.export import export_model
+    from dynident.export import export_model, unpack_files
     from dynident.file_output import write_atomically
     from dynident.verdict import explain_stop
     from dynident_cli import command_output
 
-    format_name = format or ENDINGS.get(out.suffix.lower() if out is not None else "", "")
+    is_folder = out is not None and (out.is_dir() or not out.suffix)
+    # Only one format is a folder; a name without an ending, and without a format, means it.
+    format_name = format or ("ros2" if is_folder else ENDINGS.get(out.suffix.lower() if out is not None else "", ""))
     if not format_name:
         detail = f"the format is missing; give --format, or --out with one of the endings {', '.join(ENDINGS)}"
         raise DynidentError(detail, pointer="--format", title="No such format")
@@ -109,7 +111,12 @@ def export(
         detail = error.detail.replace("(nearest)", "(--nearest)")
         raise DynidentError(detail, pointer="--format", title=error.title) from error
     path = Path(file.name) if out is None else out
-    write_atomically(path, file.content)
+    if format_name == "ros2" and is_folder:
+        for name, content in unpack_files(file.content).items():
+            (path / name).parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path / name, content)
+    else:
+        write_atomically(path, file.content)
     document = {"path": str(path), "size": len(file.content), "media_type": file.media_type, "notes": list(file.notes)}
     notes, message = (f"note: {note}" for note in file.notes), f"{format_name} written to {path}"
     command_output.print_result(

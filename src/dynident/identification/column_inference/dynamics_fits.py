@@ -21,9 +21,10 @@ from dynident.identification.column_inference.metadata_proposal import SURE, Gue
 from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.description_fit import DESCRIPTION_UNITS, ZERO
+from dynident.identification.recording_faults.description_fit import DESCRIPTION_UNITS
 from dynident.identification.recording_faults.fault_checks import GRAVITY, SCALE
 from dynident.identification.recording_faults.fault_search import measure_unexplained_share
+from dynident.identification.recording_faults.joint_angle_faults import ZERO
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.number_format import format_percent
 from dynident.recordings import JointLimits, RecordedJoints, Recording, recording_from_arrays
