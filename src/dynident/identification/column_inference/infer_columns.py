@@ -467,7 +467,12 @@ class _ColumnInference(WorkingProposal):
         first = [g for g in guesses[:1] if g.confidence < of_units.SURE and g.value.endswith("unexplained")]
         self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
         if any(question.field == "units/tau" for question in questions):
-            # A question that says by how much the torques are off replaces those that only say that they are.
+            # A question that says by how much the torques are off replaces those that only say that they are; that they
+            # are no measured torques at all has no choices, and stays.
             replaced = ("units/tau", "effort_kind") if effort.signal == "tau" else ("units/tau",)
-            self.questions = [question for question in self.questions if question.field not in replaced]
+            self.questions = [
+                question
+                for question in self.questions
+                if question.field not in replaced or (question.field == "effort_kind" and not question.choices)
+            ]
         self.questions += questions
