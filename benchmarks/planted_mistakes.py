@@ -6,11 +6,12 @@ Every open recording and recordings of drawn arms, elastic and poorly excited on
 with one mistake: torques, positions or both of two joints exchanged, a sign turned round, all signs, degrees for
 radians, gains ten times too large (all joints, each joint), the torque of the outer joints in counts, torque 20 ms late
 or early, gravity in another direction than the description has it, the load of gravity for a measurement, a joint
-counted from the one before, the description in grams, positions in counts of an encoder, torques in registers whose
-sign was not read, a joint without torque, torques in the order from the last joint on. `noticed`: a check warns or
-refuses that did not on the untouched file. `true first`: the first thing that is said is what was planted. `cured`:
-what the checks propose (their `apply`), applied one after the other, gives the untouched signals back, or ones that the
-robot's dynamics explain as well; of delays, what is said is what was planted and what the untouched file has, to 6 ms.
+counted from the one before or not homed, two joints logged at the motors of a differential, the description in grams,
+positions in counts of an encoder, torques in registers whose sign was not read, a joint without torque, torques in the
+order from the last joint on. `noticed`: a check warns or refuses that did not on the untouched file. `true first`: the
+first thing that is said is what was planted. `cured`: what the checks propose (their `apply`), applied one after the
+other, gives the untouched signals back, or ones that the robot's dynamics explain as well; of delays, what is said is
+what was planted and what the untouched file has, to 6 ms.
 `wrongly ordered`: what `--cure` makes of the file is read, and neither. `harmful` are those that let the unexplained
 share of the torque grow by a tenth, and those of unit, gain, delay and kind. `not told by the data`: of those that are
 not noticed, those that raise no held-out error (of a fit, of the masses of the description, or of these at the stated
@@ -83,6 +84,8 @@ NAMES: dict[str, tuple[str, ...]] = {
     "coupled": ("joint_coupling",),
     # Of an arm that is turned as a whole both are one.
     "zeros": ("joint_zero", "gravity_direction"),
+    "not homed": ("joint_zero", "gravity_direction"),
+    "differential": ("joint_coupling",),
     "wraps": ("wrapped_angles", "position_unit"),
     "grams": ("description_units",),
     "counts": ("position_unit",),
@@ -91,7 +94,19 @@ NAMES: dict[str, tuple[str, ...]] = {
     "last joint first": ("torque_order", "joint_order"),
 }
 """Checks that name each mistake."""
-TOLD_ONLY = ("gravity", "command", "coupled", "zeros", "wraps", "grams", "counts", "registers", "no torque")
+TOLD_ONLY = (
+    "gravity",
+    "command",
+    "coupled",
+    "zeros",
+    "not homed",
+    "differential",
+    "wraps",
+    "grams",
+    "counts",
+    "registers",
+    "no torque",
+)
 """Mistakes that nothing said of the file puts right, or that are put right unasked."""
 FARAWAY = 30.0
 """Factor by which the outer joints' torques are multiplied at least, at most thirty times it."""
@@ -259,6 +274,7 @@ def plant_mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pai
         others = {name: values for name, values in columns.items() if name.rstrip("0123456789") not in ("dq", "ddq")}
         yield Planted("coupled", f"joint {joint} counted from {joint - 1}", others | counted)
     yield from _of_angles(columns, rng, [joint for joint in turning if joint in moving])
+    yield from _of_motors(columns, robot, effort, rng, [joint for joint in turning if joint in moving])
     yield from _of_registers(columns, robot, effort, rng, moving)
     yield from _of_description(columns, robot, effort, rng)
 
@@ -271,10 +287,39 @@ def _of_angles(columns: Columns, rng: np.random.Generator, moving: list[int]) ->
         yield Planted(
             "zeros", f"joint {joint} counted from {90 * turns} degrees",
             columns | {f"q{joint}": columns[f"q{joint}"] + 0.5 * np.pi * turns})  # fmt: skip
+        off = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.6))
+        yield Planted(
+            "not homed",
+            f"joint {joint} reads {off:.2f} rad too much",
+            columns | {f"q{joint}": columns[f"q{joint}"] + off},
+        )
     # Angles that stay within a turn wrap where the joint's zero is at an end of it.
     wrapped = {f"q{k}": (columns[f"q{k}"] + np.pi) % (2.0 * np.pi) - np.pi for k in moving}
     if any(np.abs(np.diff(values)).max() > np.pi for values in wrapped.values()):
         yield Planted("wraps", "angles within half a turn", others | wrapped)
+
+
+def _of_motors(
+    columns: Columns, robot: Robot, effort: str, rng: np.random.Generator, moving: list[int]
+) -> Iterator[Planted]:
+    """Angles and torques of two neighbours as their motors have them, which a differential joins."""
+    parallel = find_parallel_axes(robot)
+    pairs = [joint for joint in moving if joint - 1 in moving and not parallel[joint - 1]]
+    # Most differentials are in wrists.
+    for second in pairs[-2:]:
+        size, (a, b) = float(rng.choice([0.5, 1.0])), (f"{{}}{second - 1}", f"{{}}{second}")
+        signs = np.array([[1.0, 1.0], [1.0, -1.0]])[:, rng.permutation(2)] * rng.choice([-1.0, 1.0], (2, 1))
+        to_motors, changed = size * signs, {}
+        for signal, matrix in (
+            ("q", to_motors),
+            ("dq", to_motors),
+            ("ddq", to_motors),
+            (effort, np.linalg.inv(to_motors).T),
+        ):
+            if a.format(signal) in columns:
+                joints = np.stack([columns[name.format(signal)] for name in (a, b)])
+                changed |= dict(zip((a.format(signal), b.format(signal)), matrix @ joints, strict=True))
+        yield Planted("differential", f"joints {second - 1} and {second} logged at two motors", columns | changed)
 
 
 def _find_drives_on(columns: Columns, robot: Robot, effort: str) -> list[bool]:
@@ -412,8 +457,9 @@ def try_mistake(robot: Robot, right: Read, planted: Planted) -> Outcome:
 
 
 def _harm(robot: Robot, right: Read, planted: Planted) -> bool:
-    if not planted.kind.endswith(("swapped", "turned", "coupled", "gravity", "zeros")) or planted.kind.startswith(
-        "all"
+    whole = planted.kind.startswith("all")
+    if whole or not planted.kind.endswith(
+        ("swapped", "turned", "coupled", "gravity", "zeros", "not homed", "differential")
     ):
         return True
     read = read_file(robot, planted.columns, RecordingMetadata(accept=ACCEPT))

@@ -139,7 +139,7 @@ def create_app(settings: Settings | None = None, fork_server: ForkServer | None 
             allow_origins=settings.allowed_origins,
             allow_methods=["*"],
             allow_headers=["*"],
-            expose_headers=["Location", REQUEST_ID],
+            expose_headers=["Location", "X-Held-Out-Error", REQUEST_ID],
         )
     app.add_middleware(AuditLog)
     app.add_middleware(Admission, settings=settings, party_of=_make_party_lookup(app))

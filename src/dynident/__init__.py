@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from dynident.motion import Surroundings
     from dynident.recordings import Filters, RecordingError, RecordingMetadata, Revision
     from dynident.robot import Drive, Limits, Robot
+    from dynident.robot.description_and_json import set_base
 
 __all__ = [
     "Campaign",
@@ -103,6 +104,7 @@ __all__ = [
     "revise",
     "run_campaign",
     "series",
+    "set_base",
     "validate",
 ]
 

@@ -6,6 +6,8 @@ from math import floor, isfinite, log10
 
 NARROW_SPACE = "\u202f"
 MINUS = "\u2212"
+# Of a percentage: less than that of a torque no sensor shows.
+_MOST_DECIMALS = 3
 
 
 def format_number(value: float | None, digits: int = 3) -> str:
@@ -81,10 +83,11 @@ def format_percent(fraction: float | None, digits: int = 3, *, decimals: int | N
     # A residual ten times as large as the torque itself: how many times does not matter any more.
     if fraction > 10:
         return f"> 1000{NARROW_SPACE}%"
-    if fraction == 0:
-        return f"0{NARROW_SPACE}%"
     scaled = 100 * fraction
-    places = min(3, _count_decimals(scaled, digits)) if decimals is None else decimals
+    # Zeros behind the point would claim a precision, and a sign before them a direction.
+    if decimals is None and abs(scaled) < 0.5 * 10.0**-_MOST_DECIMALS:
+        return f"0{NARROW_SPACE}%"
+    places = min(_MOST_DECIMALS, _count_decimals(scaled, digits)) if decimals is None else decimals
     return _set_minus_sign(f"{scaled:.{places}f}") + f"{NARROW_SPACE}%"
 
 

@@ -1,7 +1,12 @@
-"""Map a function over large items on threads; holds from which size on several threads are used.
+"""Map a function over large items on threads; run BLAS on one thread (`single_threaded`).
+
+Holds from which size on several threads are used.
 
 Threads suffice: what takes the time, machine code, filters and factorisations, does not hold Python's lock, and nothing
 has to be copied between processes.
+
+On matrices of 100 x 60 a multi-threaded BLAS spends its time waking threads: the same identification takes up to ten
+times as long, and the time varies from run to run.
 """
 
 from __future__ import annotations
@@ -11,14 +16,18 @@ import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
+from functools import lru_cache, wraps
 from operator import mul
 from queue import Empty, Full, Queue
 from threading import Event, Lock, Thread, local
-from typing import TypeVar
+from typing import ParamSpec, TypeVar
+
+from threadpoolctl import ThreadpoolController
 
 from dynident.errors import Cancelled
 from dynident.progress import Progress, ignore_progress, scale_progress
 
+_Arguments = ParamSpec("_Arguments")
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
@@ -225,3 +234,40 @@ def prefetch(items: Iterator[_Item], size: float) -> Generator[_Item, None, None
                 while True:
                     ready.get_nowait()
             maker.join()
+
+
+def single_threaded(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Decorate a function so that BLAS uses one thread while it runs.
+
+    Parameters
+    ----------
+    function : callable
+        A function whose matrices are small.
+
+    Returns
+    -------
+    callable
+        The function with the same signature.
+    """
+
+    @wraps(function)
+    def limited(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
+        with _find_libraries(len(sys.modules)).limit(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return limited
+
+
+@lru_cache(maxsize=1)
+def _find_libraries(n_modules: int) -> ThreadpoolController:  # noqa: ARG001 - the key of the cache
+    """Return what limits the threads of all BLAS libraries of this process.
+
+    Looking for them reads the list of all loaded files, which takes milliseconds. A library comes with a module, so
+    that they are looked for again only when modules were imported since.
+
+    Parameters
+    ----------
+    n_modules : int
+        Number of modules that are imported now.
+    """
+    return ThreadpoolController()

@@ -20,6 +20,7 @@ from dynident.progress import Progress, scale_progress
 from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.recordings.file_names_and_digests import make_unique_names
 from dynident.robot import Robot
+from dynident.robot.description_and_json import set_base
 from dynident.robot.limits_and_drives import check_hardware
 from dynident_cli import option_parsers
 from dynident_cli.command_output import show_progress_bar
@@ -46,6 +47,9 @@ def load_robot_argument(text: str, additions: RobotAdditions = _NOTHING_BESIDE) 
         gravity=upright,
         hardware={**dict.fromkeys(has, True), **dict.fromkeys(has_not, False)},
     )
+    if additions.base or additions.contacts:
+        kind, contacts = option_parsers.parse_base(additions.base), option_parsers.split_contacts(additions.contacts)
+        robot = set_base(robot, kind, contacts)
     return with_gains(robot, additions.drive_gains)
 
 

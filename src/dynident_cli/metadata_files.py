@@ -87,12 +87,18 @@ class StatedAnswers:
 def describe_answer(question: Question) -> str:
     """Return the options that answer a question, as they are typed; "" where no option does."""
     about, _, key = question.field.partition("/")
+    if question.field == "units/tau" and question.check:
+        return (
+            "--units tau=UNIT, --drive-gains G1,… in N m per unit of these numbers (of motors' torques: the gear "
+            f"ratios), or --accept {question.check} if the recording is right as it is"
+        )
     if question.check:
         return f"--accept {question.check} if the recording is right as it is"
     if about == "units" and key and question.choices:
         options = [f"--units {key}={choice!r}" if " " in choice else f"--units {key}={choice}"
                    for choice in question.choices[:3]]  # fmt: skip
-        return " or ".join([*options, "--rate HZ"] if key == "t" else options)
+        others = {"t": "--rate HZ", "tau": "--drive-gains G1,…"}
+        return " or ".join([*options, others[key]] if key in others else options)
     if question.field == "columns/t" and question.choices:
         return "--columns t=COLUMN, or --rate HZ"
     if about == "effort_kind" and question.choices:

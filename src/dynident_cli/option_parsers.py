@@ -14,6 +14,7 @@ from dynident.errors import DynidentError
 from dynident.file_output import check_folder_exists
 from dynident.known_robots import list_library_arms, locate_robot
 from dynident.recordings.file_names_and_digests import split_path
+from dynident.robot.joint import BASE_JOINTS, BaseKind
 
 if TYPE_CHECKING:
     from dynident.recordings import Filters
@@ -103,6 +104,19 @@ def parse_vector(text: str, option: str) -> tuple[float, float, float]:
     if len(values) != 3:
         raise DynidentError(f"{text!r} has {len(values)} numbers; expected three", pointer=option)
     return values[0], values[1], values[2]
+
+
+def parse_base(text: str) -> BaseKind | None:
+    """Parse how the root link of a robot moves; nothing where no text is given."""
+    kinds: dict[str, BaseKind] = {kind: kind for kind in BASE_JOINTS}
+    if text and text not in kinds:
+        raise DynidentError(f"the base is {text!r}; expected {', '.join(kinds)}", pointer="--base")
+    return kinds.get(text)
+
+
+def split_contacts(text: str) -> list[str]:
+    """Split names of contacts; between points of links, which have commas themselves, stand semicolons."""
+    return [item.strip() for item in text.split(";" if "@" in text else ",") if item.strip()]
 
 
 def parse_windows(

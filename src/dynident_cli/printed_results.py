@@ -131,7 +131,7 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
             "  While a joint stands still, static friction may balance the torque. Compared with the predicted torque "
             f"itself, the error on all rows is {format_percent(comparison.raw_errors.relative_total)}."
         )
-    print_tables(console, [build_worst_table(comparison, 5)])
+    print_tables(console, [build_worst_table(comparison.worst[:5], comparison.joint_names, comparison.units)])
     for note in judgement.notes:
         console.print(f"  {note}")
 
@@ -182,7 +182,8 @@ def show_diagnosis(
 def show_changes(console: Console, diagnosis: Diagnosis, robot: Robot) -> None:
     """Print what differs from the baseline, and what the model lacks before and after."""
     console.print(diagnosis.summary, style="bold")
-    tables = {table.name: table for table in build_diagnosis_tables(diagnosis, robot.joint_names)}
+    units = [joint.effort_unit for joint in robot.joints]
+    tables = {table.name: table for table in build_diagnosis_tables(diagnosis, robot.joint_names, units)}
     if "changes" in tables:
         print_tables(console, [tables["changes"].drop_columns(EVIDENCE[-1])])
     _show_evidence(console, diagnosis.changes or ())

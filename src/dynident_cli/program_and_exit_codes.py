@@ -73,7 +73,7 @@ _COMMANDS = tuple(command for commands in _GROUPS.values() for command in comman
 _MODULES = {
     **dict.fromkeys(("effects", "essential", "extend", "inspect", "ladder", "remove"), "identify"),
     **dict.fromkeys(("changes", "compare", "series"), "diagnose"),
-    "simulate": "design",
+    **dict.fromkeys(("demo", "simulate"), "design"),
     **dict.fromkeys(("mcp", "backup", "restore", "export_robot", "import_robot", "doctor"), "serve"),
     "currents": "gains",
     "export": "report",

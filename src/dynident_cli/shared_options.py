@@ -98,6 +98,22 @@ class RobotAdditions:
             help="Gravity in the base frame in m/s², if the base is not upright: 0,0,9.81 for a ceiling.",
         ),
     ] = ""
+    base: Annotated[
+        str,
+        typer.Option(
+            "--base",
+            metavar="KIND",
+            help="How the root link moves: fixed, floating or planar. By default as the description says.",
+        ),
+    ] = ""
+    contacts: Annotated[
+        str,
+        typer.Option(
+            "--contacts",
+            metavar="LINK,…",
+            help="Feet of a floating robot whose forces were not measured; they are eliminated from the equations.",
+        ),
+    ] = ""
     has: Annotated[str, typer.Option("--has", metavar="PART,…", help=f"Parts of the robot: {', '.join(HARDWARE)}.")] = (
         ""
     )

@@ -123,8 +123,12 @@ class RevisionOptions(TypedDict, total=False):
 class RobotOptions(TypedDict, total=False):
     """A request to store a robot."""
 
+    base: Literal["fixed", "floating", "planar"] | None
+    """How the root link moves; null: as the description says, such as by a floating joint."""
     base_parameters_tolerance: float | None
     """Share of a column that other columns may leave unexplained."""
+    contacts: Sequence[str]
+    """Feet of a floating robot whose forces were not measured: left_foot, or a point, calf@0,0,-0.21"""
     drives: Mapping[str, Drive]
     """By joint"""
     gravity: tuple[float, float, float] | None

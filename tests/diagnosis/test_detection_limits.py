@@ -125,5 +125,5 @@ def test_the_figure_has_all_effects_and_the_table_one_row_an_effect(clean):
     assert [row[0] for row in rows] == list(
         dict.fromkeys(get_effect(item.effect).title for item in clean.detection_limits)
     )
-    shares = {0.123: "12\u202f%", 1.0: "1 x", 3.21: "3.2 x", 45.6: "46 x", math.inf: "–"}
+    shares = {0.123: "12\u202f%", 1.0: "1 ×", 3.21: "3.2 ×", 45.6: "46 ×", math.inf: "–"}
     assert {share: format_share(share) for share in shares} == shares

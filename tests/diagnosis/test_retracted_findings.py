@@ -58,6 +58,10 @@ def test_friction_is_taken_back_only_where_it_left_more_than_it_explained():
     assert find_misnamed([small], [EffectChoice("presliding", (NAMES[JOINT],))], [pattern], [final]) == [0]
 
 
+def test_a_mass_of_some_runs_is_kept_whatever_all_runs_leave():
+    assert not taken_back("payload", 5.0, "position")
+
+
 def test_a_cable_is_judged_on_both_of_its_joints():
     assert taken_back("cable_force", 0.3, "position", at=JOINT + 1, joints=(JOINT, JOINT + 1))
     assert not taken_back("cable_force", 0.3, "position", at=JOINT + 2, joints=(JOINT, JOINT + 1))

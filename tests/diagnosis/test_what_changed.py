@@ -12,6 +12,7 @@ from support.hidden_effects import (
     BAND,
     EFFORT,
     NAMES,
+    PLAIN,
     ROBOT,
     WITH_OFFSET,
     Hidden,
@@ -232,6 +233,31 @@ def test_friction_that_grows_with_a_load_that_was_added_is_the_loads(known) -> N
     assert named == (set() if known else {("load_dependent_friction", joint) for joint in NAMES[1:4]})
     # Whatever the model was that the diagnosis began with. Of six intervals of 95 % one may miss.
     assert sum(one.interval[0] <= 0.0 <= one.interval[1] for one in found.friction) >= 5
+
+
+def test_differences_of_two_days_do_not_depend_on_the_model_that_one_starts_from() -> None:
+    monday, friday = two_days(worn)
+    starts = (
+        PLAIN,
+        WITH_OFFSET,
+        (*WITH_OFFSET, EffectChoice("load_dependent_friction")),
+        (*WITH_OFFSET, EffectChoice("viscous_nonlinear", (), (("p", 2.0),))),
+    )
+    found = [
+        diagnose(
+            identify(ROBOT, [monday], [], replace(CHOICES, effects=effects)),
+            [friday],
+            baseline=[monday],
+            candidates=FEW,
+        )
+        for effects in starts
+    ]
+    elbow = [one.friction[2] for one in found]
+    truth = 0.3 * EFFORT[2] * (0.04 + 0.03 * elbow[0].speed)
+    assert all(one.interval[0] <= truth <= one.interval[1] for one in elbow)
+    each = np.array([[one.interval for one in diagnosis.friction] for diagnosis in found])
+    # All intervals of a joint have values in common.
+    assert (each[:, :, 0].max(axis=0) <= each[:, :, 1].min(axis=0)).all()
 
 
 def test_what_no_day_has_cannot_have_become_less() -> None:

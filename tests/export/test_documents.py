@@ -72,7 +72,7 @@ def test_names_and_media_types_of_files() -> None:
 
 
 def test_an_unknown_format_is_refused_with_those_there_are() -> None:
-    with pytest.raises(DynidentError, match=r"json, urdf, mjcf, c, .*casadi"):
+    with pytest.raises(DynidentError, match=r"json, urdf, sdf, .*casadi"):
         export_model(measured(), "fortran")
 
 

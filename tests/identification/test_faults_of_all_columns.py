@@ -127,7 +127,33 @@ def test_a_joint_whose_zero_is_a_quarter_turn_off_is_named_with_where_it_is(seed
     # It may be the description that has another zero: it is proposed and not ordered.
     assert (check.name, check.status) == ("joint_zero", "warning")
     assert check.apply == Revision(zeros={f"q{joint}": pytest.approx(0.5 * np.pi * quarters)})
-    assert f"{90 * quarters} degrees where the description has 0" in check.detail
+    assert f"the column is {90 * quarters} degrees (" in check.detail
+
+
+@pytest.mark.parametrize(("seed", "joint", "off"), [(3, 2, 0.35), (4, 3, -0.5), (5, 3, 2.2)])
+def test_a_joint_that_was_not_homed_is_named_with_the_angle_that_it_reads_too_much(seed: int, joint: int, off: float):
+    motion, tau = measured(seed)
+    recording = record(ROBOT, replace(motion, q=motion.q + off * (np.arange(6) == joint - 1)), tau)
+    (check,) = findings(recording)
+    assert (check.name, check.status) == ("joint_zero", "warning")
+    assert check.apply is not None
+    assert check.apply.zeros == {f"q{joint}": pytest.approx(off, abs=0.03)}
+
+
+@pytest.mark.parametrize(("scale", "first"), [(0.5, 1.0), (1.0, -1.0)])
+def test_a_wrist_that_is_logged_at_the_motors_of_its_differential_is_told_with_what_to_compute(
+    scale: float, first: float
+) -> None:
+    motion, tau = measured(6)
+    to_joints = scale * np.array([[first, 1.0], [1.0, -first]])
+    to_motors = np.linalg.inv(to_joints)
+    q, at_motors = motion.q.copy(), tau.copy()
+    q[:, 4:], at_motors[:, 4:] = q[:, 4:] @ to_motors.T, tau[:, 4:] @ to_joints
+    (check,) = findings(record(ROBOT, replace(motion, q=q), at_motors))
+    # No statement about the file turns two columns into sums: it is told how to compute them.
+    assert (check.name, check.status, check.apply) == ("joint_coupling", "error", None)
+    size = "" if scale == 1.0 else "0.5 "
+    assert f"replace q5 by {'-' if first < 0 else ''}{size}q5 + {size}q6" in check.detail
 
 
 def test_a_mirrored_joint_of_a_pendulum_is_told_by_its_masses() -> None:

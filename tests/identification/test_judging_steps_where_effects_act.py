@@ -74,9 +74,7 @@ def test_an_effect_that_is_not_there_is_warned_of_and_its_step_is_not_the_best(g
     assert list_confirming_rows(false) == ()
     (warning, *_) = list_addition_warnings(false)
     before, after = (model.held_out_moving.relative_total for model in (grown, false))
-    assert (
-        f"where joints move from {format_percent(before, decimals=2)} to {format_percent(after, decimals=2)}" in warning
-    )
+    assert f"where joints move from {format_percent(before)} to {format_percent(after)}" in warning
     assert find_best(list_steps(false)).best == 1
 
 

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 from support.drawn_recordings import Log, guess, log, log_of, read, write
+from support.oracles import crooked_urdf
 
-from dynident.api.robot_files import load_robot
+from dynident.api.robot_files import load_robot, set_drive_gains
 from dynident.errors import DynidentError
 from dynident.identification.column_inference.column_names import describe_waves, read_names
 from dynident.identification.column_inference.file_inspection import inspect_file
@@ -331,3 +332,43 @@ def test_an_array_of_three_axes_says_which_are_needed(tmp_path: Path) -> None:
     np.save(path, np.zeros((100, 6, 3)))
     with pytest.raises(RecordingError, match=r"3 axes \(100 x 6 x 3\): save an array of rows"):
         inspect_file(path, None, log("ur10", 1, duration=8.0).robot)
+
+
+@pytest.mark.parametrize(("arm", "seed"), [("ur10", 1), ("ur5", 2), ("franka_panda", 3)])
+@pytest.mark.parametrize(
+    ("unit", "size"), [("kgf cm", 0.0980665), ("lbf ft", 1.3558179), ("mN m", 1e-3), ("N cm", 1e-2)]
+)
+def test_the_unit_of_torques_that_is_not_stated_is_asked_by_the_masses(
+    arm: str, seed: int, unit: str, size: float
+) -> None:
+    given = log(arm, seed, duration=10.0)
+    proposal = guess(given.robot, given.columns(tau=given.tau / size))
+    proposed = proposal.units.get("tau", "N m")
+    # Feet and pounds are so near to N m that the masses of no description tell them apart.
+    assert proposed == ("N m" if unit == "lbf ft" else unit)
+    asked = [question for question in proposal.questions if question.field == "units/tau"]
+    assert all(unit in question.choices and "times in N m" in question.detail for question in asked)
+    assert len(proposal.questions) == len(asked) <= (unit in ("kgf cm", "N cm"))
+
+
+@pytest.mark.parametrize(("arm", "seed"), [("ur10", 1), ("ur5", 2)])
+@pytest.mark.parametrize("largest", [150.0, 0.01])
+def test_drive_gains_answer_what_numbers_called_torques_are(arm: str, seed: int, largest: float) -> None:
+    """Thousandths of the rated torques, or torques before the gears: N m per unit of them are the drive gains."""
+    given = log(arm, seed, duration=10.0)
+    rng = np.random.default_rng(seed)
+    gains = rng.uniform(0.2, 1.0, given.robot.n) / largest
+    columns = given.columns(tau=given.tau / gains)
+    (question,) = guess(given.robot, columns).questions
+    assert question.field == "units/tau"
+    told = guess(set_drive_gains(given.robot, gains.tolist()), columns)
+    assert told.questions == ()
+    assert told.effort_kind == "motor_torque"
+    assert [name for name in told.columns if name.startswith("current")] == [f"current{j + 1}" for j in range(6)]
+
+
+def test_a_limit_of_effort_that_is_too_small_is_no_reason_to_ask_for_the_unit() -> None:
+    weak = crooked_urdf(5, 11, sliding=()).replace('effort="80"', 'effort="20"')
+    given = log_of(robot_from_urdf("weak", weak), 4, duration=10.0)
+    assert np.abs(given.tau).max() > 40.0
+    assert guess(given.robot, given.columns()).questions == ()

@@ -29,7 +29,7 @@ CONTRACT = {
     "service/dynident_service/identifications/wire_types.py": {choice.effect for choice in DEFAULT_EFFECTS},
     "service/dynident_service/designs/wire_types.py": {choice.effect for choice in DEFAULT_EFFECTS},
     "service/dynident_service/robots/adapters.py": {"rigid_body"},
-    "src/dynident_cli/commands/demo.py": {"stribeck"},
+    "src/dynident_cli/commands/design.py": {"stribeck"},
     # A check of recordings has the name of what it looks for; a URDF's mimic joint has an offset.
     "src/dynident/recordings/recording_metadata.py": {"torque_delay"},
     # What is said of a recording has a field of that name.

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.floating_robots import WALKER, compute_motor_torque, draw_motion, stand_on_shin, write_log
 from support.page_blocks import Block, blocks_of, commands
 from support.page_commands import run_commands
 
@@ -24,6 +25,7 @@ PROMISED = {
     "my-error-is-12-percent.md": ("held out", "noise"),
     "point-to-point-robot.md": ("held out", "stands"),
     "which-effect.md": ("reversals.csv",),
+    "floating-base.md": ("3 joints on a floating base", "base_roll", "held out", "mass of the walker: 12.7 kg"),
     "simulator-and-controller.md": ("positions after 100 steps", "gravity and offsets", "model.c"),
 }
 
@@ -41,6 +43,14 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
         '<axis xyz="0 1 0"/><limit lower="0" upper="0.04" velocity="1" effort="1"/></joint></robot>'
     )
     (folder / "arm_with_gripper.urdf").write_text(text.replace("</robot>", finger), encoding="utf-8")
+    (folder / "walker.urdf").write_text(WALKER, encoding="utf-8")
+    for seed in (1, 2):
+        motion = draw_motion(seed)
+        torque, wrench = compute_motor_torque(motion)
+        write_log(folder / f"harness{seed}.csv", motion, torque, {"base": wrench}, noise=0.01, seed=seed)
+        torque, wrench = stand_on_shin(motion)
+        write_log(folder / f"sensor{seed}.csv", motion, torque, {"shin": wrench}, noise=0.01, seed=seed)
+        write_log(folder / f"standing{seed}.csv", motion, torque, noise=0.01, seed=seed)
     for seed in (1, 2):
         # Wear at low speed, so that there is something to be diagnosed.
         asked = f"simulate arm.urdf --rate 100 --seed {seed}"

@@ -239,7 +239,6 @@ def test_a_counter_of_rows_is_no_clock_where_another_column_is_one(tmp_path):
         (b"PK\x03\x04", "zip|archive"),
         (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500), "save the sheet as CSV"),
         (b"\x80\x04\x95" + bytes(50), "never opened"),
-        (b"header:\n  stamp:\n    sec: 1\n---\n", "--csv TOPIC"),
         (b"\x1f\x8b\x08\x00" + bytes(30), "unpacked"),
         (b'{"t": [', "JSON"),
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
@@ -249,10 +248,10 @@ def test_a_counter_of_rows_is_no_clock_where_another_column_is_one(tmp_path):
         (b"MDF     4.10", "asammdf"),
         (b"\n\r\r\n\x1c\0\0\0", "raw frames"),
         (b"(1436509052.249713) can0 181#2A366C2B\n", "raw frames"),
-        (b"- t: 0.0\n  q: [0.1, 0.2]\n", "YAML"),
-        (b"{'t': 0.0, 'q': [0.1]}\n", "json.dumps"),
+        (b"DIAEXTENDED  {@:ENGLISH\r\n#BEGINCHANNELHEADER\r\n200,Zeit\r\n", "KUKA"),
         (b"% a run\nt = [0.0;\n0.1];\n", "script"),
         (b"<?xml version='1.0'?><log/>", "XML"),
+        (b"t,q,tau\n0,00,0,51,1,20\n0,01,0,52,1,21\n", "decimal commas stand between commas"),
         (b"run.csv".ljust(257, b"\0") + b"ustar\0", "unpack"),
     ],
 )
@@ -261,6 +260,18 @@ def test_a_file_that_is_known_and_not_read_says_what_to_do(tmp_path, content, wo
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=words):
         read_sample(path)
+
+
+@pytest.mark.parametrize(
+    ("factor", "offset", "words"), [(1.0, 1.7e9, "their clocks differ"), (1e3, 0.0, "in different units")]
+)
+def test_files_whose_times_do_not_belong_together_are_not_joined(tmp_path, factor, offset, words):
+    run = recorded(*CASES[0])
+    positions = write_table(tmp_path / "q.csv", ["time", *columns_of(run, "q")], np.column_stack([run.t, run.q]))
+    t = offset + factor * run.t
+    torques = write_table(tmp_path / "tau.csv", ["time", *columns_of(run, "tau")], np.column_stack([t, run.tau]))
+    with pytest.raises(RecordingError, match=words):
+        read_sample(Path(f"{positions}+{torques}"))
 
 
 def test_a_workbook_says_how_to_save_it(tmp_path):
@@ -446,3 +457,34 @@ def test_a_description_in_millimetres_and_a_sensor_in_millivolts_say_so(tmp_path
     )
     (question,) = propose(read_sample(path), robot_from_urdf("large", text)).questions
     assert "Divide the lengths in the description by 1000" in question.detail
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "q: [0.1, 0.2]\ntau: [1]\n" * 50 + "q: [0.1,\n" + "0.2,\n" * 100_000,
+        "q: 1\nb: 2\n" * 60 + "q: " + "9" * 6000 + "\nb: 3\n",
+        "- a: 1\n  b: 2\n" * 50 + "-\n-\n- - - 1\n",
+        "q: [1, 2]\ntau: [3, 4]\n" * 60 + "q: [1, 2]\ntau: [3,",
+    ],
+    ids=["open", "digits", "dashes", "cut"],
+)
+def test_damaged_printouts_are_read_as_far_as_they_go(tmp_path, text):
+    path = tmp_path / "printed"
+    path.write_text(text)
+    assert len(read_sample(path).values) >= 50
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a:\n" + "".join(f"{' ' * k}a:\n" for k in range(1, 300)) + "b: 1\na: 1\nb: 2\n", "nested deeper than"),
+        ("{'t': 0, 'q': array([1,2])}\n" * 50 + "{'t': array(" * 3000 + "\n", "cannot be read as JSON"),
+    ],
+    ids=["deep", "calls"],
+)
+def test_printouts_that_are_no_records_are_refused(tmp_path, text, words):
+    path = tmp_path / "printed"
+    path.write_text(text)
+    with pytest.raises(RecordingError, match=words):
+        read_sample(path)

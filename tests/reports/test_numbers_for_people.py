@@ -42,6 +42,7 @@ def test_per_cents_beyond_all_reason_are_not_written_out() -> None:
     assert format_percent(12345.0) == "> 1000\u202f%"
     assert format_percent(math.inf) == "> 1000\u202f%"
     assert format_percent(-0.01) == "−1.00\u202f%"
+    assert [format_percent(share) for share in (0.0, 4e-6, -4e-6, 6e-6)] == [*3 * ["0\u202f%"], "0.001\u202f%"]
 
 
 def test_limits_in_sentences_have_the_decimals_that_are_asked_for() -> None:

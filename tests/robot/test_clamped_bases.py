@@ -12,7 +12,7 @@ import dynident as dy
 from dynident.errors import DynidentError
 from dynident.export import export_model
 from dynident.robot import Description, Robot, robot_from_description
-from dynident.robot.description_and_json import robot_from_document, robot_to_document
+from dynident.robot.description_and_json import robot_from_document, robot_to_document, set_base
 from dynident.robot.pinocchio_conversion import compute_described_torque
 
 INERTIAL = """<inertial><origin xyz="0 0.01 -0.1"/><mass value="2"/>
@@ -52,7 +52,7 @@ def test_the_message_names_the_lock_with_which_it_is_read_as_if_it_were_fixed(
     description: Description, name: str
 ) -> None:
     with pytest.raises(DynidentError, match=rf'--lock {name}, or "locked_joints": {{"{name}": 0}}'):
-        leg(description)
+        set_base(robot_from_description("leg", description), "fixed")
     with pytest.raises(DynidentError, match=r"only be locked at (its origin \(0\)|0)"):
         leg(description, **{name: 0.5})
     with pytest.raises(DynidentError, match="There is no joint 'other'"):

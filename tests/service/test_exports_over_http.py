@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from dynident.export import ExportedFile, model_from_json
+from dynident.export.export_request import FORMATS
 from dynident.robot import library_table, robot_from_urdf
 from dynident_client import Client, ProblemError
 from dynident_client.resource_objects import Record
@@ -66,6 +67,38 @@ def test_every_format_has_its_name_and_type(live: Client, model: Record) -> None
         assert ("dynident-notes" in answer.headers) == (format in ("urdf", "mjcf"))
         if format in ("urdf", "mjcf"):
             assert any("offset" in note for note in json.loads(answer.headers["dynident-notes"]))
+
+
+@pytest.mark.slow
+def test_formats_are_listed_with_what_they_hold_and_cost(live: Client, model: Record) -> None:
+    motion = {"duration": 8.0, "sampling_rate": 200.0}
+    trial = live.simulations.create(
+        model.data["robot_id"], effects=[*DRIVES[1:], {"effect": "offset"}], trajectory=motion, seed=5
+    ).wait()
+    held_out = live.measurements.get(trial.result["measurement_id"])
+    request = model.data["request"]
+    judged = live.identifications.create(
+        model.data["robot_id"],
+        request["measurement_ids"],
+        validation=[held_out],
+        effects=request["effects"],
+        estimator="feasible",
+    ).wait()
+    http = live.identifications._transport._http
+    listed = http.get(f"/v1/identifications/{judged.id}/exports", timeout=300).json()
+    formats = {item["format"]: item for item in listed["items"]}
+    assert set(formats) == set(FORMATS.names)
+    assert all(item["contains"] for item in listed["items"])
+    assert formats["json"]["held_out_error"] == pytest.approx(listed["held_out_error"])
+    # URDF has no offset.
+    assert formats["urdf"]["held_out_error"] > listed["held_out_error"]
+    assert formats["kuka_load"]["held_out_error"] is None
+    assert "payload" in formats["kuka_load"]["refusal"]
+    for name, format in (("urdf", "urdf"), ("cpp", "cpp_header")):
+        answer = http.get(f"/v1/identifications/{judged.id}/exports/{name}", timeout=300)
+        assert answer.status_code == 200, answer.text
+        assert float(answer.headers["X-Held-Out-Error"]) == pytest.approx(formats[format]["held_out_error"], rel=1e-4)
+    assert http.get(f"/v1/identifications/{judged.id}/exports/fortran").status_code == 422
 
 
 @pytest.mark.slow

@@ -7,8 +7,10 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS
 from support.closed_loop_robots import machine, mjcf
+from support.floating_robots import WALKER
 
 from dynident.robot import library_names, robot_from_library
+from dynident.robot.joint import BASE_JOINTS
 
 BODY: dict[str, Any] = {
     "name": "arm",
@@ -146,3 +148,20 @@ def test_well_known_arms_are_listed_with_what_makes_a_robot_of_them(client: Test
         assert made.status_code == 201
         names = robot_from_library(one["name"]).joint_names
         assert [joint["name"] for joint in made.json()["joints"]] == list(names)
+
+
+def test_a_robot_may_float_and_stand_on_feet_of_unknown_force(client: TestClient) -> None:
+    body = {"name": "walker", "description": {"format": "urdf", "content": WALKER}, "base": "floating"}
+    answer = client.post("/v1/robots", json=body)
+    assert answer.status_code == 201
+    robot = answer.json()
+    assert robot["base"] == "floating"
+    assert [joint["name"] for joint in robot["joints"]] == [*BASE_JOINTS["floating"], "hip", "knee", "shoulder"]
+    assert "M6" in robot["base_parameters"]["names"]
+    assert client.get(answer.headers["location"]).json() == robot
+    assert client.post("/v1/robots", json={**body, "contacts": ["shin"]}).status_code == 201
+    refused = client.post("/v1/robots", json={**body, "contacts": ["foot"]})
+    assert refused.status_code == 422
+    assert "no link 'foot' that moves by itself" in refused.json()["errors"][0]["detail"]
+    fixed = client.post("/v1/robots", json={**body, "base": "fixed"}).json()
+    assert fixed["base"] == "fixed"

@@ -34,6 +34,9 @@ def test_a_mass_is_told_with_the_day_from_which_it_is_there_and_a_later_day_join
     assert longer.result["days"] == ["mon", "tue", "wed", "thu"]
     assert [one["since"] for one in longer.result["changes"]] == ["wed"]
     assert all(len(course["values"]) == 4 for course in longer.result["courses"])
+    changes, tracks = live.series.get(longer.id)["tables"]
+    assert changes["rows"][0][0]["text"] == "wed"
+    assert [row[0]["text"] for row in tracks["rows"]] == ["mon", "tue", "wed", "thu"]
     assert [one.id for one in live.series.page().items] == [longer.id, first.id]
     with pytest.raises(ProblemError) as refused:
         live.series.delete(first)

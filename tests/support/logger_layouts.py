@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from scipy.io import savemat
 
 FloatArray = np.ndarray
 
@@ -347,6 +348,148 @@ def rtde_spaces(folder: Path, run: Recorded) -> Path:
     return written(folder / "rtde.csv", table(header, [[number(51234.0 + t) for t in run.t], *blocks(run)], " "))
 
 
+def printed_messages(folder: Path, run: Recorded) -> Path:
+    """`ros2 topic echo /joint_states > FILE`, with the joints in the order of their names."""
+    run = run.in_order(sorted(range(run.n), key=lambda joint: run.joints[joint]))
+    lines = []
+    for k, t in enumerate(run.t):
+        lines += ["header:", "  stamp:", f"    sec: {1700 + int(t)}", f"    nanosec: {round((t % 1) * 1e9)}"]
+        lines += ["  frame_id: ''", "name:", *(f"- {joint}" for joint in run.joints)]
+        for key, values in (("position", run.q), ("velocity", run.dq), ("effort", run.tau)):
+            lines += [f"{key}:", *(f"- {number(value)}" for value in values[k])]
+        lines.append("---")
+    return written(folder / "echo.yaml", "\n".join([*lines, ""]))
+
+
+def printed_messages_of_ros_1(folder: Path, run: Recorded) -> Path:
+    """`rostopic echo`: lists in brackets, which go on in the next line, and a string of the frame."""
+    lines = []
+    for k, t in enumerate(run.t):
+        lines += ["header: ", f"  seq: {k}", "  stamp: ", f"    secs: {1700 + int(t)}"]
+        lines += [
+            f"    nsecs: {round((t % 1) * 1e9):9d}",
+            '  frame_id: "base link"',
+            f"name: [{', '.join(run.joints)}]",
+        ]
+        for key, values in (("position", run.q), ("velocity", run.dq), ("effort", run.tau)):
+            items = [number(value) for value in values[k]]
+            lines.append(f"{key}: [{', '.join(items[:2])},\n  {', '.join(items[2:])}]")
+        lines.append("---")
+    return written(folder / "echo.txt", "\n".join([*lines, ""]))
+
+
+def printed_names_and_values(folder: Path, run: Recorded) -> Path:
+    """What a program printed: the same names again and again, each with its list."""
+    lines = []
+    for k, t in enumerate(run.t):
+        lines.append(f"time: {number(t)}")
+        for key, values in (("q", run.q), ("dq", run.dq), ("tau", run.tau), ("tau_ext", 0.0 * run.tau)):
+            lines.append(f"{key}:  [{' '.join(number(value) for value in values[k])}]")
+        lines.append("")
+    return written(folder / "printed.txt", "\n".join(lines))
+
+
+def list_in_yaml(folder: Path, run: Recorded) -> Path:
+    lines = []
+    for k, t in enumerate(run.t):
+        lines += [f"- t: {number(t)}", f"  q: [{', '.join(map(number, run.q[k]))}]"]
+        lines += [f"  tau: [{', '.join(map(number, run.tau[k]))}]"]
+    return written(folder / "list.yaml", "\n".join([*lines, ""]))
+
+
+def printed_dictionaries(folder: Path, run: Recorded) -> Path:
+    """Dictionaries as Python prints them, of arrays and NumPy's numbers."""
+    lines = [
+        f"{{'t': np.float64({number(t)}), 'q': array([{', '.join(map(number, run.q[k]))}]), "
+        f"'tau': array([{', '.join(map(number, run.tau[k]))}], dtype=float32), 'ok': True, 'mode': 'run', 'e': None}}"
+        for k, t in enumerate(run.t)
+    ]
+    return written(folder / "printed.log", "\n".join([*lines, ""]))
+
+
+def structure_of_a_scope(folder: Path, run: Recorded) -> Path:
+    """Simulink's structure with time: an array of signals, each with its label."""
+    path = folder / "scope.mat"
+    signals = np.zeros(3, dtype=[("values", object), ("dimensions", object), ("label", object)])
+    named = (("joint position", run.q), ("joint velocity", run.dq), ("joint torque", run.tau))
+    for place, (label, values) in enumerate(named):
+        signals[place] = (values, float(run.n), label)
+    savemat(path, {"ScopeData": {"time": run.t[:, None], "signals": signals, "blockName": "arm/Scope"}})
+    return path
+
+
+def files_by_their_endings(folder: Path, run: Recorded) -> Path:
+    """Logs of hrpsys: run.q and run.tau, without names, each with the time in front."""
+    paths = [
+        written(folder / f"run.{ending}", table([], cells(np.column_stack([12.0 + run.t, values])), " ", " \n"))
+        for ending, values in (("q", run.q), ("tau", run.tau))
+    ]
+    return Path("+".join(map(str, paths)))
+
+
+def file_a_joint(folder: Path, run: Recorded) -> Path:
+    paths = [
+        written(
+            folder / f"joint{joint + 1}.csv",
+            table(
+                ["t", "position", "velocity", "torque"],
+                [[number(t) for t in run.t], *(cells(values[:, [joint]])[0] for values in (run.q, run.dq, run.tau))],
+            ),
+        )
+        for joint in range(run.n)
+    ]
+    return Path("+".join(map(str, paths)))
+
+
+def row_a_motor_with_its_own_clock(folder: Path, run: Recorded) -> Path:
+    """The time has no usual name, and runs on between the motors."""
+    lines = ["host_ms,loop_ms,motor_id,pos,vel,tau,iq(A),err"]
+    for k, t in enumerate(run.t):
+        lines += [
+            f"{1.7e12 + 1e3 * t + 0.01 * j:.2f},10.0,{j + 1},{number(run.q[k, j])},{number(run.dq[k, j])},"
+            f"{number(run.tau[k, j])},{number(0.3 * run.tau[k, j])},0"
+            for j in range(run.n)
+        ]
+    return written(folder / "motors.csv", "\n".join([*lines, ""]))
+
+
+def other_arm_beside(folder: Path, run: Recorded) -> Path:
+    """Another arm in the same file, whose joints are counted, beside those that have the robot's names."""
+    t = [number(t) for t in run.t]
+    header, columns = ["time"], [t]
+    for signal, values in (("position", run.q), ("velocity", run.dq), ("effort", run.tau)):
+        header += [f"/other_arm_{joint}/{signal}" for joint in range(run.n)]
+        columns += cells(values[::-1])
+        header += [f"/{joint}/{signal}" for joint in run.joints]
+        columns += cells(values)
+    return written(folder / "two_arms.csv", table(header, columns))
+
+
+def _from(run: Recorded, form: Callable[[datetime], str]) -> list[str]:
+    begin = datetime(2025, 5, 6, 11, 58, 57, tzinfo=UTC)
+    return [form(begin + timedelta(seconds=float(t))) for t in run.t]
+
+
+def stamps_of_digits(folder: Path, run: Recorded) -> Path:
+    """20250506115857005: more digits than a number keeps."""
+    stamps = _from(run, lambda moment: moment.strftime("%Y%m%d%H%M%S%f")[:-3])
+    header = ["timestamp", *counted("q{}", run.n), *counted("tau{}", run.n)]
+    return written(folder / "digits.csv", table(header, [stamps, *cells(run.q), *cells(run.tau)]))
+
+
+def minutes_and_seconds(folder: Path, run: Recorded) -> Path:
+    stamps = _from(run, lambda moment: moment.strftime("%M:%S.%f")[:-3])
+    header = ["Time", *counted("q{}", run.n), *counted("tau{}", run.n)]
+    return written(folder / "minutes.csv", table(header, [stamps, *cells(run.q), *cells(run.tau)]))
+
+
+def rows_behind_signs_of_remarks(folder: Path, run: Recorded) -> Path:
+    """What a robot's program writes: a sign, a number, date and time of day, a clock, and no names."""
+    days, times = (_from(run, lambda moment, form=form: moment.strftime(form)) for form in ("%Y-%m-%d", "%H:%M:%S"))
+    columns = [["# 1"] * len(run.t), days, times, [f"{t:.3f}" for t in run.t], *blocks(run)]
+    return written(folder / "rapid.txt", table([], columns, " "))
+
+
 def written(path: Path, text: str) -> Path:
     path.write_text(text, encoding="utf-8", newline="")
     return path
@@ -358,9 +501,12 @@ LAYOUTS: dict[str, Callable[[Path, Recorded], Path]] = {
         rostopic, ros2_echo, bagpy, numpy_cells, bare_lists, sparse_topics, json_lines, json_array, json_columns,
         rosbridge, iso_dates, epoch, german_sheet, aligned_columns, timetable, row_a_joint, two_headers, utf16_tabs,
         gzipped, zstandard, file_a_signal, files_alike, clock_in_a_file, archive, no_time, rtde_spaces,
-        row_a_motor, order_that_changes, record_a_topic, controller_state, mujoco,
+        row_a_motor, order_that_changes, record_a_topic, controller_state, mujoco, printed_messages,
+        printed_messages_of_ros_1, printed_names_and_values, list_in_yaml, printed_dictionaries, structure_of_a_scope,
+        files_by_their_endings, file_a_joint, row_a_motor_with_its_own_clock, other_arm_beside,
+        stamps_of_digits, minutes_and_seconds, rows_behind_signs_of_remarks,
     )
 }  # fmt: skip
-BETWEEN_SAMPLES = frozenset({"sparse_topics", "file_a_signal", "row_a_motor"})
+BETWEEN_SAMPLES = frozenset({"sparse_topics", "file_a_signal", "row_a_motor", "row_a_motor_with_its_own_clock"})
 """Layouts whose signals have times of their own."""
 WITHOUT_TIME = frozenset({"no_time"})

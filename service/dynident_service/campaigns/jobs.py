@@ -81,11 +81,11 @@ def design_next_run(task: Task) -> Outcome:
     decided = to_plain_json(
         show_request(replace(planned.design.request, surroundings=design.surroundings), body.robot_id)
     )
-    kept = ("name", "robot_id", "earlier_ids", "identification_id")
+    unchanged = ("name", "robot_id", "earlier_ids", "identification_id")
     return Outcome(
         to_plain_json(result),
         (trajectory,),
-        request={name: value for name, value in decided.items() if name not in kept},
+        request={name: value for name, value in decided.items() if name not in unchanged},
     )
 
 

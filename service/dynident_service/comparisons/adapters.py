@@ -7,11 +7,12 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis import Comparison, Judgement
 from dynident.diagnosis.comparison.comparison_files import JointSignals
-from dynident.presentation.model_tables import ErrorKind, build_comparison_table
+from dynident.diagnosis.comparison.measured_against_predicted import WorstInterval
+from dynident.presentation.model_tables import ErrorKind, build_comparison_table, build_worst_table
 from dynident.recordings.joint_phases import Phase, PhaseArray
 from dynident_service.comparisons import wire_types as wire
 from dynident_service.measurements.wire_types import PhasesView
-from dynident_service.shared.field_by_field import show_figures, show_tables, to_view
+from dynident_service.shared.field_by_field import from_view, show_figures, show_tables, to_view
 from dynident_service.shared.wire_types import Table
 
 
@@ -35,15 +36,16 @@ def describe_comparison(comparison: Comparison, judgement: Judgement, held_out: 
 
 
 def build_tables(result: wire.ComparisonResult) -> list[Table]:
-    """Build the table of the errors in a stored comparison, beside the noise; none for one of an earlier version."""
-    if not result.noise_floor:
-        return []
-    errors = ErrorKind("", result.moving or result, result)
-    floor, samples = result.noise_floor, result.effective_samples
-    title = "this measurement"
-    return show_tables(
-        [build_comparison_table(title, errors, result.joints, result.effort_units, floor, samples, result.n_samples)]
-    )
+    """Build the tables of a stored comparison: the worst intervals, and the errors beside the noise if it is known."""
+    worst = [from_view(WorstInterval, interval) for interval in result.worst]
+    tables = [build_worst_table(worst, result.joints, result.effort_units)] if worst else []
+    # Comparisons of an earlier version do not hold the noise.
+    if result.noise_floor:
+        errors = ErrorKind("", result.moving or result, result)
+        floor, samples, count = result.noise_floor, result.effective_samples, result.n_samples
+        joints, units = result.joints, result.effort_units
+        tables.insert(0, build_comparison_table("this measurement", errors, joints, units, floor, samples, count))
+    return show_tables(tables)
 
 
 def thin_signals(joint_signals: JointSignals, points: int) -> JointSignals:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from dynident.advice import AdvisedDiagnosis, NextExperiment
 from dynident.diagnosis import Diagnosis, Evidence
 from dynident.diagnosis.diagnosis_result import Change, ChangedValue
-from dynident.diagnosis.monitoring import Series, SeriesChange
-from dynident.presentation.diagnosis_tables import build_change_table, build_diagnosis_tables, format_first_day
+from dynident.diagnosis.monitoring import ParameterTrack, Series, SeriesChange
+from dynident.presentation.diagnosis_tables import build_diagnosis_tables, build_series_tables
 from dynident.robot import Robot
 from dynident_service.designs.wire_types import DesignRequest
 from dynident_service.diagnoses import wire_types as wire
@@ -82,17 +84,24 @@ def _restore_change(wire_change: wire.Change) -> Change:
     return from_view(Change, wire_change, main=from_view(ChangedValue, wire_change))
 
 
-def build_stored_tables(stored: Mapping[str, object], joints: Sequence[str]) -> list[Table]:
+def build_stored_tables(stored: Mapping[str, object], joints: Sequence[str], units: Sequence[str]) -> list[Table]:
     """Build the tables of a stored diagnosis."""
-    return show_tables(build_diagnosis_tables(restore_diagnosis(stored), joints))
+    return show_tables(build_diagnosis_tables(restore_diagnosis(stored), joints, units))
 
 
 def build_stored_series_tables(stored: Mapping[str, object], joints: Sequence[str]) -> list[Table]:
-    """Build the table of what changed over the days of a stored series."""
-    changes = wire.SeriesResult.model_validate(stored).changes
-    since = [format_first_day(change.since, change.earliest, change.latest) for change in changes]
-    title, restored = "Changes over the days", [_restore_change(change) for change in changes]
-    return show_tables([build_change_table(title, restored, joints, since)] if changes else [])
+    """Build the tables of a stored series: what changed, and day by day the parameters that did."""
+    view = wire.SeriesResult.model_validate(stored)
+    changes = tuple(
+        SeriesChange(_restore_change(change), *map(view.days.index, (change.since, change.earliest, change.latest)))
+        for change in view.changes
+    )
+    tracks = tuple(
+        from_view(ParameterTrack, course, intervals=np.array([course.lower, course.upper], dtype=float).T)
+        for course in view.courses
+    )
+    series = from_view(Series, view, changes=changes, courses=tracks)
+    return show_tables(build_series_tables(series, joints))
 
 
 def restore_next_experiment(wire_experiment: wire.NextExperiment) -> NextExperiment:

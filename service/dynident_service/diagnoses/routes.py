@@ -18,7 +18,12 @@ from dynident_service.diagnoses.wire_types import (
 )
 from dynident_service.problems import ProblemError, make_unusable
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.shared.required_resources import depend_on, get_model_joints, require_measurements, require_model
+from dynident_service.shared.required_resources import (
+    depend_on,
+    get_joints_and_units,
+    require_measurements,
+    require_model,
+)
 from dynident_service.shared.resource_routes import PagesDep, SubmissionDep, require_succeeded, show_with_tables
 from dynident_service.shared.wire_types import Page, Table
 from dynident_service.storage.repository_values import Dependency, NewJob, Resource
@@ -33,7 +38,7 @@ def _build_tables(services: Services, resource: Resource) -> list[Table]:
     with hold_import_lock():
         from dynident_service.diagnoses.adapters import build_stored_tables
 
-    return build_stored_tables(resource.result or {}, get_model_joints(services, resource))
+    return build_stored_tables(resource.result or {}, *get_joints_and_units(services, resource))
 
 
 @router.post("", status_code=202)
@@ -137,7 +142,7 @@ def _build_series_tables(services: Services, resource: Resource) -> list[Table]:
     with hold_import_lock():
         from dynident_service.diagnoses.adapters import build_stored_series_tables
 
-    return build_stored_series_tables(resource.result or {}, get_model_joints(services, resource))
+    return build_stored_series_tables(resource.result or {}, get_joints_and_units(services, resource)[0])
 
 
 @series_router.post("", status_code=202)

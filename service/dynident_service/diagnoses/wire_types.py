@@ -175,6 +175,7 @@ class NotVisible(ViewModel):
     effect: str
     joints: list[str]
     reason: str
+    brief: str = Field(default="", description="The reason in a few words, for a table")
 
 
 class DetectionLimit(ViewModel):

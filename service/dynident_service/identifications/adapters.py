@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -242,7 +242,7 @@ def export_file(model: Identification, format: ExportFormat, nearest: bool, show
         return file
     # What the service shows stands beside the model, so that `model_from_json` reads the file, too.
     content = json.dumps({**shown, "model": model_to_document(model)}, indent=1, allow_nan=False)
-    return ExportedFile(file.name, file.media_type, content.encode(), file.notes)
+    return replace(file, content=content.encode())
 
 
 def build_file_response(file: ExportedFile) -> Response:
@@ -253,6 +253,8 @@ def build_file_response(file: ExportedFile) -> Response:
     headers = {"Content-Disposition": f'attachment; filename="{file.name}"'}
     if file.notes:
         headers[NOTES_HEADER] = _shorten_notes(file.notes)
+    if file.held_out_error is not None:
+        headers["X-Held-Out-Error"] = f"{file.held_out_error:.6g}"
     return Response(file.content, media_type=file.media_type, headers=headers)
 
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.export import ExportedFile, ExportFormat
+from dynident.export import ExportedFile, ExportFormat, compute_held_out_error, export_model
+from dynident.export.export_request import FORMATS
 from dynident.identification import Identification, extend, from_bytes, identify, remove, to_bytes
 from dynident.identification.identified_models.correlated_and_essential_parameters import (
     essential_parameters,
@@ -23,6 +24,7 @@ from dynident.identification.identified_models.correlated_and_essential_paramete
 from dynident.identification.identified_models.torque_prediction import predict
 from dynident.recordings import Check, open_recording
 from dynident.recordings.recording_metadata import Status
+from dynident.schema.fields import Choice
 from dynident.validation import ValidationOutcome, Verdict
 from dynident.verdict import Outcome as EndedValidation
 from dynident.verdict import verdict
@@ -34,7 +36,13 @@ from dynident_service.identifications.adapters import (
     show_verdict,
     to_choices,
 )
-from dynident_service.identifications.wire_types import CorrelationView, PredictionRequest, StoredIdentification
+from dynident_service.identifications.wire_types import (
+    CorrelationView,
+    ExportsView,
+    ExportView,
+    PredictionRequest,
+    StoredIdentification,
+)
 from dynident_service.jobs.task_input_output import Outcome, Task
 from dynident_service.measurements.wire_types import MeasurementMetadata, SeenMeasurement
 from dynident_service.shared.field_by_field import from_wire_choices, to_view
@@ -222,6 +230,30 @@ def _to_rows(name: str, rows: Sequence[Sequence[float]]) -> FloatArray:
 def export(model: str, format: ExportFormat, nearest: bool, shown: Mapping[str, object]) -> ExportedFile:
     """Write the model in a file in another format."""
     return export_file(_read_model(model), format, nearest, dict(shown))
+
+
+def list_exports(model: str) -> dict[str, object]:
+    """Return the formats that the model in a file can be written in, with the error of each on held-out data."""
+    identification = _read_model(model)
+    error = compute_held_out_error(identification)
+    items = [_try_export(identification, choice) for choice in FORMATS.choices]
+    return to_plain_json(ExportsView(items=items, held_out_error=error))
+
+
+def _try_export(identification: Identification, choice: Choice) -> ExportView:
+    file, refusal = None, None
+    try:
+        file = export_model(identification, choice.name)
+    except DynidentError as error:
+        refusal = error.detail
+    return ExportView(
+        format=choice.name,
+        title=choice.label,
+        contains=choice.words,
+        held_out_error=None if file is None else file.held_out_error,
+        notes=[] if file is None else list(file.notes),
+        refusal=refusal,
+    )
 
 
 def _read_model(model: str) -> Identification:

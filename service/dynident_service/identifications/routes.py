@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 
+from dynident.export.export_request import ExportFormat
 from dynident_service.identifications.judgement_routes import FUNCTIONS, find_model_file, refuse_stopped
 from dynident_service.identifications.wire_types import (
     ExportQuery,
+    ExportsView,
     ExtensionRequest,
     IdentificationRequest,
     IdentificationResult,
@@ -100,6 +102,11 @@ EXPORTED: dict[str, Any] = {
                 "What the format cannot represent, as a JSON list of sentences; only present if there is something."
             ),
             "schema": {"type": "string"},
+        },
+        "X-Held-Out-Error": {
+            "description": "Relative error of the torque on held-out data, where joints move, of a program that reads "
+            "all of the file; only present if there are such data, and the file is a model of the torque.",
+            "schema": {"type": "number"},
         },
     },
 }
@@ -241,30 +248,59 @@ async def export_identification(
     query: Annotated[ExportQuery, Query()],
 ) -> Response:
     """Give the identified model in a format that other programs read."""
+    return await _export(identification_id, request, services, query)
+
+
+SHORT_NAMES: Mapping[str, ExportFormat] = {"cpp": "cpp_header", "franka": "franka_load", "kuka": "kuka_load"}
+
+
+@router.get("/{identification_id}/exports/{format}", response_class=Response, responses={200: EXPORTED})
+async def get_export(
+    identification_id: str,
+    format: ExportFormat | Literal["cpp", "franka", "kuka"],
+    request: Request,
+    services: ServicesDep,
+    nearest: bool = False,
+    anyway: bool = False,
+) -> Response:
+    """Give the identified model in a format; the header X-Held-Out-Error has the error that its reader computes."""
+    with hold_import_lock():
+        from dynident.export import ExportChoices
+
+    chosen = SHORT_NAMES.get(format, cast(ExportFormat, format))
+    return await _export(identification_id, request, services, ExportChoices(chosen, nearest=nearest, anyway=anyway))
+
+
+@router.get("/{identification_id}/exports")
+async def list_exports(identification_id: str, request: Request, services: ServicesDep) -> ExportsView:
+    """List the formats, with what each holds, its error on held-out data, and why a model cannot be written so."""
+    sent = {"model": await find_model_file(services, identification_id)}
+    return ExportsView.model_validate(
+        await services.interactive.call(request, f"{FUNCTIONS}:list_exports", dict, sent, is_long=True)
+    )
+
+
+async def _export(identification_id: str, request: Request, services: Services, choices: ExportQuery) -> Response:
     with hold_import_lock():
         from dynident.export import ExportedFile
         from dynident_service.identifications.adapters import build_file_response
 
     def collect_shown() -> dict[str, Any]:
         identification = require_succeeded(services.resources.get("identification", identification_id))
-        if not query.anyway:
+        if not choices.anyway:
             refuse_stopped(identification)
         return {
             "robot": services.resources.get("robot", identification.get_dependency("robot")).request,
             **to_plain_json(show_identification(identification)),
         }
 
-    model = await find_model_file(services, identification_id)
-    export_options = {
-        "format": query.format,
-        "nearest": query.nearest,
+    sent = {
+        "model": await find_model_file(services, identification_id),
+        "format": choices.format,
+        "nearest": choices.nearest,
         "shown": await to_thread.run_sync(collect_shown),
     }
-    return build_file_response(
-        await services.interactive.call(
-            request, f"{FUNCTIONS}:export", ExportedFile, {"model": model, **export_options}
-        )
-    )
+    return build_file_response(await services.interactive.call(request, f"{FUNCTIONS}:export", ExportedFile, sent))
 
 
 def list_named_ids(body: IdentificationRequest) -> tuple[str, ...]:

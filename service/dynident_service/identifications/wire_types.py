@@ -228,6 +228,27 @@ class EssentialView(ViewModel):
     tables: list[Table] = Field(description="The steps and the parameters as tables for people")
 
 
+class ExportView(ViewModel):
+    """A format that a model can be written in."""
+
+    format: str
+    title: str
+    contains: str = Field(description="What a file of the format holds")
+    held_out_error: float | None = Field(
+        description="Relative error of the torque on held-out data, where joints move, of a program that reads all of "
+        "the file; null without such data, or if the file is no model of the torque"
+    )
+    notes: list[str] = Field(description="What the file cannot hold, and what that costs")
+    refusal: str | None = Field(description="Why this model cannot be written so; null if it can")
+
+
+class ExportsView(ViewModel):
+    """The formats, and the error of the model itself."""
+
+    items: list[ExportView]
+    held_out_error: float | None
+
+
 Rows = Annotated[
     list[Annotated[list[float], Field(fail_fast=True, max_length=200)]],
     Field(fail_fast=True, min_length=1, max_length=100_000),
@@ -260,9 +281,7 @@ class PredictedTorqueView(ViewModel):
 
     joints: list[str]
     torque: list[list[float]]
-    lower: list[list[float]] | None = Field(
-        default=None, description="Interval of what would be measured; null without `interval`"
-    )
+    lower: list[list[float]] | None = Field(default=None, description="Of what is measured; null without `interval`")
     upper: list[list[float]] | None = None
     model_lower: list[list[float]] | None = Field(
         default=None, description="Interval of the model's own torque, from the covariance of its parameters"
@@ -415,8 +434,8 @@ class UseView(ViewModel):
     test: str = Field(default="", description="What the use is judged by")
     values: dict[str, float] = Field(default={}, description="Numbers that the test gave, in SI units")
     reason: str
-    next_step: str = Field(description="The next thing to do")
-    next_action: UseAction | None = Field(description="Which action of dynident does it; null where none does")
+    next_step: str = Field(description="`sentence` of `next`")
+    next_action: UseAction | None = Field(description="`action` of `next`")
     next: NextStepView
 
 

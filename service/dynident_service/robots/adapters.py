@@ -17,6 +17,7 @@ from dynident.robot import Description, Drive, Joint, Limits, Robot, robot_from_
 from dynident.robot.collision_reader import BASE, collision_geometry, list_collision_meshes
 from dynident.robot.collision_shapes import Capsule, enclose_shape
 from dynident.robot.cut_joint import Loop
+from dynident.robot.description_and_json import set_base
 from dynident.robot.forward_kinematics import joint_frames
 from dynident.robot.link_meshes import (
     Surface,
@@ -195,7 +196,7 @@ def build_robot(request: wire.RobotRequest) -> Robot:
     content = request.description.content
     # A table of Denavit and Hartenberg may come as JSON in the body itself.
     text = content if isinstance(content, str) else json.dumps(content)
-    return robot_from_description(
+    robot = robot_from_description(
         request.name,
         Description(request.description.format, text),
         limits=to_requests(request.limits, Limits, "/limits"),
@@ -205,6 +206,7 @@ def build_robot(request: wire.RobotRequest) -> Robot:
         has=request.has,
         has_not=request.has_not,
     )
+    return set_base(robot, request.base, request.contacts) if request.base or request.contacts else robot
 
 
 def describe_robot(robot: Robot, base: wire.BaseParametersView) -> wire.RobotResult:
@@ -213,6 +215,7 @@ def describe_robot(robot: Robot, base: wire.BaseParametersView) -> wire.RobotRes
         joints=[_show_joint(robot, index, joint) for index, joint in enumerate(robot.joints)],
         base_parameters=base,
         has_inertias=robot.inertias is not None,
+        base=robot.base,
         meshes=[wire.MeshView(name=name, links=list(links)) for name, links in list_collision_meshes(robot).items()],
     )
 

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from dynident.robot import limits_and_drives as stated
 from dynident.robot.description_formats import FORMATS, DescriptionFormat
+from dynident.robot.joint import BaseKind
 from dynident.robot.limits_and_drives import HARDWARE
 from dynident_service.shared.request_bodies import derive_body, describe_choices
 from dynident_service.shared.wire_types import Labelled, LabelsRequest, Name, RequestModel, ViewModel
@@ -144,6 +145,14 @@ class RobotRequest(RequestModel):
     drives: dict[str, Drive] = Field(default={}, description="By joint")
     locked_joints: dict[str, float] = Field(default={}, description="Joint to position, rad or m")
     gravity: tuple[float, float, float] | None = Field(default=None, description="m/s² in the base frame")
+    base: BaseKind | None = Field(
+        default=None, description="How the root link moves; null: as the description says, such as by a floating joint."
+    )
+    contacts: list[str] = Field(
+        default=[],
+        max_length=20,
+        description="Feet of a floating robot whose forces were not measured: left_foot, or a point, calf@0,0,-0.21",
+    )
     meshes_of: str | None = Field(
         default=None,
         description="A robot whose uploaded meshes are also used for this one, if their names are the same.",
@@ -184,6 +193,9 @@ class RobotResult(ViewModel):
     joints: list[JointView]
     base_parameters: BaseParametersView
     has_inertias: bool = Field(description="Whether the description gives inertial parameters.")
+    base: BaseKind = Field(
+        default="fixed", description="How the root link moves; the coordinates of a moving base are the first joints."
+    )
     meshes: list[MeshView] = Field(
         default=[], description="For collisions and pictures; upload their files to /v1/robots/{id}/meshes."
     )

@@ -160,8 +160,7 @@ def _list_drives(robot: Resource) -> list[tuple[str, str, float | None, dict[str
     return [(joint.name, joint.type, joint.drive_gain, joint.coupling) for joint in joints]
 
 
-def get_model_joints(services: HasResources, resource: Resource) -> list[str]:
-    """Return the names of the joints of the model that a resource is about."""
+def get_joints_and_units(services: HasResources, resource: Resource) -> tuple[list[str], list[str]]:
+    """Return the names of the joints of the model that a resource is about, and the units of their torques."""
     model = services.resources.get("identification", resource.get_dependency("identification"))
-    joints: list[str] = [] if model.result is None else model.result["joints"]
-    return joints
+    return ([], []) if model.result is None else (model.result["joints"], model.result["effort_units"])

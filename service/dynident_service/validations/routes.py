@@ -7,7 +7,12 @@ from fastapi import APIRouter
 from dynident_service.identifications.wire_types import StoredIdentification
 from dynident_service.problems import make_unusable
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.shared.required_resources import depend_on, get_model_joints, require_measurements, require_model
+from dynident_service.shared.required_resources import (
+    depend_on,
+    get_joints_and_units,
+    require_measurements,
+    require_model,
+)
 from dynident_service.shared.resource_routes import PagesDep, SubmissionDep, show_with_tables
 from dynident_service.shared.wire_types import Page, Table
 from dynident_service.storage.repository_values import Dependency, NewJob, Resource
@@ -23,7 +28,7 @@ def _build_tables(services: Services, resource: Resource) -> list[Table]:
         from dynident_service.shared.field_by_field import show_tables
         from dynident_service.validations.adapters import list_stored_tables
 
-    joints = get_model_joints(services, resource)
+    joints, _ = get_joints_and_units(services, resource)
     return show_tables(list_stored_tables(ValidationResult.model_validate(resource.result), joints))
 
 

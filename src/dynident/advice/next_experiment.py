@@ -30,7 +30,6 @@ from dynident.advice.effect_separation import (
     normal_equations_from_rehearsal,
 )
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.diagnosis import Diagnosis, Examination
 from dynident.diagnosis.ambiguities import Doubt
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
@@ -46,6 +45,8 @@ from dynident.excitation.experiments.design_task import compute_planned_seconds
 from dynident.identification import Identification
 from dynident.motion import Surroundings
 from dynident.motion.limits.bounds import Bounds, build_bounds
+from dynident.number_format import format_number
+from dynident.parallel import single_threaded
 from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot
 from dynident.simulation import build_typical_effect
@@ -478,4 +479,5 @@ def _word_reason(
     text = f"{text} It should determine {reached.parameter} to within {reached.standard_deviation:.2g}{unit} ({was})"
     if reached.t_value is None or present.t_value is None:
         return f"{text}."
-    return f"{text}: the value found is {reached.t_value:.1f} times that (now {present.t_value:.1f} times)."
+    reaches, is_now = format_number(reached.t_value), format_number(present.t_value)
+    return f"{text}: the value found is {reaches} times that (now {is_now} times)."

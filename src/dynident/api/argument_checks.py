@@ -17,6 +17,7 @@ from dynident.identification import IdentificationChoices
 from dynident.identification.methods.base_classes import Estimator
 from dynident.recordings import RecordingMetadata
 from dynident.robot import Drive, Limits, Robot
+from dynident.robot.joint import BASE_JOINTS
 
 _LONGEST = 60
 _TITLE = "Unusable argument"
@@ -98,6 +99,8 @@ EXPECTED: Mapping[str, Expectation] = {
         'give positions by joint: {"finger": 0.0}',
     ),
     "gravity": Expectation(_is_vector, "give its three components in m/s²: (0, 0, -9.81)"),
+    "base": Expectation(lambda value: value in BASE_JOINTS, 'give "fixed", "floating" or "planar"'),
+    "contacts": Expectation(_is_a(list, tuple), 'give names of links, ["left_foot", "right_foot"]'),
     "most_effects": Expectation(
         lambda value: isinstance(value, Integral) and not isinstance(value, bool), "give a whole number"
     ),

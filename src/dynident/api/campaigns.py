@@ -79,22 +79,22 @@ class Campaign(Framed):
         sampling_rate: float | None = None,
         request: CampaignRequest | None = None,
     ) -> None:
-        asked = request or CampaignRequest()
+        campaign_request = request or CampaignRequest()
         if error is not None:
-            asked = replace(asked, error=error)
+            campaign_request = replace(campaign_request, error=error)
         if minutes is not None:
-            asked = replace(asked, minutes=minutes)
+            campaign_request = replace(campaign_request, minutes=minutes)
         if effects is not None:
             chosen = check_effects(resolve_effects(effects), robot)
-            asked = replace(asked, choices=replace(asked.choices, effects=chosen))
-        trajectory = asked.design.trajectory
+            campaign_request = replace(campaign_request, choices=replace(campaign_request.choices, effects=chosen))
+        trajectory = campaign_request.design.trajectory
         if duration is not None:
             trajectory = replace(trajectory, duration=duration)
         if sampling_rate is not None:
             trajectory = replace(trajectory, sampling_rate=sampling_rate)
-        asked = replace(asked, design=replace(asked.design, trajectory=trajectory))
+        campaign_request = replace(campaign_request, design=replace(campaign_request.design, trajectory=trajectory))
         motions = as_recordings(region).recordings
-        self._state = start_campaign(robot, asked, collect_region(motions) if motions else None)
+        self._state = start_campaign(robot, campaign_request, collect_region(motions) if motions else None)
         self._planned: PlannedRun | None = None
         self._recordings = NO_RECORDINGS
 

@@ -374,7 +374,9 @@ class Changes(Sequence[Change], Framed):
         )
 
     def _tables(self) -> list[ReportedTable]:
-        tables = build_diagnosis_tables(self.diagnosis, self.model.robot.joint_names)
+        robot = self.model.robot
+        units = [joint.effort_unit for joint in robot.joints]
+        tables = build_diagnosis_tables(self.diagnosis, robot.joint_names, units)
         return [table.drop_columns(*EVIDENCE[1:]) for table in tables if table.name in ("changes", "friction")]
 
 

@@ -18,6 +18,7 @@ from dynident.errors import DynidentError
 from dynident.known_robots import locate_robot
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot import Description, Drive, Limits, Robot, robot_from_description, robot_from_library
+from dynident.robot.description_and_json import set_base
 from dynident.robot.description_formats import FORMATS, DescriptionFormat
 from dynident.robot.json_fields import (
     expect_mapping,
@@ -143,7 +144,7 @@ def _get_ros_index() -> Any:
 _ROBOT_TITLE = "Unusable robot"
 _FIELDS = (
     "name", "description", "limits", "drives", "locked_joints", "gravity", "base_parameters_tolerance",
-    "has", "has_not",
+    "has", "has_not", "base", "contacts",
 )  # fmt: skip
 _CONTENT = "/description/content"
 _DRIVE_FIELDS = ("drive_gain", "gear_ratio", "torque_constant", "amplifier_gain", "coupling")
@@ -351,7 +352,7 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
         for joint, value in _get_object(document, "locked_joints").items()
     }
     gravity = document.get("gravity")
-    return robot_from_description(
+    robot = robot_from_description(
         name,
         _parse_description(document["description"]),
         limits=limits,
@@ -361,6 +362,9 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
         or (None if gravity is None else expect_numbers(gravity, 3, "/gravity", _ROBOT_TITLE)),
         **_merge_hardware(document, stated),
     )
+    if not (document.get("base") or document.get("contacts")):
+        return robot
+    return set_base(robot, document.get("base"), document.get("contacts") or ())
 
 
 def _merge_hardware(document: Mapping[str, Any], stated: Mapping[str, Any]) -> dict[str, list[str]]:

@@ -54,8 +54,10 @@ def find_misnamed(
     wrong = []
     for number, (finding, choice) in enumerate(zip(findings, recommended, strict=True)):
         judged = finding.judged
-        of_position = get_effect(choice.effect).of_position
-        if not of_position and len(choice.joints) != 1:
+        effect = get_effect(choice.effect)
+        of_position = effect.of_position
+        # A mass has no formula that could be another one, and what all recordings leave says nothing of some of them.
+        if effect.in_some_runs or (not of_position and len(choice.joints) != 1):
             continue
         # Functions of the position are easily confused, so less of a remainder tells; other effects get the benefit of
         # the doubt.

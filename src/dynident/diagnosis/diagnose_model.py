@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.diagnosis.ambiguities import (
     Doubt,
     find_dependent_findings,
@@ -77,6 +76,7 @@ from dynident.errors import DynidentError
 from dynident.identification import Identification, extend, reidentify
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.identification.identified_models.add_effects import extend_at_once
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.recordings.pose_recordings import has_poses

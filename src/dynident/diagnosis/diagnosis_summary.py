@@ -205,8 +205,8 @@ def _word_evidence(title: str, scored: ScoredCandidate, before: float, after: fl
     if after >= before:
         return f"{title} on {place} does not improve the prediction of blocks left out of the fit. {why}"
     return (
-        f"{title} on {place} lowers the error on blocks left out of the fit from {format_percent(before, decimals=2)} "
-        f"to {format_percent(after, decimals=2)} (t = {scored.t:.1f} over {len(scored.gains)} blocks, "
+        f"{title} on {place} lowers the error on blocks left out of the fit from {format_percent(before)} "
+        f"to {format_percent(after)} (t = {scored.t:.1f} over {len(scored.gains)} blocks, "
         f"{format_percent(scored.share_improved, decimals=0)} of them better). {why}"
     )
 

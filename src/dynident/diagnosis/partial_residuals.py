@@ -12,13 +12,13 @@ from typing import Literal
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.diagnosis.diagnosis_result import RankedEffect
 from dynident.effects import Column, EffectChoice, ReferenceParameters, build_columns, get_role
 from dynident.effects.effect_columns import find_joints
 from dynident.estimation import Reduction, build_weighted_factor
 from dynident.identification import Identification
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.dynamic_model_rows import (

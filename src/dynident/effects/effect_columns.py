@@ -112,6 +112,27 @@ class TreeSignals(Signals):
         return self.to_driven(part())
 
 
+def list_possible_joints(effect: Effect, robot: Robot) -> tuple[int, ...]:
+    """Return the indices of the joints that an effect can act on, without the coordinates of a base that moves.
+
+    Of these only the last one moves a link, which is the base's; none has a motor, friction or a spring.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    robot : Robot
+        A tree of joints that all move by themselves.
+
+    Returns
+    -------
+    tuple of int
+        Ascending.
+    """
+    first = robot.n_massless if effect.sits_on == "link" else robot.n_base
+    return tuple(joint for joint in effect.applicable(robot) if joint >= first)
+
+
 def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[int, ...]:
     """Return the joints that a chosen effect acts on, as indices of the tree's joints.
 
@@ -140,14 +161,14 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
     effect = get_effect(choice.effect, pointer)
     # Effects act on any joint of the tree, though only the driven ones have data of their own.
     whole, robot = robot, robot.tree
-    possible = effect.applicable(robot)
+    possible = list_possible_joints(effect, robot)
     if not possible:
         raise UnknownEffectError(f"{choice.effect} cannot act on any joint of {robot.name}", pointer=pointer)
     # An effect of the whole robot acts on all joints that it can act on, whatever the choice names.
     if effect.scope == "robot":
         return possible
     if not choice.joints:
-        usual = effect.get_default_joints(robot)
+        usual = tuple(joint for joint in effect.get_default_joints(robot) if joint in possible)
         if whole.linkage is None or effect.sits_on == "link":
             return usual
         # If the effect fits none of the driven joints, let it act on those of the others that it fits.
@@ -319,7 +340,7 @@ def _build_dependent_columns(
         return tree.project_columns(effect.columns(tree, joints, shape))
     columns: list[Column] = []
     # An effect may fit a joint of the tree but not the driven robot, whose joints have other neighbours.
-    fitting = effect.applicable(signals.robot)
+    fitting = list_possible_joints(effect, signals.robot)
     on_driven = [driven.index(j) for j in joints if j in driven and driven.index(j) in fitting]
     if on_driven or effect.scope == "robot":
         driven_columns = effect.columns(signals, on_driven, shape)

@@ -17,7 +17,7 @@ from dynident.estimation.prior_information import PriorInformation, invert_facto
 from dynident.estimation.qr_decomposition import compute_r_factor
 from dynident.estimation.residual_correlation import compute_correlation_factors
 from dynident.estimation.residual_errors import compute_fitted_errors, compute_weighted_squares
-from dynident.estimation.triangular_factors import Reduction
+from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
 MOST_ROUNDS = 20
 """Most rounds that estimate the noise of every equation; on sound data the third changes no visible digit."""
@@ -295,7 +295,29 @@ def solve_weighted(reduction: Reduction, known: PriorInformation | None = None) 
     # Equations are weighted by their residuals; against prior knowledge, correlated rows count for less.
     levels = compute_noise_levels if known is None else compute_correlated_noise
     first = replace(solve_ordinary(reduction, known), converged=True)
-    return _iterate_weights(reduction, first, lambda values: levels(reduction, values), known)
+    if not any(_is_homogeneous(equation) for equation in reduction.equations):
+        return _iterate_weights(reduction, first, lambda values: levels(reduction, values), known)
+    sizes = _measure_terms(reduction, first.values)
+
+    def noise_of(values: FloatArray) -> FloatArray:
+        # The residual of Wχ = 0 shrinks with χ: weighted by it alone, such an equation would draw χ to zero.
+        return levels(reduction, values) * sizes / _measure_terms(reduction, values)
+
+    return _iterate_weights(reduction, first, noise_of, known)
+
+
+def _is_homogeneous(equation: EquationFactors) -> bool:
+    """Return whether an equation is Wχ = 0 throughout, as of a base that nothing touches."""
+    return bool(equation.whole_factor[:, :-1].any() and not equation.whole_factor[:, -1].any())
+
+
+def _measure_terms(reduction: Reduction, values: FloatArray) -> FloatArray:
+    """Return the size (n,) of the terms of each homogeneous equation, √Σ χ_k² |W_k|²; 1 for the other equations."""
+    sizes = np.ones(len(reduction.equations))
+    for k, equation in enumerate(reduction.equations):
+        if _is_homogeneous(equation):
+            sizes[k] = np.linalg.norm(equation.whole_factor[:, :-1] * values[equation.columns]) or 1.0
+    return sizes
 
 
 def _iterate_weights(

@@ -146,6 +146,8 @@ class _SpanSearch:
         self._out = np.zeros(len(starts), dtype=bool)
         # The first guess of an equation's noise is all that it measured; rounds of the search replace it.
         squares = self._total[:, -1, -1] / np.maximum(self._rows, 1.0)
+        # Wχ = 0, as of a base that nothing touches, measures nothing that its residual could be compared with.
+        squares = np.where((squares == 0) & self._total[:, :-1, :-1].any(axis=(1, 2)), np.inf, squares)
         self._floor = _QUIET**2 * squares + np.finfo(float).tiny
         self._noise = np.maximum(squares, self._floor)
 
@@ -204,7 +206,8 @@ class _SpanSearch:
                 ]
             )
             # Noiseless data would divide by rounding errors.
-            rest = np.maximum(rest, float((weights * self._floor).mean()) * freedom)
+            finite = np.isfinite(self._floor)
+            rest = np.maximum(rest, float((weights[finite] * self._floor[finite]).mean()) * freedom)
             ratios = np.maximum(whole - rest, 0.0) / inside / (rest / freedom)
             # Of spans that stand out, the one that leaves the others the most likely ends where the disturbance does.
             gain = np.where(

@@ -33,7 +33,7 @@ class Errors:
     counts: FloatArray
 
     def __repr__(self) -> str:
-        return f"Errors({len(self.counts)} equations: relative error {format_percent(self.relative_total, decimals=2)})"
+        return f"Errors({len(self.counts)} equations: relative error {format_percent(self.relative_total)})"
 
     @property
     def rms(self) -> FloatArray:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_choice import check_criterion, check_criterion_targets
 from dynident.excitation.criteria.design_criterion import add_rivals, build_design_criterion
@@ -41,6 +40,7 @@ from dynident.motion.collision_free_paths import check_home, list_home_candidate
 from dynident.motion.joint_trajectories import MOST_SAMPLES, Motion, PeriodicMotion, concatenate_motions, sample_pieces
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, build_bounds, lock_bounds, select_moving_joints
 from dynident.motion.limits.postures_within_limits import compute_static_torque
+from dynident.parallel import single_threaded
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, make_monotonic
 from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot

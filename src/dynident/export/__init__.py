@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from dynident.export.feasible_links_and_joints import ExportedFile
     from dynident.export.fmu import to_fmu
     from dynident.export.mjcf import to_mjcf
-    from dynident.export.model_export import export_model
+    from dynident.export.model_export import compute_held_out_error, export_model
     from dynident.export.model_json import model_from_json, model_to_document, to_json
     from dynident.export.mujoco_missing_torque import MissingTorque, to_mujoco
     from dynident.export.randomisation import (
@@ -59,6 +59,7 @@ __all__ = [
     "build_distribution",
     "complete_parameters",
     "compute_drift_coverage",
+    "compute_held_out_error",
     "export_model",
     "identify_load",
     "measure_disturbance",

@@ -78,7 +78,7 @@ def describe_identification(identification: Identification) -> list[str]:
         f"Model {choices.model}, strategy {choices.strategy}, estimator {choices.solver.name_with_options}; "
         f"{identification.model.n_parameters} base parameters from {identification.n_equations} equations",
         "Relative error of the torque where joints move: "
-        f"{format_percent(identification.fit_judged.relative_total, decimals=2)} on these data"
+        f"{format_percent(identification.fit_judged.relative_total)} on these data"
         + _describe_held_out(identification),
     ]
     lines += [f"Effect: {describe_effect(choice)}" for choice in choices.effects]
@@ -96,4 +96,4 @@ def describe_effect(choice: EffectChoice) -> str:
 def _describe_held_out(identification: Identification) -> str:
     if identification.held_out_judged is None:
         return ", no held-out data"
-    return f", {format_percent(identification.held_out_judged.relative_total, decimals=2)} on held-out data"
+    return f", {format_percent(identification.held_out_judged.relative_total)} on held-out data"

@@ -28,27 +28,33 @@ ExportFormat = Literal[
     "load_urdf",
 ]
 FORMATS = OneOf(
-    Choice("json", "JSON"),
-    Choice("urdf", "URDF"),
-    Choice("sdf", "SDF"),
-    Choice("mjcf", "MJCF"),
-    Choice("usd", "USD"),
-    Choice("fmu", "FMU (FMI 3)"),
-    Choice("mjlab", "Actuators for mjlab"),
-    Choice("isaac_lab", "Actuators for Isaac Lab"),
-    Choice("c", "C code"),
-    Choice("c_header", "C header with every term"),
-    Choice("cpp_header", "C++ header with every term"),
-    Choice("casadi", "CasADi"),
-    Choice("ros2", "ROS 2 package"),
-    Choice("randomisation", "Drawn models for simulators"),
-    Choice("urscript", "Identified load, URScript"),
-    Choice("franka_load", "Identified load, libfranka"),
-    Choice("kuka_load", "Identified load, KUKA load data"),
-    Choice("load_urdf", "Identified load, URDF link"),
+    Choice("json", "JSON", "robot, effects, parameters, groupings, units: the whole model"),
+    Choice("urdf", "URDF", "links, Coulomb and viscous friction; rotor inertia in an element of its own"),
+    Choice("sdf", "SDF", "links, damping, friction; rotor inertia for Drake"),
+    Choice("mjcf", "MJCF", "links, rotors, Coulomb and viscous friction, joint springs"),
+    Choice("usd", "USD", "links; friction and rotors as attributes of PhysX"),
+    Choice("fmu", "FMU (FMI 3)", "forward dynamics with every effect, for FMI 3"),
+    Choice("mjlab", "Actuators for mjlab", "actuators: rotors, friction"),
+    Choice("isaac_lab", "Actuators for Isaac Lab", "actuators: rotors, friction"),
+    Choice("c", "C code", "the torque with every effect, in one function"),
+    Choice("c_header", "C header with every term", "separate functions for every term, and a load at run time"),
+    Choice("cpp_header", "C++ header with every term", "the same as a class"),
+    Choice("casadi", "CasADi", "the torque with every effect, as an expression"),
+    Choice("ros2", "ROS 2 package", "a controller and its core around the C++ header, with every effect"),
+    Choice(
+        "randomisation",
+        "Drawn models for simulators",
+        "distribution of links, rotors and friction, and a torque disturbance",
+    ),
+    Choice("urscript", "Identified load, URScript", "mass, centre of mass and inertia of the load"),
+    Choice("franka_load", "Identified load, libfranka", "mass, centre of mass and inertia of the load"),
+    Choice("kuka_load", "Identified load, KUKA load data", "mass, centre of mass and inertia of the load"),
+    Choice("load_urdf", "Identified load, URDF link", "mass, centre of mass and inertia of the load"),
 )
 LOAD_FORMATS = frozenset({"urscript", "franka_load", "kuka_load", "load_urdf"})
 """Formats of an identified load alone; the others are of the whole model."""
+WHOLE_FORMATS = frozenset({"json", "fmu", "c", "c_header", "cpp_header", "casadi", "ros2"})
+"""Formats that hold every effect, so that their error is that of the model."""
 ENDINGS: dict[str, ExportFormat] = {
     ".json": "json",
     ".urdf": "urdf",

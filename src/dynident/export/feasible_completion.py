@@ -392,8 +392,8 @@ def _complete_nearest(identification: Identification, rotors_in_links: bool, bla
     note = (
         f"These are not the identified parameters but the nearest feasible ones. Not feasible: {'; '.join(blamed)}. On "
         f"the data of the identification the torque differs by {_describe_torque_difference(identification, values)} "
-        f"(rms), and its relative error is {format_percent(after, decimals=2)} instead of "
-        f"{format_percent(before, decimals=2)}."
+        f"(rms), and its relative error is {format_percent(after)} instead of "
+        f"{format_percent(before)}."
     )
     unknowns = LinkUnknowns.from_model(identification.model, rotors_in_links=rotors_in_links, estimated=fit.standard)
     completed = _solve_completion(unknowns, _build_equations(unknowns, values), values, _SMALL_MARGINS)

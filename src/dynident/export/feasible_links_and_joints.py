@@ -130,13 +130,10 @@ class ProjectionError:
     def describe(self) -> tuple[str, ...]:
         """Return sentences with the errors, in total and by joint."""
         data = "held-out data" if self.is_held_out else "the data of the fit (no held-out data were given)"
-        total = (
-            f"{format_percent(self.file.relative_total, decimals=2)} "
-            f"({format_percent(self.model.relative_total, decimals=2)})"
-        )
+        total = f"{format_percent(self.file.relative_total)} ({format_percent(self.model.relative_total)})"
         subject = f"Relative error of torque where joints move, on {data}, of this file (and of the model)"
         each = ", ".join(
-            f"{joint} {format_percent(file, decimals=2)} ({format_percent(model, decimals=2)})"
+            f"{joint} {format_percent(file)} ({format_percent(model)})"
             for joint, file, model in zip(self.joints, self.file.relative, self.model.relative, strict=True)
         )
         errors = f"{subject}: {total}; {each}."
@@ -168,12 +165,16 @@ class ExportedFile:
         What stands in the file.
     notes : tuple of str
         What the format could not hold, a sentence each.
+    held_out_error : float or None
+        Relative error of the torque on held-out data, where joints move, of a program that reads all of the file; None
+        where there are no such data, or the file is no model of the torque.
     """
 
     name: str
     media_type: str
     content: bytes
     notes: tuple[str, ...] = ()
+    held_out_error: float | None = None
 
     def __repr__(self) -> str:
         head = f"ExportedFile({self.name}, {len(self.content) / 1e3:.1f} kB)"
@@ -226,6 +227,16 @@ class FeasibleLinks:
         return self.identification.model.robot
 
     @cached_property
+    def cost(self) -> ProjectionError:
+        """Errors of the model, and of these links and joints."""
+        return ProjectionError.compare_with(self.identification, self.projected, self.standard.values)
+
+    @property
+    def held_out_error(self) -> float | None:
+        """Relative error of these links and joints on held-out data, where joints move; None without such data."""
+        return self.cost.file.relative_total if self.cost.is_held_out else None
+
+    @cached_property
     def notes(self) -> tuple[str, ...]:
         """What a user must know: parameters that were changed, effects that are left out, rounded geometry."""
         choices_in_file = select_held_effects(self.identification, self.held)
@@ -237,8 +248,7 @@ class FeasibleLinks:
         ]
         if left_out:
             left_out.append("The other parameters were fitted to the data again without these effects.")
-        cost = ProjectionError.compare_with(self.identification, self.projected, self.standard.values)
-        notes = [*cost.describe(), *self.standard.notes, *left_out]
+        notes = [*self.cost.describe(), *self.standard.notes, *left_out]
         if self.rounding_error > SMALL:
             notes.append(
                 "Right angles are rounded in the description: the torque of the links therefore differs by "

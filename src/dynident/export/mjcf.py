@@ -122,7 +122,9 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     """
     links = complete_mjcf_links(identification, nearest=nearest)
     content = encode_text(write_mjcf(links))
-    return ExportedFile(f"{make_slug(links.robot.name)}.xml", "application/xml", content, links.notes)
+    return ExportedFile(
+        f"{make_slug(links.robot.name)}.xml", "application/xml", content, links.notes, links.held_out_error
+    )
 
 
 def complete_mjcf_links(identification: Identification, *, nearest: bool = False) -> FeasibleLinks:

@@ -13,7 +13,7 @@ from dynident.export.c_header import to_c_header, to_cpp_header
 from dynident.export.casadi_function import to_casadi_bytes
 from dynident.export.comments_and_names import make_slug
 from dynident.export.controller_load_files import to_franka_load, to_kuka_load, to_load_urdf, to_urscript
-from dynident.export.export_request import ExportFormat
+from dynident.export.export_request import LOAD_FORMATS, WHOLE_FORMATS, ExportFormat
 from dynident.export.feasible_links_and_joints import ExportedFile
 from dynident.export.fmu import to_fmu
 from dynident.export.mjcf import to_mjcf
@@ -24,6 +24,7 @@ from dynident.export.sdf import to_sdf
 from dynident.export.urdf import to_urdf
 from dynident.export.usd import to_usd
 from dynident.identification import Identification
+from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.text_encoding import encode_text
 
 
@@ -61,7 +62,30 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
             pointer="/format",
             title="No such format",
         )
-    return _add_notes(WRITERS[format](identification, nearest), identification)
+    if format not in _WITHOUT_BASE:
+        identification.model.robot.require_fixed_base(f"export as {format}")
+    file = WRITERS[format](identification, nearest)
+    if format in WHOLE_FORMATS:
+        file = replace(file, held_out_error=compute_held_out_error(identification))
+    return _add_notes(file, identification)
+
+
+def compute_held_out_error(identification: Identification) -> float | None:
+    """Return the relative error of a model on held-out data, where joints move; None without such data.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    """
+    held_out = identification.data.held_out
+    if held_out is None:
+        return None
+    return compute_moving_errors(held_out, identification.values).relative_total
+
+
+# Formats that do not state how the base is mounted.
+_WITHOUT_BASE = {"json", "c", "casadi"} | LOAD_FORMATS
 
 
 def _add_notes(file: ExportedFile, identification: Identification) -> ExportedFile:
@@ -94,8 +118,8 @@ WRITERS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingP
     {
         "json": _export_json,
         "urdf": lambda identification, nearest: to_urdf(identification, nearest=nearest),
-        "mjcf": lambda identification, nearest: to_mjcf(identification, nearest=nearest),
         "sdf": lambda identification, nearest: to_sdf(identification, nearest=nearest),
+        "mjcf": lambda identification, nearest: to_mjcf(identification, nearest=nearest),
         "usd": lambda identification, nearest: to_usd(identification, nearest=nearest),
         "fmu": lambda identification, _: to_fmu(identification),
         "mjlab": lambda identification, nearest: to_mjlab_actuators(identification, nearest=nearest),

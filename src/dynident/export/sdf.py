@@ -74,7 +74,9 @@ def to_sdf(identification: Identification, *, nearest: bool = False) -> Exported
         f'    <joint name="{_BASE}_mount" type="fixed"><parent>world</parent><child>{_BASE}</child></joint>\n'
         f"{parts}\n  </model>\n</sdf>\n"
     )
-    return ExportedFile(f"{make_slug(robot.name)}.sdf", "application/xml", encode_text(text), notes)
+    return ExportedFile(
+        f"{make_slug(robot.name)}.sdf", "application/xml", encode_text(text), notes, links.held_out_error
+    )
 
 
 def _write_notes(links: FeasibleLinks) -> list[str]:

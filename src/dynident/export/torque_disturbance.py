@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.diagnosis import compare
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
 from dynident.errors import DynidentError
@@ -19,6 +18,7 @@ from dynident.export.feasible_links_and_joints import FeasibleLinks
 from dynident.export.randomisation import HELD_ROLES, ModelDistribution, TorqueDisturbance
 from dynident.identification import Identification
 from dynident.identification.estimators.identified_robot_simulator import build_simulator, read_pieces
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.validation.simulated_response import simulate_open_loop

@@ -78,7 +78,9 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
     tree.insert_comment(
         [f"Identified model, {describe_origin()}.", *describe_identification(identification), SIGNS, *notes]
     )
-    return ExportedFile(f"{make_slug(robot.name)}.urdf", "application/xml", encode_text(tree.to_text()), notes)
+    return ExportedFile(
+        f"{make_slug(robot.name)}.urdf", "application/xml", encode_text(tree.to_text()), notes, links.held_out_error
+    )
 
 
 def _write_notes(links: FeasibleLinks) -> list[str]:

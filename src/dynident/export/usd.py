@@ -90,7 +90,9 @@ def to_usd(identification: Identification, *, nearest: bool = False) -> Exported
         size=repr(size),
         parts="\n".join(f"    {line}" if line else "" for line in parts),
     )
-    return ExportedFile(f"{make_slug(robot.name)}.usda", "model/vnd.usda", encode_text(text), notes)
+    return ExportedFile(
+        f"{make_slug(robot.name)}.usda", "model/vnd.usda", encode_text(text), notes, links.held_out_error
+    )
 
 
 def _write_notes(links: FeasibleLinks) -> list[str]:

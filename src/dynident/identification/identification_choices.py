@@ -84,7 +84,8 @@ class IdentificationChoices(Request):
     effects : tuple of EffectChoice
         What acts on the joints, with their joints and shape constants.
     model : str
-        Equation type that makes the rows of W; each is a class in `identification.methods.equation_type_options`.
+        Equation type that makes the rows of W; each is a class in
+        `identification.methods.equation_strategy_and_prior_options`.
     strategy : str
         Which parameters are solved for at a time.
     estimator : str or Estimator

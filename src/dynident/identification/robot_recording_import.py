@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from dynident.array_types import FloatArray
 from dynident.identification.recording_faults import build_dynamics_checks
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import (
@@ -22,7 +25,10 @@ from dynident.recordings import (
     Revision,
     import_recording,
 )
+from dynident.recordings.recording import ModelChecks
 from dynident.robot import Robot, coupling_matrix
+from dynident.robot.contacts import compute_contact_projection
+from dynident.robot.forward_kinematics import project_wrench
 
 
 def build_recorded_joints(robot: Robot) -> RecordedJoints:
@@ -38,12 +44,32 @@ def build_recorded_joints(robot: Robot) -> RecordedJoints:
     RecordedJoints
         The joints with their limits, gains and coupling.
     """
-    return RecordedJoints(
+    joints = RecordedJoints(
         robot.joint_names,
         limits=[JointLimits(j.kind, j.reach, j.limits.velocity, j.limits.effort) for j in robot.joints],
         gains=[drive.gain for drive in robot.drives],
         coupling=coupling_matrix(robot),
     )
+    if robot.base == "fixed":
+        return joints
+    carriers = range(robot.n_massless, robot.tree.n)
+    links = {robot.tree.joints[k].link or robot.tree.joints[k].name: k for k in carriers}
+
+    def project(link: str, q: FloatArray, wrench: FloatArray, in_world: bool) -> FloatArray:
+        return project_wrench(robot, q, links[link], wrench, in_world=in_world)
+
+    joints = replace(joints, n_base=robot.n_base, links=tuple(links), project_wrench=project)
+    if not robot.contacts:
+        return joints
+
+    def project_contacts(q: FloatArray, tau: FloatArray) -> FloatArray:
+        out = np.full(tau.shape, np.nan)
+        # Rows without a number, as before an estimator runs, stay without one.
+        known = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
+        out[known] = np.einsum("mij,mj->mi", compute_contact_projection(robot, q[known]), tau[known])
+        return out
+
+    return replace(joints, project_contacts=project_contacts)
 
 
 def import_for_robot(
@@ -76,9 +102,45 @@ def import_for_robot(
         destination,
         build_recorded_joints(robot),
         metadata=metadata,
-        against=build_dynamics_checks(robot),
+        against=build_dynamics_checks(robot) if robot.base == "fixed" else build_support_check(robot),
         progress=progress,
     )
+
+
+_LEAST_FALL = 0.3
+"""Share of the fall in half the time of a recording that a robot in flight has at least."""
+
+
+def build_support_check(robot: Robot) -> ModelChecks:
+    """Return the check that something holds a robot whose base moves, unless it falls.
+
+    In flight for T seconds the centre of mass rises and falls by g T² / 8 at least.
+    """
+
+    def check(recording: Recording, q: Sequence[str], _: Sequence[str], /) -> tuple[Check, ...]:
+        if robot.contacts:
+            return ()
+        gravity = float(np.linalg.norm(robot.gravity))
+        for segment in recording.segments:
+            fall = gravity * (segment.length * recording.period) ** 2 / 8.0
+            height, acting = [], False
+            for rows in recording.source.rows(segment.first_row, segment.length, segment.length):
+                height.append(rows.q[:, :3] @ (robot.gravity / max(gravity, 1e-9)))
+                acting = acting or bool(rows.tau[:, : robot.n_base].any())
+            if not acting and robot.base == "floating" and float(np.ptp(np.concatenate(height))) < _LEAST_FALL * fall:
+                return (
+                    Check(
+                        "base_forces",
+                        "error",
+                        f"Nothing holds the robot by these columns, but its base does not fall: in "
+                        f"{segment.length * recording.period:.3g} s it would, by {fall:.3g} m. Give the wrenches that "
+                        "act on its links, as columns <link>_fx … <link>_mz.",
+                        q[0],
+                    ),
+                )
+        return ()
+
+    return check
 
 
 MOST_CURES = 5

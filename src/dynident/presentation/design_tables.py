@@ -8,8 +8,7 @@ import numpy as np
 
 from dynident.advice.campaign import CampaignState
 from dynident.effects import EffectChoice
-from dynident.excitation import CriterionValues, Design
-from dynident.excitation.criteria.optimality_criteria import Baseline
+from dynident.excitation import Design
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter
 from dynident.identification import Identification
 from dynident.motion import Margin
@@ -56,7 +55,7 @@ def build_design_tables(robot: Robot, design: Design, most_limits: int | None = 
     most_limits : int, optional
         How many of the nearest limits are listed; all by default.
     """
-    yield _build_quality_table(design.criterion_values, design.baseline)
+    yield _build_quality_table(design)
     yield build_limits_table(robot, design.margins, most_limits)
     if design.runs:
         rows = tuple(
@@ -71,21 +70,25 @@ def build_design_tables(robot: Robot, design: Design, most_limits: int | None = 
         yield ReportedTable("The test motions", columns, rows, numbers_from=3, name="runs")
 
 
-def _build_quality_table(values: CriterionValues, baseline: Baseline | None) -> ReportedTable:
-    rows: list[tuple[str, float, float | None]] = [
-        ("this motion", values.condition_number, values.smallest_singular_value)
+def _build_quality_table(design: Design) -> ReportedTable:
+    values, baseline = design.criterion_values, design.baseline
+    rows: list[tuple[str, float, float, float | None]] = [
+        ("this motion", values.criterion, values.condition_number, values.smallest_singular_value)
     ]
     if baseline is not None:
         best = baseline.best
         name = f"best of {format_count(baseline.count, 'random motion')}"
+        rows.append((name, best.criterion, best.condition_number, best.smallest_singular_value))
+    cells = [(Cell(name), *map(make_number_cell, numbers)) for name, *numbers in rows]
+    if baseline is not None:
         # The best of many random motions is a lucky one: the median says what to expect of any.
-        rows += [
-            (name, best.condition_number, best.smallest_singular_value),
-            ("median of these motions", baseline.median_condition_number, None),
-        ]
-    columns = ("motion", "condition number of W", "smallest singular value of W / √N")
-    cells = tuple((Cell(name), *map(make_number_cell, numbers)) for name, *numbers in rows)
-    return ReportedTable("Quality of the motion", columns, cells, name="quality")
+        median = make_number_cell(baseline.median_condition_number)
+        cells.append((Cell("median of these motions"), Cell("–"), median, Cell("–")))
+    criterion = f"criterion: {design.request.criterion.name.replace('_', ' ')}"
+    columns = ("motion", criterion, "condition number of W", "smallest singular value of W / √N")
+    table = ReportedTable("Quality of the motion", columns, tuple(cells), name="quality")
+    # The condition number as the criterion is one column.
+    return table.drop_columns(criterion) if design.request.criterion.name == "condition_number" else table
 
 
 def build_limits_table(robot: Robot, margins: Sequence[Margin], most: int | None = None) -> ReportedTable:

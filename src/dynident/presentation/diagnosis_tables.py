@@ -1,4 +1,4 @@
-"""Tables of a diagnosis and of changes: candidates, changes, friction, detection limits, parameters over days."""
+"""Tables of a diagnosis and of changes: conclusion, candidates, changes, limits, worst places, parameters over days."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.diagnosis import Change, Diagnosis, FrictionDifference, RankedEffect
-from dynident.diagnosis.diagnosis_result import ChangedValue, DetectionLimit
+from dynident.diagnosis.diagnosis_result import ChangedValue, DetectionLimit, FailureSpot
 from dynident.diagnosis.diagnosis_summary import group_patterns
-from dynident.number_format import format_number, format_p_value, format_percent
+from dynident.number_format import format_number, format_p_value, format_percent, format_range
 from dynident.presentation.labels import format_joints, format_shape_constants, get_effect_title
 from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
 
@@ -21,6 +21,41 @@ if TYPE_CHECKING:
 
 EVIDENCE = ("p", "separable", "evidence")
 """Columns that are too wide for a terminal; files, reports and the page have them."""
+
+
+_HEADLINES = {
+    "adequate": "These data show no missing effect.",
+    "missing_effect": "Effects are missing, and the diagnosis names them.",
+    "unexplained": "Something is missing that no effect of the catalogue explains.",
+}
+
+
+def is_adequate(diagnosis: Diagnosis) -> bool:
+    """Return whether a diagnosis found nothing in data that can tell."""
+    return diagnosis.verdict == "adequate" and not _is_undecided(diagnosis)
+
+
+def _is_undecided(diagnosis: Diagnosis) -> bool:
+    return diagnosis.conclusion is not None and diagnosis.conclusion.code == "cannot_tell"
+
+
+def build_conclusion_table(diagnosis: Diagnosis, joints: Sequence[str]) -> ReportedTable:
+    """Return the recommended effects under the headline of a diagnosis; its notes are the summary and the next step."""
+    # Where nothing was found, the conclusion says what that is worth.
+    decides = diagnosis.verdict == "adequate" or _is_undecided(diagnosis)
+    conclusion = diagnosis.conclusion
+    title = conclusion.headline if conclusion is not None and decides else _HEADLINES[diagnosis.verdict]
+    notes = [diagnosis.summary, *([] if conclusion is None else [f"Next: {conclusion.next_step}"])]
+    rows = tuple(
+        tuple(
+            make_text_cells(
+                diagnosis.get_title(choice), format_joints(choice.joints, joints), format_shape_constants(choice)
+            )
+        )
+        for choice in diagnosis.recommended
+    )
+    columns = ("Recommended, in this order", "on", "shape constants")
+    return ReportedTable(title, columns, rows, numbers_from=3, notes=tuple(notes), name="conclusion")
 
 
 def build_candidate_table(
@@ -158,18 +193,21 @@ def _format_signed(value: float) -> str:
     return f"{'+' if value > 0 else ''}{format_number(value)}"
 
 
-def build_diagnosis_tables(diagnosis: Diagnosis, joints: Sequence[str]) -> Iterator[ReportedTable]:
+def build_diagnosis_tables(
+    diagnosis: Diagnosis, joints: Sequence[str], units: Sequence[str]
+) -> Iterator[ReportedTable]:
     """Yield the tables of a diagnosis, as far as it has such content.
 
-    Their names: candidates, changes, friction, unknown, limits, hidden.
+    Their names: conclusion, candidates, changes, friction, unknown, limits, limits_map, hidden, worst_places, outcomes.
 
     Parameters
     ----------
     diagnosis : Diagnosis
         The diagnosis.
-    joints : sequence of str
-        Names of all joints of the robot.
+    joints, units : sequence of str
+        Names of all joints of the robot; the unit of each one's torque or force.
     """
+    yield build_conclusion_table(diagnosis, joints)
     if diagnosis.candidates:
         yield build_candidate_table(diagnosis.candidates, joints)
     if diagnosis.changes:
@@ -185,8 +223,45 @@ def build_diagnosis_tables(diagnosis: Diagnosis, joints: Sequence[str]) -> Itera
         yield ReportedTable(title, ("joints", "over", "share of their variance"), rows, 2, name="unknown")
     if diagnosis.detection_limits:
         yield build_limit_table(diagnosis.detection_limits, joints)
+        yield _build_limit_map(diagnosis.detection_limits, joints)
     if diagnosis.not_visible:
         yield _build_hidden_table(diagnosis, joints)
+    if diagnosis.failure_map:
+        yield _build_worst_places_table(diagnosis.failure_map, joints, units)
+    if diagnosis.outcomes:
+        yield _build_outcome_table(diagnosis, joints)
+
+
+def _build_worst_places_table(
+    spots: Sequence[FailureSpot], joints: Sequence[str], units: Sequence[str]
+) -> ReportedTable:
+    rows = tuple(
+        (
+            *make_text_cells(spot.joint, spot.variable),
+            Cell(format_range(spot.low, spot.high, spot.unit), is_figures=True),
+            make_number_cell(spot.rms, unit=units[joints.index(spot.joint)]),
+            make_number_cell(spot.ratio, 2),
+        )
+        for spot in spots
+    )
+    columns = ("joint", "over", "where", "rms there", "times the joint's own rms")
+    title = "Where the residual of the diagnosed model is largest"
+    return ReportedTable(title, columns, rows, numbers_from=2, name="worst_places")
+
+
+def _build_outcome_table(diagnosis: Diagnosis, joints: Sequence[str]) -> ReportedTable:
+    """Return what became of every effect on every joint, in the order of the outcomes."""
+    rows = tuple(
+        (
+            Cell(format_joints(outcome.choice.joints, joints)),
+            make_percent_cell(outcome.error_drop, 2),
+            Cell(outcome.reason.text),
+        )
+        for outcome in diagnosis.outcomes
+    )
+    groups = tuple(get_effect_title(outcome.choice.effect) for outcome in diagnosis.outcomes)
+    columns = ("joints", "drop, held out", "why, or why not")
+    return ReportedTable("Every effect on every joint", columns, rows, groups=groups, name="outcomes")
 
 
 _MOST_REASONS = 4
@@ -214,7 +289,7 @@ def _build_hidden_table(diagnosis: Diagnosis, joints: Sequence[str]) -> Reported
     return ReportedTable("Not visible in these data", columns, tuple(map(tuple, rows)), 3, notes=notes, name="hidden")
 
 
-def format_first_day(since: str, earliest: str, latest: str) -> str:
+def _format_first_day(since: str, earliest: str, latest: str) -> str:
     """Return the day from which something differs, with the days that the data cannot tell from it."""
     return since if earliest == latest else f"{since} ({earliest} to {latest})"
 
@@ -232,7 +307,7 @@ def build_series_tables(series: Series, joints: Sequence[str]) -> Iterator[Repor
     if not series.changes:
         return
     days = series.days
-    since = [format_first_day(days[c.since], days[c.earliest], days[c.latest]) for c in series.changes]
+    since = [_format_first_day(days[c.since], days[c.earliest], days[c.latest]) for c in series.changes]
     yield build_change_table("Changes over the days", [change.change for change in series.changes], joints, since)
     # An effect without joints is of the whole robot; its parameters have an empty joint.
     changed = {
@@ -271,11 +346,39 @@ def build_limit_table(limits: Sequence[DetectionLimit], joints: Sequence[str]) -
     return ReportedTable("What these data would have shown", columns, tuple(rows), name="limits")
 
 
+def _build_limit_map(limits: Sequence[DetectionLimit], joints: Sequence[str]) -> ReportedTable:
+    """Return the detection limits as a map of effects and joints, in shares of the usual size."""
+    places = [joint for joint in joints if any(joint in limit.joints for limit in limits)]
+    places += ["the whole robot"] * any(not limit.joints for limit in limits)
+    cells = {(limit.effect, (limit.joints or places[-1:])[0]): _make_limit_cell(limit) for limit in limits}
+    effects = dict.fromkeys(limit.effect for limit in limits)
+    rows = tuple(
+        (Cell(get_effect_title(effect)), *(cells.get((effect, place), Cell("")) for place in places))
+        for effect in effects
+    )
+    seen = sum(limit.share <= 1.0 for limit in limits)
+    note = (
+        f"The smallest size of each effect that these recordings would have shown with {format_percent(0.95, 2)}, over "
+        "the size that it has on arms that have it. Blue: the usual size would have shown. Grey: no size would. Blank: "
+        "found, in the model, or not possible on that joint."
+    )
+    title = f"Detection limits ({seen} of {len(limits)} would have shown in their usual size)"
+    return ReportedTable(title, ("effect", *places), rows, notes=(note,), name="limits_map")
+
+
+def _make_limit_cell(limit: DetectionLimit) -> Cell:
+    unit = "" if limit.unit == "-" else f" {limit.unit}"
+    is_finite = math.isfinite(limit.size)
+    shows = f"from {format_number(limit.size)}{unit} on" if is_finite else "no size would have shown"
+    note = f"{limit.parameter}: {shows}; usually {format_number(limit.usual)}{unit}"
+    return Cell(format_share(limit.share), limit.share if is_finite else None, note=note)
+
+
 def format_share(share: float) -> str:
     """Return a limit over the usual size as a percentage or a factor; "–" where no size would have shown."""
     if not math.isfinite(share):
         return "–"
-    return format_percent(share, 2) if share < 0.995 else f"{share:.2g} x" if share < 10.0 else f"{share:.0f} x"
+    return format_percent(share, 2) if share < 0.995 else f"{share:.2g} ×" if share < 10.0 else f"{share:.0f} ×"
 
 
 def _format_range(shares: Sequence[float]) -> str:

@@ -207,18 +207,27 @@ def compare_by_joint(name: str, comparison: Comparison, judgement: Judgement) ->
     )
 
 
-def build_worst_table(comparison: Comparison, most: int) -> ReportedTable:
-    """Return the intervals of time in which the residual is largest, with the poses of the joints."""
+def build_worst_table(intervals: Sequence[WorstInterval], joints: Sequence[str], units: Sequence[str]) -> ReportedTable:
+    """Return the intervals of time in which the residual is largest, with the poses of the joints.
+
+    Parameters
+    ----------
+    intervals : sequence of WorstInterval
+        The worst first.
+    joints, units : sequence of str
+        Names of all joints; the unit of each one's torque or force.
+    """
     rows = tuple(
         (
             *make_text_cells(interval.joint, _format_interval(interval)),
-            make_number_cell(interval.rms),
+            make_number_cell(interval.rms, unit=units[joints.index(interval.joint)]),
             Cell(f"{format_number(interval.ratio, 2)} ×", interval.ratio),
             Cell(", ".join(format_number(value) for value in interval.pose), is_figures=True),
         )
-        for interval in comparison.worst[:most]
+        for interval in intervals
     )
-    columns = ("joint", "when", "rms", "relative to the joint's rms", "pose")
+    positions = " or ".join(dict.fromkeys("rad" if unit == "N m" else "m" for unit in units))
+    columns = ("joint", "when", "rms", "relative to the joint's rms", f"pose ({positions})")
     return ReportedTable("Where it is worst", columns, rows, name="worst")
 
 

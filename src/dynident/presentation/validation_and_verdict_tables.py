@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Protocol
 
 from dynident.number_format import format_count, format_number, format_percent
 from dynident.presentation.labels import MarkedText
@@ -48,6 +48,34 @@ STATE_WORDS: Mapping[State, MarkedText] = {
     "not_judged": MarkedText("? not judged", "warning"),
 }
 """Words and mark for how fit a model is for a use."""
+
+
+class DriftFigures(Protocol):
+    """Drift of a simulation after each of h times, of n joints; None where it diverged or nothing is that long."""
+
+    @property
+    def joint_names(self) -> Sequence[str]:
+        """Names of the joints."""
+
+    @property
+    def after(self) -> Sequence[float]:
+        """The times, s."""
+
+    @property
+    def distance(self) -> Sequence[Sequence[float | None]]:
+        """Drift of the position (h, n), rad or m."""
+
+    @property
+    def speed(self) -> Sequence[Sequence[float | None]]:
+        """Drift of the velocity (h, n), rad/s or m/s; empty where it is unknown."""
+
+    @property
+    def share(self) -> Sequence[Sequence[float | None]]:
+        """Drift of the position over the joint's travel in that time (h, n), a fraction."""
+
+    @property
+    def starts(self) -> int:
+        """How many starts the figures are of."""
 
 
 def build_validation_table(validations: Iterable[tuple[str, ValidationOutcome]]) -> ReportedTable:
@@ -93,32 +121,38 @@ def build_drift_table(
     return ReportedTable(title, ("joint", *(f"after {time:g} s" for time in after)), rows, name="drift")
 
 
-def build_drift_tables(
-    joints: Sequence[str],
-    after: Sequence[float],
-    drifts: Iterable[tuple[str, Sequence[Sequence[float | None]], Sequence[Sequence[float | None]] | None]],
-    starts: int,
-) -> Iterator[ReportedTable]:
-    """Yield a table of each drift: the quantity with its unit, the drift (h, n) and its share of the travel, if any.
+def build_drift_tables(drift: DriftFigures, where: str = "") -> Iterator[ReportedTable]:
+    """Yield the drift of the positions and, where it is known, of the velocities: joints by times.
 
-    Times that no recording reaches have no row; a diverged simulation has one.
+    Times that no recording reaches have no column; a diverged simulation has one.
+
+    Parameters
+    ----------
+    drift : DriftFigures
+        The drift.
+    where : str
+        The recording, where each has tables of its own.
     """
-    for quantity, distances, shares in drifts:
-        rows = []
-        for time, row, own in zip(after, distances, shares or [[None] * len(joints)] * len(after), strict=True):
-            if time == after[0] or any(distance is not None for distance in row):
-                cells = (make_drift_cell(distance, share) for distance, share in zip(row, own, strict=True))
-                rows.append((make_number_cell(time, unit="s"), *cells))
-        title = f"Drift of the {quantity} under the measured torque ({format_count(starts, 'start')})"
-        yield ReportedTable(title, ("after", *joints), tuple(rows))
+    kinds = [("position", "rad or m, and relative to the joint's travel", drift.distance, drift.share)]
+    if drift.speed:
+        kinds.append(("velocity", "rad/s or m/s", drift.speed, [[None] * len(drift.joint_names)] * len(drift.after)))
+    for quantity, unit, distances, shares in kinds:
+        reached = [k for k, row in enumerate(distances) if k == 0 or any(value is not None for value in row)]
+        rows = tuple(
+            (Cell(joint), *(_make_drift_cell(distances[k][j], shares[k][j]) for k in reached))
+            for j, joint in enumerate(drift.joint_names)
+        )
+        place = f" on {where}" if where else ""
+        starts = format_count(drift.starts, "start")
+        title = f"Drift of the {quantity} under the measured torque{place}, in {unit} ({starts})"
+        yield ReportedTable(title, ("joint", *(f"after {drift.after[k]:g} s" for k in reached)), rows)
 
 
-def make_drift_cell(distance: float | None, share: float | None) -> Cell:
-    """Return a drift, with its share of the joint's travel where there is one."""
+def _make_drift_cell(distance: float | None, share: float | None) -> Cell:
     if distance is None:
         return Cell("diverged", mark="warning")
     text = format_number(distance, 2)
-    return Cell(text if share is None else f"{text} ({format_percent(share, decimals=0)})", distance)
+    return Cell(text if share is None else f"{text} ({format_percent(share, 2)})", distance)
 
 
 def build_figure_tables(document: Mapping[str, object], joints: Sequence[str]) -> Iterator[ReportedTable]:
@@ -155,19 +189,11 @@ def build_figure_tables(document: Mapping[str, object], joints: Sequence[str]) -
         if position_rows:
             title = "Distance of the simulated from the measured positions, relative to each joint's range"
             yield ReportedTable(title, ("measurement", *joints), position_rows)
-        drift_rows = [row for simulation in result.simulations for row in _build_drift_rows(simulation)]
-        if drift_rows:
-            title = "Drift without a controller under the measured torque, rad or m, and relative to the travel"
-            yield ReportedTable(title, ("measurement", "after", *joints), tuple(drift_rows))
+        for simulation in result.simulations:
+            if simulation.drift is not None:
+                yield from build_drift_tables(simulation.drift, simulation.name if len(result.simulations) > 1 else "")
     if result.drift is not None:
-        drift = result.drift
-        quantities = [("position, rad or m (share of the travel),", drift.distance, drift.share)]
-        yield from build_drift_tables(
-            drift.joint_names,
-            drift.after,
-            [*quantities, ("velocity, rad/s or m/s,", drift.speed, None)],
-            drift.starts,
-        )
+        yield from build_drift_tables(result.drift)
     if result.filters is not None:
         yield _build_filter_table(result.filters)
     if result.bootstrap is not None and result.bootstrap.parameters:
@@ -175,18 +201,6 @@ def build_figure_tables(document: Mapping[str, object], joints: Sequence[str]) -
     if result.payloads:
         yield _build_payload_table(result.payloads)
         yield from (_build_gain_table(payload) for payload in result.payloads if payload.gains)
-
-
-def _build_drift_rows(simulation: Any) -> Iterator[tuple[Cell, ...]]:
-    drift = simulation.drift
-    if drift is None:
-        return
-    for after, distances, shares in zip(drift.after, drift.distance, drift.share, strict=True):
-        # Where no segment is that long there is no row; a diverged simulation has one.
-        if any(distance is not None for distance in distances) or after == drift.after[0]:
-            pairs = zip(distances, shares, strict=True)
-            cells = [make_drift_cell(distance, share) for distance, share in pairs]
-            yield (Cell(simulation.name), make_number_cell(after, unit="s"), *cells)
 
 
 def _build_method_tables(methods: Sequence[Any], joint_columns: Sequence[str]) -> Iterator[ReportedTable]:

@@ -366,10 +366,22 @@ def _find_joint_rows(source: FileSource, texts: Mapping[str, Sequence[str]]) -> 
             for other in source.names
             if other not in (name, *source.texts) and not is_time_name(other) and not _OF_ROWS.search(other)
         ]
+        others = [other for other in others if other not in _find_running_columns(source, others)]
         # A row for each value has its number in one column; of several nobody knows which it is.
         if others and (is_of_joints or len(others) == 1):
             return [_NamedTable((name,), joints, {other: (other,) for other in others})]
     return []
+
+
+def _find_running_columns(source: FileSource, names: Sequence[str]) -> set[str]:
+    """Return the columns that never go back from row to row, as clocks do and signals of several joints do not."""
+    batch = next(iter(source.batches(list(names))), None) if names else None
+    running = set()
+    for name in names if batch is not None else ():
+        values = to_float_column(batch, name, 0)[:_ROWS]
+        if np.isfinite(values).all() and (np.diff(values) >= 0.0).all() and np.ptp(values) > 0.0:
+            running.add(name)
+    return running
 
 
 def _find_joint_ids(source: FileSource) -> dict[str, tuple[str, ...]]:

@@ -64,6 +64,8 @@ class Layout:
         What the columns of tau are multiplied by from the right, where motors act on several joints.
     without_torque : tuple of int
         Indices of the joints whose torque was not recorded; it is read as zero.
+    n_base : int
+        Number of leading joints that are coordinates of the base, which have no torque of their own.
     """
 
     t: Column
@@ -77,6 +79,7 @@ class Layout:
     wrench: tuple[Column, ...] = ()
     mixing: FloatArray | None = None
     without_torque: tuple[int, ...] = ()
+    n_base: int = 0
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -140,6 +143,10 @@ def find_columns(
     tau, from_current, unused, without_torque = [], list[str](), list[str](), []
     mixing = np.eye(n)
     for joint in range(n):
+        if joint < joints.n_base and finder.find("tau", joint) is None:
+            # Nothing acts on the base but what measured wrenches add.
+            tau.append(mark_not_recorded(finder.find_needed("q", joint)))
+            continue
         if finder.has_no_torque(joint):
             tau.append(mark_not_recorded(finder.find_needed("q", joint)))
             without_torque.append(joint)
@@ -157,7 +164,7 @@ def find_columns(
                 mixing[joint] = coupling[joint]
         else:
             raise finder.missing_column_error(
-                "tau", joint, f", and no current {_name_alternatives('current', joints.names[joint], joint)} instead"
+                "tau", joint, f", and no current {_name_alternatives('current', joints, joint)} instead"
             )
     layout = Layout(
         t=finder.find_needed("t", None),
@@ -168,9 +175,11 @@ def find_columns(
         ddq=finder.find_all("ddq"),
         q_command=finder.find_all("q_command"),
         temperature=finder.find_all("temperature"),
-        wrench=finder.find_wrench(),
+        # Of a base that moves, the wrench is one of several that links may have: `find_reactions`.
+        wrench=() if joints.n_base else finder.find_wrench(),
         mixing=None if np.array_equal(mixing, np.eye(n)) else mixing,
         without_torque=tuple(without_torque),
+        n_base=joints.n_base,
     )
     return layout, _report_torque_source(from_current, unused, layout.mixing is not None)
 
@@ -252,32 +261,30 @@ def _shorten_names(names: list[str]) -> str:
     return ", ".join(names) if len(names) <= 3 else f"{names[0]} … {names[-1]}"
 
 
-def _name_alternatives(kind: str, joint_name: str, joint: int) -> str:
-    return f"{kind}_{joint_name} or {kind}{joint + 1}"
+def _name_alternatives(kind: str, joints: RecordedJoints, joint: int) -> str:
+    return " or ".join(joints.name_columns(kind, joint))
 
 
 class _ColumnFinder:
     def __init__(self, names: Sequence[str], joints: RecordedJoints, metadata: RecordingMetadata) -> None:
         self.names = list(names)
-        self.joint_names = joints.names
+        self.joints, self.joint_names = joints, joints.names
         self.limits = joints.known_limits
         self.metadata = metadata
-        self.arrangement = ColumnArrangement(metadata, joints.names)
+        self.arrangement = ColumnArrangement(metadata, joints.names, joints.n_base)
         self._check_mapping()
 
     def find(self, kind: str, joint: int | None) -> Column | None:
         """Return the column of a signal of a joint (None: of a signal that belongs to no joint)."""
         source_joint = None if joint is None else self.arrangement.find_source_joint(kind, joint)
-        ours = (
-            (kind,)
-            if source_joint is None
-            else (f"{kind}_{self.joint_names[source_joint]}", f"{kind}{source_joint + 1}")
-        )
+        ours = (kind,) if source_joint is None else self.joints.name_columns(kind, source_joint)
         source = self._find_source(ours)
         if source is None:
             return None
         joint_kind: JointKind | None = None if source_joint is None else self.limits[source_joint].kind
-        unit, key = find_unit(self.metadata.units, kind, ours)
+        # A unit of all positions is that of the joints: the pose of a base comes in m and as a quaternion.
+        is_of_base = source_joint is not None and source_joint < self.joints.n_base
+        unit, key = find_unit(self.metadata.units, "" if is_of_base else kind, ours)
         factor, offset = find_conversion(kind, joint_kind, unit, key)
         # Sign and scale act on the offset of a unit, too: they come after its conversion.
         times = 1.0 if joint is None else self.arrangement.factor(kind, joint)
@@ -287,7 +294,7 @@ class _ColumnFinder:
     def has_no_torque(self, joint: int) -> bool:
         """Return whether the user says that the torque of a joint was not recorded."""
         source_joint = self.arrangement.find_source_joint("tau", joint)
-        ours = (f"tau_{self.joint_names[source_joint]}", f"tau{source_joint + 1}")
+        ours = self.joints.name_columns("tau", source_joint)
         # A column of the file may have that word for its name: then the column is meant.
         return self._find_source(ours) == NOT_RECORDED and NOT_RECORDED not in self.names
 
@@ -344,11 +351,11 @@ class _ColumnFinder:
 
     def missing_column_error(self, kind: str, joint: int | None, instead: str = "") -> RecordingError:
         """Return the error for a missing column: which one, and what the file holds."""
-        expected = kind if joint is None else _name_alternatives(kind, self.joint_names[joint], joint)
+        expected = kind if joint is None else _name_alternatives(kind, self.joints, joint)
         whose = "" if joint is None else f" of joint {self.joint_names[joint]}"
         signal = {"t": "the time", "q": "the position", "tau": "the torque"}.get(kind, kind)
         available = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
-        ours, hint = kind if joint is None else f"{kind}{joint + 1}", ""
+        ours, hint = kind if joint is None else self.joints.name_columns(kind, joint)[-1], ""
         remedies = [Remedy("columns", {ours: "…"})]
         if kind == "t":
             remedies.append(Remedy("rate"))
@@ -376,7 +383,7 @@ class _ColumnFinder:
         # Where no joint has a torque it is the kind of column that is missing, and not this joint's.
         if kind != "tau" or not any(others):
             return lock, (remedy,)
-        mapping = Remedy("columns", {f"tau{joint + 1}": NOT_RECORDED})
+        mapping = Remedy("columns", {self.joints.name_columns("tau", joint)[-1]: NOT_RECORDED})
         sentence = f"{lock} If its torque was not recorded, say {mapping}; the motion of the joint is still used."
         return sentence, (remedy, mapping)
 
@@ -395,8 +402,8 @@ class _ColumnFinder:
     def _check_mapping(self) -> None:
         our_names = {"t", "segment", *WRENCH_NAMES}
         for kind in JOINT_KINDS:
-            our_names |= {f"{kind}_{name}" for name in self.joint_names}
-            our_names |= {f"{kind}{joint + 1}" for joint in range(len(self.joint_names))}
+            our_names |= {name for joint in range(self.joints.n) for name in self.joints.name_columns(kind, joint)}
+        our_names |= self.joints.further_columns
         for ours, theirs in self.metadata.columns.items():
             if ours not in our_names:
                 raise RecordingError(

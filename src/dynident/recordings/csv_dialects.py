@@ -26,6 +26,10 @@ from dynident.recordings.recording_metadata import RecordingError
 from dynident.text_encoding import decode_unmarked_text
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
+_WRITTEN_TIME = re.compile(
+    r"^(?:\d{1,4}([-/.])\d{1,2}\1\d{1,4}(?:[T _]+(?=\d+:)|$))?"
+    r"(?:\d{1,2}:\d{2}(?::\d{2}(?:[.,:]\d+)?)?(?:Z|[+-]\d{2}:?\d{2})?)?$"
+)
 _ENGLISH = re.compile(r"^[+-]?\d{1,3}(?:,\d{3})+\.\d*$")
 """A number with commas between thousands, and a decimal point."""
 _UNIT = re.compile(r"^[\[(]?[A-Za-zµμ°%‰·*./^²0-9 -]{0,12}[\])]?$")
@@ -247,7 +251,7 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
         delimiter, comma = _detect_number_format(below)
         fields = _split_fields(text, delimiter)
         counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_split_fields(below[1], delimiter))
-        return delimiter, comma, _Header(_number_columns(len(fields)), header + counts)
+        return delimiter, comma, _Header(make_counted_names("column", len(fields)), header + counts)
     delimiter = _find_delimiter(text)
     width = Counter(len(_split_fields(line, delimiter)) for line in below).most_common(1)[0][0]
     # Messages of other senders, with fewer joints, may stand between those of the arm. A line of names has no numbers.
@@ -354,22 +358,18 @@ def _format_name(field: str) -> str:
 
 
 def _is_data(text: str) -> bool:
-    """Return whether a line holds numbers and nothing else."""
-    return any(
-        any(fields := [cell for cell in _split_fields(text, delimiter) if cell])
-        and all(_NUMBER.match(cell) for cell in fields)
-        for delimiter in ";\t| ,"
-    )
+    """Return whether a line holds numbers, and nothing else but dates and times of day."""
+    for delimiter in ";\t| ,":
+        fields = [cell for cell in _split_fields(text, delimiter) if cell and not _WRITTEN_TIME.match(cell)]
+        if fields and all(map(_NUMBER.match, fields)):
+            return True
+    return False
 
 
 def _is_counted(fields: Sequence[str]) -> bool:
     """Return whether the fields count the columns from 0, as pandas names those without names."""
     numbers = list(fields[1:] if fields and not fields[0] else fields)
     return len(numbers) > 1 and numbers == [str(number) for number in range(len(numbers))]
-
-
-def _number_columns(count: int) -> tuple[str, ...]:
-    return tuple(f"column{index + 1}" for index in range(count))
 
 
 def _is_comment(lines: list[str], header: int) -> bool:

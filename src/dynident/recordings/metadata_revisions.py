@@ -136,8 +136,9 @@ def exclude_from_windows(windows: Windows, exclude: Windows, first: float, last:
 class ColumnArrangement:
     """Which joint's columns each joint reads, and the factor that they are multiplied by."""
 
-    def __init__(self, metadata: RecordingMetadata, joint_names: Sequence[str]) -> None:
-        self._names = tuple(joint_names)
+    def __init__(self, metadata: RecordingMetadata, joint_names: Sequence[str], n_base: int = 0) -> None:
+        # The coordinates of a base that moves stay in their place; numbers count the joints behind them.
+        self._names, self._n_base = tuple(joint_names), n_base
         self._metadata = metadata
         self._check()
 
@@ -145,7 +146,9 @@ class ColumnArrangement:
         """Return the joint, from 0, whose column is read for a signal of a joint."""
         group = _GROUPS.get(kind)
         order = None if group is None else self._metadata.permutation.get(group)
-        return joint if order is None else order[joint] - 1
+        if order is None or joint < self._n_base:
+            return joint
+        return order[joint - self._n_base] - 1 + self._n_base
 
     @property
     def n(self) -> int:
@@ -170,11 +173,14 @@ class ColumnArrangement:
         return self._find_value(self._metadata.zeros, "q", joint, 0.0) if kind in ("q", "q_command") else 0.0
 
     def _find_value(self, values: Mapping[str, float], group: str, joint: int, usual: float = 1.0) -> float:
-        keys = (f"{group}{joint + 1}", f"{group}_{self._names[joint]}", group)
+        keys = [f"{group}{joint + 1 - self._n_base}", f"{group}_{self._names[joint]}", group]
+        if joint < self._n_base:
+            # What is said of all joints is not said of the base.
+            keys = [f"{group}_{self._names[joint]}"]
         return float(next((values[key] for key in keys if key in values), usual))
 
     def _check(self) -> None:
-        n, metadata = len(self._names), self._metadata
+        n, metadata = len(self._names) - self._n_base, self._metadata
         for kind, order in metadata.permutation.items():
             if kind not in ("q", "tau") or sorted(order) != list(range(1, n + 1)):
                 raise RecordingError(

@@ -244,7 +244,15 @@ def _check_position_unit(
                 (positions.q[:, joint] == np.rint(positions.q[:, joint])).mean() > WHOLE
             )
             same, unclear = _split_by_unit(positions, limits, limit, fastest, small)
-            remedy = Remedy("units", {f"q{k + 1}": unit for k in same} if unclear else {"q": unit})
+            keys = {k: _name_unit(k, layout, recording) for k in same}
+            same_kind = _unit_of_same_kind("q", unit, limit, limits[layout.n_base :])
+            if joint < layout.n_base:
+                # The pose of a base has a unit of its own.
+                same_kind = {key: unit for k, key in keys.items() if k < layout.n_base}
+            remedy = Remedy(
+                "units",
+                {keys[k]: unit for k in same} if unclear else same_kind if layout.n_base else {"q": unit},
+            )
             also = ' Whole numbers can also be encoder counts: "counts:4096" means 4096 a turn.' if counts else ""
             if unclear:
                 also += (
@@ -258,7 +266,7 @@ def _check_position_unit(
                 f"{where[0]}, t = {where[1]:.6g} s); the values look like {unit}. Say {remedy}.{also}",
                 column,
                 *where,
-                None if counts or unclear else Revision(units=_unit_of_same_kind("q", unit, limit, limits)),
+                None if counts or unclear else Revision(units=same_kind),
                 remedies=(remedy,),
             )
         if limit.position is not None and doubtful is None:
@@ -277,6 +285,11 @@ def _check_position_unit(
     return doubtful or Check(
         "position_unit", "ok", "Positions and speeds are plausible for a joint in rad (m if prismatic)."
     )
+
+
+def _name_unit(joint: int, layout: Layout, recording: Recording) -> str:
+    """Return the key by which the unit of one position is stated."""
+    return recording.joint_names[joint] if joint < layout.n_base else f"q{joint + 1 - layout.n_base}"
 
 
 def _split_by_unit(

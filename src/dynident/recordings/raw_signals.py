@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.recordings.base_motion import add_base_pose
 from dynident.recordings.columns_to_signals import Column, Layout, find_columns
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats import open_source
@@ -66,7 +67,8 @@ class RecordedSignals:
     """
 
     def __init__(self, file: RobotFile, requested: Sequence[str] = ()) -> None:
-        self._source: FileSource = open_source(file.path, file.metadata.format, file.metadata.rate)
+        source = open_source(file.path, file.metadata.format, file.metadata.rate)
+        self._source: FileSource = add_base_pose(source, file.joints, file.metadata)
         layout, _ = find_columns(self._source.names, file.joints, file.metadata)
         joint_signals = _find_joint_signals(layout, file)
         names = list(dict.fromkeys(requested)) or [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
@@ -41,6 +41,9 @@ class JointLimits:
     effort: float | None = None
 
 
+WrenchProjection = Callable[[str, FloatArray, FloatArray, bool], FloatArray]
+
+
 @dataclass(frozen=True, eq=False)
 class RecordedJoints:
     """The joints that the columns of a file are of, in the robot's order, and what is known of them.
@@ -55,6 +58,15 @@ class RecordedJoints:
         Drive gains [12.17] in N m (N) per unit of current, `None` where one is not known.
     coupling : (n, n), optional
         As `dynident.robot.coupling_matrix` gives it, where motors act on several joints.
+    n_base : int
+        Number of leading joints that are coordinates of a base that moves. Columns with numbers count the others.
+    links : sequence of str, optional
+        Links of a robot whose base moves, on which wrenches may be measured; the root link first.
+    project_wrench : function, optional
+        Returns torques Jᵀw (m, n) of a link's wrench: called with its name, positions (m, n), the wrench (m, 6), and
+        whether that is along the axes of the world about its origin.
+    project_contacts : function, optional
+        Returns torques (m, n) without what unknown contact forces add, of positions and torques (m, n).
 
     Raises
     ------
@@ -66,6 +78,10 @@ class RecordedJoints:
     limits: Sequence[JointLimits] | None = None
     gains: Sequence[float | None] | None = None
     coupling: FloatArray | None = None
+    n_base: int = 0
+    links: Sequence[str] = ()
+    project_wrench: WrenchProjection | None = None
+    project_contacts: Callable[[FloatArray, FloatArray], FloatArray] | None = None
 
     def __post_init__(self) -> None:
         counts = [len(values) for values in (self.limits, self.gains) if values is not None]
@@ -78,6 +94,22 @@ class RecordedJoints:
     def n(self) -> int:
         """Number of joints."""
         return len(self.names)
+
+    def name_columns(self, kind: str, joint: int) -> tuple[str, ...]:
+        """Return our names of the column of a joint's signal: q_elbow and q3, or q_base_x and base_x."""
+        name = self.names[joint]
+        if joint < self.n_base:
+            return (f"{kind}_{name}", *((name,) if kind == "q" else ()))
+        return f"{kind}_{name}", f"{kind}{joint + 1 - self.n_base}"
+
+    @property
+    def further_columns(self) -> frozenset[str]:
+        """Our names of columns that only robots have whose base moves: its pose, and wrenches on links."""
+        if not self.n_base:
+            return frozenset()
+        pose = {f"base_{component}" for component in ("qx", "qy", "qz", "qw")}
+        places = [f"{frame}{link}" for frame in ("", "world_") for link in ("base", *self.links)]
+        return frozenset(pose | {f"{place}_{kind}{axis}" for place in places for kind in "fm" for axis in "xyz"})
 
     @property
     def known_limits(self) -> tuple[JointLimits, ...]:

@@ -14,6 +14,7 @@ from dynident.array_types import FloatArray, IntArray
 from dynident.errors import Remedy
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings.all_checks import run_checks
+from dynident.recordings.base_motion import ReactionSource, add_base_pose, find_reactions, report_base
 from dynident.recordings.columns_to_signals import (
     Column,
     Layout,
@@ -144,11 +145,12 @@ def import_recording(
     """
     metadata = metadata or RecordingMetadata()
     joint_names = tuple(joints.names)
-    file = open_source(Path(source_path), metadata.format, metadata.rate)
+    file = add_base_pose(open_source(Path(source_path), metadata.format, metadata.rate), joints, metadata)
+    reactions = find_reactions(file.names, joints, metadata)
     layout, torque_source = find_columns(file.names, joints, metadata)
     # A torque column without any number would leave out every row: it counts as not recorded instead.
     layout = mark_empty_torques(layout, file)
-    source = RestartingSource(file)
+    source = RestartingSource(ReactionSource(file, reactions, joints) if reactions or joints.project_contacts else file)
     destination = Path(destination_path)
     # In the same folder, so that the finished file takes its place in one step.
     with NamedTemporaryFile(dir=destination.parent, prefix=f".{destination.name}.", delete=False) as unfinished:
@@ -189,12 +191,13 @@ def import_recording(
             )
             # The description stands behind the rows, because the segments are known only after the last of them.
             sink.describe(recording)
-        surplus = check_surplus_columns(file.names, joints.n, metadata)
+        surplus = check_surplus_columns(file.names, joints.n - joints.n_base, metadata)
         findings = [
             torque_source,
             *(Check("layout", "ok", remark) for remark in file.remarks),
             *([] if surplus is None else [surplus]),
             *report_missing_torques(layout, joint_names),
+            *report_base(joints, reactions),
         ]
         if poses is None:
             findings += [*check_time(base, layout.t.source), *source.checks(layout.t.source), *conditioning.checks()]

@@ -81,6 +81,9 @@ def check_torque(
     model_checks = (
         None if wrong and wrong[0].name != "constant_torque" else _run_model_checks(recording, layout, against)
     )
+    if layout.n_base:
+        # Friction and the models of the checks know nothing of what the surroundings do to a base that moves.
+        return [*checks, *(model_checks or ())]
     if wrong:
         # A command against gravity has no torque at all where gravity has none: that is then what is wrong.
         return [*(doubt for doubt in model_checks or () if doubt.name == COMMANDED), *checks]
@@ -118,7 +121,7 @@ def _check_saturation(
     worst: Check | None = None
     most = 0.0
     run = max(RUN, round(SHORTEST * recording.sampling_rate))
-    for joint in range(tau.shape[1]):
+    for joint in range(layout.n_base, tau.shape[1]):
         flat = _mark_plateaus(tau[:, joint], run)
         effort = limits[joint].effort
         if effort is not None and np.ptp(tau[:, joint]) > 0:
@@ -206,7 +209,8 @@ def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layo
             time,
         )
     varies = np.ptp(tau, axis=0) > 1e-9 * np.maximum(1.0, np.abs(tau).max(axis=0))
-    constant = np.flatnonzero(~varies & (np.ptp(q, axis=0) > 2e-3) & recording.has_torque)
+    own = np.arange(recording.n) >= layout.n_base
+    constant = np.flatnonzero(~varies & (np.ptp(q, axis=0) > 2e-3) & recording.has_torque & own)
     if not len(constant):
         return Check("constant_torque", "ok", "Every torque varies.")
     joint = int(constant[0])

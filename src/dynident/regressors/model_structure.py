@@ -209,7 +209,9 @@ class Model:
         links = np.zeros(10 * self.robot.tree.n) if described is None else described.reshape(-1).astype(np.float64)
         if not rigid:
             return links, none
-        if len(rigid) != len(links):
+        # Coordinates of a base that moves carry no link, but for the last one: their places stay zero.
+        first = len(INERTIAL_NAMES) * self.robot.tree.n_massless
+        if len(rigid) != len(links) - first:
             # Only some links' parameters are in the model: the base parameters stand for themselves, all others are
             # zero.
             full = np.zeros(len(links))
@@ -225,14 +227,14 @@ class Model:
         grouping = self.base.grouping[np.ix_(inertial, everything)]
         # Base parameters in which no link and no rotor takes part give no equation.
         has_inertia = np.any(self.base.written[np.ix_(inertial, everything)], axis=1)
-        nominal = np.concatenate([links, np.zeros(len(rotors))])
+        nominal = np.concatenate([links[first:], np.zeros(len(rotors))])
         of_rotors = estimate_rotor_inertias(self.robot.tree)[[self._joint_index(k) for k in rotors]]
-        scale = np.concatenate([estimate_inertia_errors(self.robot.tree).reshape(-1), of_rotors])
+        scale = np.concatenate([estimate_inertia_errors(self.robot.tree).reshape(-1)[first:], of_rotors])
         gap = values[inertial][has_inertia] - grouping[has_inertia] @ nominal
         # The minimum-norm correction of the nominal values, in units of their usual errors, that gives the base
         # parameters.
         solution = nominal + scale * (np.linalg.pinv(grouping[has_inertia] * scale, rcond=1e-9) @ gap)
-        return solution[: len(links)], solution[len(links) :]
+        return np.concatenate([links[:first], solution[: len(rigid)]]), solution[len(rigid) :]
 
     def build_reference(self, values: FloatArray) -> ReferenceParameters:
         """Return the parameters that torque is predicted with.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -13,6 +14,7 @@ from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals
 from dynident.expressions import Program
 from dynident.recordings import Preprocessing, Recording
+from dynident.robot.contacts import compute_contact_projection
 from dynident.robot.robot_model import Robot
 
 
@@ -65,12 +67,15 @@ class RegressorInputs:
     reference: ReferenceParameters
 
 
+AnyProgram: TypeAlias = "Program | ConcatenatedPrograms | ProjectedProgram"
+
+
 class ConcatenatedPrograms:
     """Two programs evaluated together: the entries of the first, then those of the second.
 
     Parameters
     ----------
-    first, second : Program or ConcatenatedPrograms
+    first, second : Program, ConcatenatedPrograms or ProjectedProgram
         What is evaluated.
     widths : sequence of int
         Widths of the inputs of both together.
@@ -80,13 +85,13 @@ class ConcatenatedPrograms:
 
     def __init__(
         self,
-        first: Program | ConcatenatedPrograms,
-        second: Program | ConcatenatedPrograms,
+        first: AnyProgram,
+        second: AnyProgram,
         widths: Sequence[int],
         selections: Sequence[NDArray[np.intp] | slice],
     ) -> None:
         self._first, self._second = first, second
-        self.widths = tuple(widths)
+        self.widths: tuple[int, ...] = tuple(widths)
         self._selections = tuple(selections)
         self.n_outputs: int = first.n_outputs + second.n_outputs
 
@@ -106,6 +111,47 @@ class ConcatenatedPrograms:
         self._first(*leading, out=out[:, :border])
         selected = [item[..., selection] for item, selection in zip(inputs, self._selections, strict=True)]
         self._second(*selected, out=out[:, border:])
+        return out
+
+
+class ProjectedProgram:
+    """A program of W whose rows are projected so that contact forces do not appear in them: P(q) W, all of its entries.
+
+    Parameters
+    ----------
+    program : Program
+        Evaluates the entries of W; the positions are its first input.
+    robot : Robot
+        Robot with contacts.
+    places : (rows, columns)
+        Where the entries stand in W.
+    n_columns : int
+        Number of columns of W.
+    """
+
+    def __init__(
+        self, program: AnyProgram, robot: Robot, places: tuple[IndexArray, IndexArray], n_columns: int
+    ) -> None:
+        self._program, self._robot, self._places = program, robot, places
+        self._shape = robot.n, n_columns
+        self.widths: tuple[int, ...] = tuple(program.widths)
+        self.n_outputs: int = robot.n * n_columns
+
+    @property
+    def n_instructions(self) -> int:
+        """Number of operations a sample."""
+        return self._program.n_instructions + self._robot.n * self.n_outputs
+
+    def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
+        """Evaluate on samples, as a `Program` does."""
+        entries = self._program(*inputs)
+        whole = np.zeros((len(entries), *self._shape))
+        whole[:, self._places[0], self._places[1]] = entries
+        q = np.broadcast_to(inputs[0], (len(entries), self._robot.n))
+        projected = (compute_contact_projection(self._robot, q) @ whole).reshape(len(entries), -1)
+        if out is None:
+            return np.asarray(projected)
+        out[:] = projected
         return out
 
 
@@ -133,7 +179,7 @@ class Observation:
         Row (of W: joint) and column of each of the e entries of an evaluation.
     n_rows : int
         Number of rows for one sample.
-    program : Program or ConcatenatedPrograms
+    program : Program, ConcatenatedPrograms or ProjectedProgram
         Evaluates the entries.
     parts : tuple of two Observation, optional
         Where it extends another one: that one, and what was put behind it.
@@ -146,7 +192,7 @@ class Observation:
     entry_rows: IndexArray
     entry_columns: IndexArray
     n_rows: int
-    program: Program | ConcatenatedPrograms
+    program: AnyProgram
     parts: tuple[Observation, Observation] | None = None
 
     @classmethod
@@ -167,7 +213,12 @@ class Observation:
         Observation
             With one row a joint.
         """
-        return cls.from_matrix(robot, columns, _build_matrix(robot, columns), signals)
+        sparse = cls.from_matrix(robot, columns, _build_matrix(robot, columns), signals)
+        if not robot.contacts or not columns:
+            return sparse
+        program = ProjectedProgram(sparse.program, robot, (sparse.entry_rows, sparse.entry_columns), len(columns))
+        rows, cols = np.indices((robot.n, len(columns))).reshape(2, -1)
+        return replace(sparse, entry_rows=rows, entry_columns=cols, program=program)
 
     @classmethod
     def from_matrix(cls, robot: Robot, columns: Sequence[Column], matrix: ca.SX, signals: Signals) -> Observation:

@@ -15,8 +15,6 @@ from dynident.excitation import Design
 from dynident.identification import Identification
 from dynident.reports.reported_data import ReportedRecording, ReportedValidation, Section
 from dynident.reports.sections.accuracy import build_errors_section, build_residuals_section, build_validation_section
-from dynident.reports.sections.data import build_data_section
-from dynident.reports.sections.design import build_design_section, build_promises_section
 from dynident.reports.sections.diagnosis import build_diagnosis_section
 from dynident.reports.sections.model import (
     build_ladder_section,
@@ -25,6 +23,11 @@ from dynident.reports.sections.model import (
     build_robot_section,
 )
 from dynident.reports.sections.provenance import build_provenance_section
+from dynident.reports.sections.recordings_and_design import (
+    build_data_section,
+    build_design_section,
+    build_promises_section,
+)
 from dynident.reports.sections.summary import build_summary_section
 
 

@@ -7,16 +7,20 @@ from dataclasses import replace
 from typing import NotRequired, Protocol, TypedDict
 
 from dynident.errors import DynidentError
+from dynident.robot.contacts import read_contacts
 from dynident.robot.description_formats import FORMATS, DescriptionFormat
 from dynident.robot.dh_text import robot_from_dh_text
+from dynident.robot.joint import BASE_JOINTS, BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits_and_drives import Drive, Limits, check_hardware
 from dynident.robot.mjcf_reader import robot_from_mjcf
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.robot.robot_model import Description, Robot
-from dynident.robot.urdf_reader import robot_from_urdf
+from dynident.robot.stated_settings import Settings
+from dynident.robot.urdf_reader import read_urdf, robot_from_urdf
 
 _POINTER = "/description/content"
+_BASE_TITLE = "Unusable base"
 
 
 class _Reader(Protocol):
@@ -103,6 +107,74 @@ def robot_from_description(
     return replace(robot, has=tuple(has), has_not=tuple(has_not))
 
 
+def set_base(robot: Robot, base: BaseKind | None = None, contacts: Sequence[str] = ()) -> Robot:
+    """Return a robot whose root link moves in another way; it is read anew, and what was stated of it stays.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    base : {"fixed", "floating", "planar"}, optional
+        How its root link moves. By default as the description says: a floating joint of a URDF, or a free joint of an
+        MJCF, that carries the root link makes a floating base.
+    contacts : sequence of str
+        Links of a robot with a floating base on which forces act that nobody measured, such as its feet: "left_foot",
+        or a point of a link in its frame (m), "calf@0,0,-0.21". They are eliminated from its equations.
+
+    Returns
+    -------
+    Robot
+        With the coordinates of the base in front of its joints.
+
+    Raises
+    ------
+    DynidentError
+        For a robot whose description has no root link, such as a Denavit-Hartenberg table, or an unusable contact.
+
+    Examples
+    --------
+    >>> import dynident as dy
+    >>> dy.set_base(dy.load_robot("scara"), "fixed").base
+    'fixed'
+    """
+    if base not in (None, *BASE_JOINTS):
+        raise DynidentError(
+            f"The base is '{base}'; expected {join_names(BASE_JOINTS)}.", pointer="/base", title=_BASE_TITLE
+        )
+    if robot.description.format not in ("urdf", "mjcf"):
+        if base in (None, "fixed"):
+            return replace(robot, contacts=read_contacts(robot, contacts))
+        raise DynidentError(
+            f"A Denavit-Hartenberg table describes no root link, so its base cannot be {base}: give a URDF or an MJCF.",
+            pointer="/base",
+            title=_BASE_TITLE,
+        )
+    name, content = robot.name, robot.description.content
+    limits = {joint.name: joint.limits for joint in robot.tree.joints[robot.n_base :]}
+    drives = {joint.name: drive for joint, drive in zip(robot.joints, robot.drives, strict=True) if drive != Drive()}
+    locked, gravity = robot.locked_joints, robot.gravity
+    if robot.description.format == "urdf":
+        released = read_urdf(name, content, Settings(limits, drives, locked, gravity), base, pointer=_POINTER)
+    else:
+        released = robot_from_mjcf(
+            name,
+            content,
+            limits=limits,
+            drives=drives,
+            locked_joints=locked,
+            gravity=gravity.tolist(),
+            base=base,
+            pointer=_POINTER,
+        )
+    return replace(
+        released,
+        has=robot.has,
+        has_not=robot.has_not,
+        joints_without_torque=robot.joints_without_torque,
+        contacts=read_contacts(released, contacts),
+    )
+
+
 class DescriptionDocument(TypedDict):
     """The text that a robot was read from, and its format."""
 
@@ -143,6 +215,8 @@ class RobotDocument(TypedDict):
     joints_without_torque: NotRequired[Sequence[str]]
     has: NotRequired[Sequence[str]]
     has_not: NotRequired[Sequence[str]]
+    base: NotRequired[BaseKind]
+    contacts: NotRequired[Sequence[str]]
 
 
 def robot_to_document(robot: Robot) -> RobotDocument:
@@ -161,7 +235,7 @@ def robot_to_document(robot: Robot) -> RobotDocument:
     document: RobotDocument = {
         "name": robot.name,
         "description": {"format": robot.description.format, "content": robot.description.content},
-        "limits": {joint.name: _limits_to_document(joint.limits) for joint in robot.tree.joints},
+        "limits": {joint.name: _limits_to_document(joint.limits) for joint in robot.tree.joints[robot.n_base :]},
         "drives": {
             joint.name: _drive_to_document(drive)
             for joint, drive in zip(robot.joints, robot.drives, strict=True)
@@ -172,6 +246,10 @@ def robot_to_document(robot: Robot) -> RobotDocument:
     }
     if robot.joints_without_torque:
         document["joints_without_torque"] = list(robot.joints_without_torque)
+    if robot.base != "fixed":
+        document["base"] = robot.base
+    if robot.contacts:
+        document["contacts"] = [str(contact) for contact in robot.contacts]
     if robot.has:
         document["has"] = list(robot.has)
     if robot.has_not:
@@ -202,6 +280,8 @@ def robot_from_document(document: RobotDocument) -> Robot:
         has=document.get("has", ()),
         has_not=document.get("has_not", ()),
     )
+    if "base" in document or "contacts" in document:
+        robot = set_base(robot, document.get("base"), document.get("contacts", ()))
     return replace(robot, joints_without_torque=tuple(document.get("joints_without_torque", ())))
 
 

@@ -1,4 +1,4 @@
-"""Forward kinematics in numpy for many postures: frames of joints, path of the tool."""
+"""Forward kinematics in numpy for many postures: frames of joints, path of the tool, torques of a wrench on a link."""
 
 from __future__ import annotations
 
@@ -115,3 +115,43 @@ def tool_path(robot: Robot, q: FloatArray, joint: int = -1, point: FloatArray | 
     frame = joint_frames(robot, q)[:, joint]
     path: FloatArray = frame[:, :3, 3] if point is None else frame[:, :3, :3] @ point + frame[:, :3, 3]
     return path
+
+
+def project_wrench(robot: Robot, q: FloatArray, link: int, wrench: FloatArray, *, in_world: bool = False) -> FloatArray:
+    """Return the torques Jᵀw that a wrench on a link exerts on the driven joints.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q : ndarray (m, n)
+        Positions of the driven joints, rad or m.
+    link : int
+        Index of the joint (in the tree) that carries the link.
+    wrench : ndarray (m, 6)
+        Force (N) on the link, then moment (N m): along the axes of the link's frame about its origin, or of the base
+        frame (the world, if the base moves).
+    in_world : bool
+        Whether the latter.
+
+    Returns
+    -------
+    ndarray (m, n)
+        N m or N.
+    """
+    frames = joint_frames(robot, q)
+    force, moment = wrench[:, :3], wrench[:, 3:]
+    origin = np.zeros_like(force)
+    if not in_world:
+        turn, origin = frames[:, link, :3, :3], frames[:, link, :3, 3]
+        force, moment = (np.einsum("mij,mj->mi", turn, part) for part in (force, moment))
+    torque = np.zeros((len(q), robot.tree.n))
+    for index in robot.tree.list_ancestors(link):
+        joint = robot.tree.joints[index]
+        axis = frames[:, index, :3, :3] @ joint.axis
+        # The moment about the joint's own axis: that about the origin, carried there.
+        about = moment + np.cross(origin - frames[:, index, :3, 3], force)
+        torque[:, index] = np.einsum("mi,mi->m", axis, about if joint.kind == "revolute" else force)
+    if robot.linkage is None:
+        return torque
+    return np.asarray(np.einsum("mji,mj->mi", robot.linkage.compute_jacobian(q), torque))

@@ -1,4 +1,4 @@
-"""`Joint`: kind, parent, axis, limits, and from which range on these limit nothing; short texts for many joints."""
+"""`Joint`: kind, parent, axis, limits, and from which range on these limit nothing; coordinates of a moving base."""
 
 from __future__ import annotations
 
@@ -12,6 +12,45 @@ from dynident.robot.limits_and_drives import Limits
 from dynident.text_encoding import escape_surrogates
 
 JointKind = Literal["revolute", "prismatic"]
+
+BaseKind = Literal["fixed", "floating", "planar"]
+"""How the root link of a robot moves: not at all, with six degrees of freedom, or in the horizontal plane."""
+
+BASE_JOINTS: dict[BaseKind, tuple[str, ...]] = {
+    "fixed": (),
+    "floating": ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll"),
+    "planar": ("base_x", "base_y", "base_yaw"),
+}
+"""Coordinates of the base, as joints in front of the robot's own: position of its frame in the world (m) and its angles
+(rad), R = Rz(yaw) Ry(pitch) Rx(roll). They have no motor: their "torque" is what acts on the base from outside, as a
+generalised force. The angles are singular at a pitch of ±90°."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Where the surroundings may act on a robot by a force that nobody measures.
+
+    Parameters
+    ----------
+    link : str
+        Name of the link.
+    point : (x, y, z), optional
+        Point of the link, in its frame (m), where a force acts, as on the foot of a quadruped; by default a force and
+        a moment act on the link, as on a sole.
+
+    Examples
+    --------
+    >>> from dynident.robot.contacts import parse_contact
+    >>> parse_contact("calf@0,0,-0.21")
+    Contact(link='calf', point=(0.0, 0.0, -0.21))
+    """
+
+    link: str
+    point: tuple[float, float, float] | None = None
+
+    def __str__(self) -> str:
+        return self.link if self.point is None else f"{self.link}@{','.join(map(repr, self.point))}"
+
 
 WIDEST_RANGE = {"revolute": 20 * math.pi, "prismatic": 1000.0}
 """Widest range of positions, rad or m, that counts as a limit: the last joint of some arms makes a few turns."""

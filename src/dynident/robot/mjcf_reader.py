@@ -16,12 +16,13 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot.cut_joint import FrameOnJoint, Loop, LoopKind
+from dynident.robot.joint import BASE_JOINTS, BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.linkage import LoopCuts, link_joints, lock_followers
 from dynident.robot.loop_equations import CLOSED
 from dynident.robot.mjcf_xml import TITLE, make_mjcf_error, parse_mjcf
-from dynident.robot.pinocchio_conversion import LARGEST, DescribedJoints, from_pinocchio, lock_joints
+from dynident.robot.pinocchio_conversion import LARGEST, DescribedJoints, add_base_joints, from_pinocchio, lock_joints
 from dynident.robot.robot_model import Description, Robot, Tie
 from dynident.robot.stated_settings import build_settings
 from dynident.robot.xml_text import Element, write_with_line_numbers
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 # MuJoCo's numbers: of kinds of equalities, and of a site, a joint in a tendon's path and a transmission by a tendon.
 _CONNECT, _WELD, _JOINT, _TENDON = 0, 1, 2, 3
+_FREE = 0
 _SITE, _WRAPPED_JOINT, _THROUGH_TENDON = 6, 1, 3
 
 
@@ -233,9 +235,10 @@ def robot_from_mjcf(
     drives: Mapping[str, Drive] | None = None,
     locked_joints: Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
+    base: BaseKind | None = None,
     pointer: str = "",
 ) -> Robot:
-    """Return the robot that an MJCF describes, on a fixed base.
+    """Return the robot that an MJCF describes.
 
     Hinges and slides move. Equalities count: a `joint` or a fixed `tendon` ties joints, `connect` and `weld` close
     loops. Joints in loops are driven if an actuator acts on them, and passive otherwise. Equations that follow from
@@ -255,6 +258,8 @@ def robot_from_mjcf(
         Positions (rad, m) of joints that no longer move; their links become part of the link before.
     gravity : sequence of float, optional
         Acceleration of gravity in the base frame (m/s²); that of `<option>` by default.
+    base : {"fixed", "floating", "planar"}, optional
+        How the root body moves; by default it floats if it has a free joint, and is fixed otherwise.
     pointer : str
         JSON pointer to the text in the caller's request.
 
@@ -269,11 +274,12 @@ def robot_from_mjcf(
         If MuJoCo is not installed or does not accept the text (line), the machine is not a tree of such joints on a
         fixed base, an equality is not linear, or loops do not close or do not determine the passive joints.
     """
-    root, clamped = parse_mjcf(text, pointer, locked_joints or {})
+    root, clamped = parse_mjcf(text, pointer, locked_joints or {}, base)
     compiled = _compile_model(root, pointer)
     user_settings = build_settings(limits, drives, locked_joints, compiled.opt.gravity if gravity is None else gravity)
     lines = {child.attributes["name"]: child.line for part in root.iter_children("equality") for child in part.children}
-    model, links = _build_tree(compiled, name, pointer)
+    kind: BaseKind = base or ("floating" if (compiled.jnt_type == _FREE).any() else "fixed")
+    model, links = _build_tree(compiled, name, kind, pointer)
     held = read_equalities(compiled, lines, pointer)
     fixed = {
         **held.fixed,
@@ -285,7 +291,7 @@ def robot_from_mjcf(
         name,
         Description("mjcf", text),
         settings,
-        DescribedJoints(dict(_iter_limits(compiled)), links),
+        DescribedJoints(dict(_iter_limits(compiled)), links, base=kind),
         pointer=pointer,
     )
     tree = replace(tree, locked_joints=dict(user_settings.locked_joints))
@@ -316,7 +322,22 @@ def _compile_model(root: Element, pointer: str) -> mujoco.MjModel:
     return compiled
 
 
-def _build_tree(compiled: mujoco.MjModel, name: str, pointer: str) -> tuple[pin.Model, dict[str, str]]:
+def _find_root_body(compiled: mujoco.MjModel, kind: BaseKind, pointer: str) -> int:
+    """Return the body whose frame is that of a base that moves; -1 for a fixed base."""
+    if kind == "fixed":
+        return -1
+    roots = [body for body in range(1, compiled.nbody) if compiled.body_parentid[body] == 0]
+    floating = [body for body in roots if (compiled.jnt_type[compiled.jnt_bodyid == body] == _FREE).any()]
+    # Beside a body that floats others may stand on the ground, as long as they do not move.
+    moving = [body for body in roots if (compiled.body_rootid[compiled.jnt_bodyid] == body).any()]
+    candidates = floating or moving or roots
+    if len(candidates) > 1 or len(moving) > 1:
+        names = join_names(compiled.body(body).name for body in dict.fromkeys((*candidates, *moving)))
+        raise make_mjcf_error(f"The bodies {names} all hang on the world; a robot has only one base.", None, pointer)
+    return candidates[0]
+
+
+def _build_tree(compiled: mujoco.MjModel, name: str, kind: BaseKind, pointer: str) -> tuple[pin.Model, dict[str, str]]:
     """Return the joints of a compiled model as a Pinocchio model, and the name of the body that each joint moves.
 
     The model has a frame for every body and site, called "body 3" or "site 0".
@@ -326,15 +347,23 @@ def _build_tree(compiled: mujoco.MjModel, name: str, pointer: str) -> tuple[pin.
     links: dict[str, str] = {}
     # For every body, the joint that carries it and its placement in that joint's frame. MuJoCo orders parents first.
     carried: list[tuple[int, pin.SE3]] = [(0, pin.SE3.Identity())]
+    carrier, root = add_base_joints(model, kind), _find_root_body(compiled, kind, pointer)
+    if carrier:
+        links[model.names[carrier]] = compiled.body(root).name
     # By MuJoCo's numbers of kinds of joints: slide and hinge.
     kinds = {2: pin.JointModelPrismaticUnaligned, 3: pin.JointModelRevoluteUnaligned}
     for body in range(1, compiled.nbody):
         joint, before = carried[compiled.body_parentid[body]]
         place = before * _to_placement(compiled.body_pos[body], compiled.body_quat[body])
+        if body == root:
+            # The frame of the base is that of its body, wherever the file puts it at the start.
+            joint, place = carrier, pin.SE3.Identity()
         for j in range(compiled.body_jntadr[body], compiled.body_jntadr[body] + compiled.body_jntnum[body]):
+            if compiled.jnt_type[j] == _FREE:
+                continue
             called, axis = compiled.joint(j).name, _normalize(compiled.jnt_axis[j])
-            if called in _RESERVED:
-                raise make_mjcf_error(f"A joint cannot be called '{called}'; that is the fixed base.", None, pointer)
+            if called in (*_RESERVED, *BASE_JOINTS[kind]):
+                raise make_mjcf_error(f"A joint cannot be called '{called}'; that is the base.", None, pointer)
             # A body may have several joints, one behind the other. Each has its own anchor in the body, and the file
             # shows the body at qpos0, so that the frame at q = 0 is turned back by that.
             anchor = pin.SE3(np.eye(3), compiled.jnt_pos[j])
@@ -397,6 +426,8 @@ def _iter_limits(compiled: mujoco.MjModel) -> Iterator[tuple[str, Limits]]:
         else:
             unlimited.add(j)
     for j in range(compiled.njnt):
+        if compiled.jnt_type[j] == _FREE:
+            continue
         effort = None if j in unlimited else efforts.get(j)
         if compiled.jnt_actfrclimited[j]:
             joint_effort = float(np.abs(compiled.jnt_actfrcrange[j]).max())

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from dynident.errors import DynidentError
+from dynident.robot.joint import BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.xml_text import Element, parse_xml
 
@@ -67,7 +68,9 @@ def make_mjcf_error(detail: str, line: int | None, pointer: str) -> DynidentErro
     return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
 
 
-def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[Element, frozenset[str]]:
+def parse_mjcf(
+    text: str, pointer: str, locked: Mapping[str, float], base: BaseKind | None = None
+) -> tuple[Element, frozenset[str]]:
     """Return the root element reduced to bodies, joints, inertias, equalities, tendons and actuators.
 
     Bodies, joints and equalities without a name get one. Geometry stays where the mass of a body comes from it.
@@ -80,6 +83,8 @@ def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[El
         JSON pointer to the text in the caller's request.
     locked : mapping of joint name to position
         Free and ball joints that are locked at 0 are removed: their body is held there, as in a stand.
+    base : {"fixed", "floating", "planar"} or None
+        How the root body moves; None: it floats if it has a free joint.
 
     Returns
     -------
@@ -92,7 +97,7 @@ def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[El
     ------
     DynidentError
         The text is not XML (line and column), its root is another element, elements that include others are not
-        expanded, a body floats or hangs on a ball joint, or its mass comes from a file (line).
+        expanded, a body hangs on a ball joint or floats beside another, or its mass comes from a file (line).
     """
 
     def fail(detail: str, line: int | None) -> DynidentError:
@@ -129,7 +134,7 @@ def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[El
     clamped: frozenset[str] = frozenset()
     for world in reduced.iter_children("worldbody"):
         clamped |= _remove_clamped_joints(world, locked, fail)
-        _check_bodies(world, False, from_shapes, fail)
+        _check_bodies(world, base not in (None, "fixed"), from_shapes, fail, may_float=base != "fixed")
     _check_meshes(reduced, fail)
     if clamped:
         # The poses of key frames have numbers for the joints that are left out.
@@ -208,11 +213,15 @@ def _remove_clamped_joints(element: Element, locked: Mapping[str, float], fail: 
     return frozenset(joint.attributes["name"] for joint in clamped).union(*inner)
 
 
-def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail) -> None:
-    """Refuse bodies that float or hang on ball joints; drop geometry that no mass comes from."""
+def _is_free(joint: Element) -> bool:
+    return joint.tag == "freejoint" or joint.attributes.get("type") == "free"
+
+
+def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail, *, may_float: bool) -> None:
+    """Refuse bodies that hang on ball joints, or float if they may not; drop geometry that no mass comes from."""
     for child in element.children:
         owner = f"Body '{element.attributes.get('name', '')}'"
-        if _has_several_freedoms(child):
+        if _has_several_freedoms(child) and not (may_float and _is_free(child)):
             name = child.attributes["name"]
             if child.attributes.get("type") == "ball":
                 problem, alternative = (
@@ -220,7 +229,7 @@ def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail)
                     ", or replace it by hinge joints with separate axes",
                 )
             else:
-                problem, alternative = "floats freely, but the base of a robot must be fixed", ""
+                problem, alternative = "floats freely, but the base is stated to be fixed", ""
             detail = (
                 f"{owner} {problem}. If it was clamped while the robot was recorded, lock the joint: --lock {name}, or "
                 f'"locked_joints": {{"{name}": 0}}{alternative}.'
@@ -230,10 +239,11 @@ def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail)
             turns = moves or any(
                 element_of_body.tag in ("joint", "freejoint") for element_of_body in _iter_body_elements(child)
             )
-            _check_bodies(child, turns, from_shapes, fail)
+            _check_bodies(child, turns, from_shapes, fail, may_float=may_float)
         elif child.tag == "frame":
             # Shapes in a frame belong to the body around it, which drops them itself where they do not count.
-            _check_bodies(replace(child, attributes={"name": element.attributes.get("name", "")}), moves, True, fail)
+            inner = replace(child, attributes={"name": element.attributes.get("name", "")})
+            _check_bodies(inner, moves, True, fail, may_float=may_float)
     has_inertial = element.tag == "body" and any(
         element_of_body.tag == "inertial" for element_of_body in _iter_body_elements(element)
     )

@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.joint import Joint, JointKind
+from dynident.robot.joint import BASE_JOINTS, BaseKind, Joint, JointKind
 from dynident.robot.json_fields import check_name
 from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.robot_model import Description, Robot
@@ -173,6 +173,78 @@ def compute_described_torque(
     return np.asarray(np.einsum("mji,mj->mi", robot.linkage.compute_jacobian(q), torque))
 
 
+_BASE_MODELS = {
+    "base_x": pin.JointModelPX,
+    "base_y": pin.JointModelPY,
+    "base_z": pin.JointModelPZ,
+    "base_yaw": pin.JointModelRZ,
+    "base_pitch": pin.JointModelRY,
+    "base_roll": pin.JointModelRX,
+}
+
+
+def add_base_joints(model: pin.Model, kind: BaseKind) -> int:
+    """Add the coordinates of a base to a model without joints.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        The model.
+    kind : {"fixed", "floating", "planar"}
+        Kind of the base.
+
+    Returns
+    -------
+    int
+        Index of the joint that carries the root link; 0, the world, for a fixed base.
+    """
+    joint = 0
+    for name in BASE_JOINTS[kind]:
+        joint = model.addJoint(joint, _BASE_MODELS[name](), pin.SE3.Identity(), name)
+        model.addJointFrame(joint)
+    return joint
+
+
+def release_base(model: pin.Model, kind: BaseKind, pointer: str = "") -> pin.Model:
+    """Return a model whose root link moves.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        A model on a fixed base, with the inertia of its root link.
+    kind : {"fixed", "floating", "planar"}
+        Kind of the base; a fixed one leaves the model as it is.
+    pointer : str
+        JSON pointer to the description in the caller's request.
+
+    Returns
+    -------
+    pinocchio.Model
+        With the coordinates of the base in front of the joints; the last one carries the root link.
+
+    Raises
+    ------
+    DynidentError
+        If a joint of the model has the name of such a coordinate.
+    """
+    if kind == "fixed":
+        return model
+    shared = sorted(set(model.names) & set(BASE_JOINTS[kind]))
+    if shared:
+        raise DynidentError(
+            f"The description has a joint '{shared[0]}', which is the name of a coordinate of a {kind} base: rename "
+            "the joint, or read the robot without a moving base if its joints are the base's.",
+            pointer=pointer,
+            title="Unusable robot description",
+        )
+    released = pin.Model()
+    released.name = model.name
+    carrier = add_base_joints(released, kind)
+    frame = released.addFrame(pin.Frame("carrier", carrier, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    # The inertia of the root link, which is the world's on a fixed base, goes to the carrier.
+    return pin.appendModel(released, model, frame, pin.SE3.Identity())
+
+
 @dataclass(frozen=True)
 class DescribedJoints:
     """Data of a description's joints that a Pinocchio model does not hold.
@@ -185,11 +257,14 @@ class DescribedJoints:
         Names of links by joint.
     fixed : tuple of str
         Names of the fixed joints, which the model has merged.
+    base : {"fixed", "floating", "planar"}
+        Kind of the base; the model has its coordinates.
     """
 
     limits: Mapping[str, Limits]
     links: Mapping[str, str]
     fixed: tuple[str, ...] = ()
+    base: BaseKind = "fixed"
 
 
 def from_pinocchio(
@@ -238,7 +313,8 @@ def from_pinocchio(
     for joint_name in (*moving, *described.links.values()):
         check_name(joint_name, pointer, "Unusable robot description")
     # Before joints are locked: the settings name those too.
-    check_names(settings, moving, described.fixed)
+    own = moving[len(BASE_JOINTS[described.base]) :]
+    check_names(settings, own, described.fixed)
     model = lock_joints(model, settings.locked_joints)
     joints = tuple(
         replace(
@@ -264,6 +340,7 @@ def from_pinocchio(
         description=description,
         inertias=inertias if np.any(inertias) else None,
         locked_joints=dict(settings.locked_joints),
+        base=described.base,
     )
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.errors import DynidentError
 from dynident.robot.description_formats import DescriptionFormat
-from dynident.robot.joint import Joint
+from dynident.robot.joint import BASE_JOINTS, BaseKind, Contact, Joint
 from dynident.robot.limits_and_drives import Drive
 from dynident.text_and_html_tables import join_html, render_paragraph, render_table
 from dynident.text_encoding import escape_surrogates
@@ -88,7 +89,7 @@ class Description:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A tree of joints on a fixed base.
+    """A tree of joints on a base that is fixed, or that moves by coordinates of its own (`BASE_JOINTS`).
 
     Where some joints follow others, `joints` are the driven ones alone, which data, drives and limits refer to;
     `linkage` then has the tree that carries the links.
@@ -118,6 +119,11 @@ class Robot:
     has, has_not : tuple of str
         Parts that the owner knows the robot to have or not to have, of `dynident.robot.stated_settings.HARDWARE`;
         diagnoses ask about the others.
+    base : {"fixed", "floating", "planar"}
+        Whether the root link moves; its coordinates are then the first joints.
+    contacts : tuple of Contact
+        Links of a robot with a floating base on which unknown forces act, such as feet. Its equations, and the torques
+        of its recordings, are projected so that these forces do not appear in them (`dynident.robot.contacts`).
     """
 
     name: str
@@ -131,6 +137,8 @@ class Robot:
     joints_without_torque: tuple[str, ...] = ()
     has: tuple[str, ...] = ()
     has_not: tuple[str, ...] = ()
+    base: BaseKind = "fixed"
+    contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", escape_surrogates(self.name))
@@ -138,7 +146,9 @@ class Robot:
     def __repr__(self) -> str:
         gains = sum(drive.gain is not None for drive in self.drives)
         gain_text = f", {gains} with a drive gain" if gains else ""
-        return f"Robot({self.name}: {self.n} joints{gain_text}: {', '.join(self.joint_names)})"
+        base_text = "" if self.base == "fixed" else f" on a {self.base} base"
+        own = self.joint_names[self.n_base :]
+        return f"Robot({self.name}: {len(own)} joints{base_text}{gain_text}: {', '.join(own)})"
 
     def _repr_html_(self) -> str:
         columns = ("joint", "kind", "after", "position", "velocity", "effort", "drive gain")
@@ -160,6 +170,31 @@ class Robot:
     def n(self) -> int:
         """Number of moving joints."""
         return len(self.joints)
+
+    @property
+    def n_base(self) -> int:
+        """Number of coordinates of the base, which are the first joints: 0 for a fixed one."""
+        return len(BASE_JOINTS[self.base])
+
+    def require_fixed_base(self, purpose: str) -> None:
+        """Raise where the base moves: `purpose`, such as "a design of a motion", is for fixed bases alone.
+
+        Raises
+        ------
+        DynidentError
+        """
+        if self.base != "fixed":
+            raise DynidentError(
+                f"{self.name} has a {self.base} base, and there is no {purpose} for a base that moves. Read the robot "
+                "with base fixed, as if it were held in a stand.",
+                pointer="/robot",
+                title="Not for a base that moves",
+            )
+
+    @property
+    def n_massless(self) -> int:
+        """Number of leading joints that carry no link: all coordinates of the base but its last one."""
+        return max(self.n_base - 1, 0)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -9,12 +9,13 @@ from dataclasses import replace
 import pinocchio as pin
 
 from dynident.errors import DynidentError
+from dynident.robot.joint import BASE_JOINTS, BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.linkage import link_joints, lock_followers
-from dynident.robot.pinocchio_conversion import ROUNDING_TOLERANCE, DescribedJoints, from_pinocchio
+from dynident.robot.pinocchio_conversion import ROUNDING_TOLERANCE, DescribedJoints, from_pinocchio, release_base
 from dynident.robot.robot_model import Description, Robot, Tie
-from dynident.robot.stated_settings import build_settings
+from dynident.robot.stated_settings import Settings, build_settings
 from dynident.robot.xml_text import Element, parse_xml, write_xml
 
 TITLE = "Unusable URDF"
@@ -24,7 +25,6 @@ MOST_LINKS = 2000
 _SHORTEST_AXIS = 1e-6
 """Shortest axis, and the inverse of the longest: beyond, the direction is lost in rounding."""
 _OF_MORE_FREEDOMS = ("floating", "planar", "ball", "spherical")
-
 
 _ADVICE = {
     "sdf": " This is an SDF: give the URDF or xacro that it was made from, or convert it.",
@@ -91,28 +91,8 @@ def parse_urdf(text: str, pointer: str = "") -> Element:
     return root
 
 
-def find_clamped_joints(root: Element, locked: Mapping[str, float], pointer: str = "") -> frozenset[str]:
-    """Return the joints of more than one degree of freedom that are locked, such as the base of a robot in a stand.
-
-    Parameters
-    ----------
-    root : Element
-        The root element of the URDF.
-    locked : mapping of str to float
-        Positions of locked joints by name; such a joint can be locked at 0 alone.
-    pointer : str
-        JSON pointer to the text in the caller's request.
-
-    Returns
-    -------
-    frozenset of str
-        Names of the joints.
-
-    Raises
-    ------
-    DynidentError
-        If one is locked elsewhere than at its origin: one number cannot say where.
-    """
+def _find_clamped_joints(root: Element, locked: Mapping[str, float], pointer: str) -> frozenset[str]:
+    """Return the joints of more than one degree of freedom that are locked, at 0, as a base in a stand is."""
     clamped = set()
     for joint in root.iter_children("joint"):
         name, kind = joint.attributes.get("name", ""), joint.attributes.get("type", "")
@@ -126,7 +106,41 @@ def find_clamped_joints(root: Element, locked: Mapping[str, float], pointer: str
     return frozenset(clamped)
 
 
-def reduce_urdf(root: Element, pointer: str = "", clamped: Collection[str] = ()) -> Element:
+def _find_root_joint(root: Element, base: BaseKind | None, clamped: Collection[str]) -> tuple[str, BaseKind]:
+    """Return the floating joint that carries the root link, "" for none, and how the base moves.
+
+    Where the user says nothing of the base (None), the description does; joints in `clamped` are held.
+    """
+    joints = list(root.iter_children("joint"))
+    parents, children = ([_get_end(joint, end) for joint in joints] for end in ("parent", "child"))
+    # Not a link of the world that carries more than this joint: the rest would move with it.
+    roots = [
+        joint.attributes.get("name", "")
+        for joint, parent in zip(joints, parents, strict=True)
+        if joint.attributes.get("type") == "floating" and parent not in children and parents.count(parent) == 1
+    ]
+    free = [name for name in roots if name not in clamped]
+    if not free or base == "fixed":
+        return "", base or "fixed"
+    return free[0], base or "floating"
+
+
+def _get_end(joint: Element, end: str) -> str:
+    element = joint.find_child(end)
+    return "" if element is None else element.attributes.get("link", "")
+
+
+def _find_root_link(root: Element, root_joint: str) -> str:
+    """Return the name of the link whose frame is that of the base."""
+    joints = list(root.iter_children("joint"))
+    if root_joint:
+        return next(_get_end(joint, "child") for joint in joints if joint.attributes["name"] == root_joint)
+    children = {_get_end(joint, "child") for joint in joints}
+    names = (link.attributes["name"] for link in root.iter_children("link"))
+    return next(name for name in names if name not in children)
+
+
+def reduce_urdf(root: Element, pointer: str = "", clamped: Collection[str] = (), root_joint: str = "") -> Element:
     """Return the `<robot>` reduced to links, inertias, joints and limits, all of them checked.
 
     Dropping visual elements and vendor extensions also keeps the URDF parser below from complaining on the console. A
@@ -141,6 +155,9 @@ def reduce_urdf(root: Element, pointer: str = "", clamped: Collection[str] = ())
         JSON pointer to the text in the caller's request.
     clamped : collection of str
         Joints that become fixed ones.
+    root_joint : str
+        The floating joint that carries the root link, if any: it becomes a fixed one at the origin, so that the frame
+        of the base is that of the link.
 
     Returns
     -------
@@ -161,6 +178,10 @@ def reduce_urdf(root: Element, pointer: str = "", clamped: Collection[str] = ())
         name: replace(joint, attributes={**joint.attributes, "type": "fixed"}) if name in clamped else joint
         for name, joint in _iter_named(root, "joint", fail)
     }
+    if root_joint:
+        joint = joints[root_joint]
+        children = [child for child in joint.children if child.tag != "origin"]
+        joints[root_joint] = replace(joint, attributes={**joint.attributes, "type": "fixed"}, children=children)
     if not links:
         raise fail("The robot has no <link>.", root.line)
     if len(links) > MOST_LINKS:
@@ -222,9 +243,9 @@ def _check_kind(name: str, joint: Element, fail: _Fail) -> None:
         return
     if kind in _OF_MORE_FREEDOMS:
         raise fail(
-            f"Joint '{name}' is {kind}; only revolute, continuous and prismatic joints can move, and the base must be "
-            f"fixed. If the joint was clamped while the robot was recorded, lock it: --lock {name}, or "
-            f'"locked_joints": {{"{name}": 0}}.',
+            f"Joint '{name}' is {kind}; only revolute, continuous and prismatic joints can move, and a floating joint "
+            "that carries the root link. If the joint was clamped while the robot was recorded, lock it: "
+            f'--lock {name}, or "locked_joints": {{"{name}": 0}}.',
             joint.line,
         )
     if kind not in MOVING:
@@ -373,7 +394,7 @@ def robot_from_urdf(
     rounding_tolerance: float = ROUNDING_TOLERANCE,
     pointer: str = "",
 ) -> Robot:
-    """Return the robot that a URDF describes, on a fixed base.
+    """Return the robot that a URDF describes.
 
     Revolute, continuous and prismatic joints about any axis move. The links of fixed and locked joints are merged, with
     their inertias, into the link before. Joints of more than one degree of freedom may be locked at their origin, such
@@ -393,7 +414,7 @@ def robot_from_urdf(
     locked_joints : mapping of str to float, optional
         Positions (rad, m) of joints that no longer move; their links become part of the link before.
     gravity : sequence of float, optional
-        Acceleration of gravity in the base frame (m/s²); (0, 0, -9.81) by default.
+        Acceleration of gravity in the base frame (m/s²), or the world if it moves; (0, 0, -9.81) by default.
     rounding_tolerance : float
         Constants this near to 0, ±1/2, ±1 are mended, see `dynident.robot.pinocchio_conversion`.
     pointer : str
@@ -411,15 +432,29 @@ def robot_from_urdf(
         joint), or a setting does not fit.
     """
     settings = build_settings(limits, drives, locked_joints, gravity)
+    return read_urdf(name, text, settings, rounding_tolerance=rounding_tolerance, pointer=pointer)
+
+
+def read_urdf(
+    name: str,
+    text: str,
+    settings: Settings,
+    base: BaseKind | None = None,
+    *,
+    rounding_tolerance: float = ROUNDING_TOLERANCE,
+    pointer: str = "",
+) -> Robot:
+    """Return the same robot with settings that are checked, on any base; None: as the URDF says."""
     root = parse_urdf(text, pointer)
     locked_by_user = settings.locked_joints
-    clamped = find_clamped_joints(root, locked_by_user, pointer)
-    tree, ties = reduce_urdf(root, pointer, clamped), read_mimics(root, pointer)
+    clamped = _find_clamped_joints(root, locked_by_user, pointer)
+    root_joint, kind = _find_root_joint(root, base, clamped)
+    tree, ties = reduce_urdf(root, pointer, clamped, root_joint), read_mimics(root, pointer)
     # Clamped joints are fixed ones in the reduced text, so that Pinocchio has none of their names to lock.
     locked = {name: position for name, position in locked_by_user.items() if name not in clamped}
     settings = replace(settings, locked_joints=lock_followers(ties, locked))
     try:
-        model = pin.buildModelFromXML(write_xml(tree))
+        model = release_base(pin.buildModelFromXML(write_xml(tree)), kind, pointer)
     except (ValueError, RuntimeError) as error:
         raise make_urdf_error(f"Pinocchio cannot read the URDF: {error}", None, pointer) from error
     joints = {element.attributes["name"]: element for element in tree.iter_children("joint")}
@@ -430,8 +465,12 @@ def robot_from_urdf(
         settings,
         DescribedJoints(
             limits={joint: _read_limits(element) for joint, element in joints.items()},
-            links={joint: _get_child_link(element) for joint, element in joints.items()},
+            links={
+                **{joint: _get_end(element, "child") for joint, element in joints.items()},
+                **dict.fromkeys(BASE_JOINTS[kind][-1:], _find_root_link(tree, root_joint)),
+            },
             fixed=tuple(joint for joint, element in joints.items() if element.attributes["type"] == "fixed"),
+            base=kind,
         ),
         tolerance=rounding_tolerance,
         pointer=pointer,
@@ -449,8 +488,3 @@ def _read_limits(joint: Element) -> Limits:
     # Zeros stand for limits that the text does not state, see `reduce_urdf`.
     bounded = joint.attributes["type"] != "continuous" and lower < upper
     return Limits.from_description((lower, upper) if bounded else None, velocity, effort)
-
-
-def _get_child_link(joint: Element) -> str:
-    child = joint.find_child("child")
-    return "" if child is None else child.attributes["link"]

@@ -172,6 +172,7 @@ class VirtualRobot:
         controller: Controller | None = None,
         longest_step: float = LONGEST_STEP,
     ) -> None:
+        robot.require_fixed_base("simulation")
         self.robot = robot
         self.effects = tuple(effects)
         self.inertias = select_inertias(robot, inertias)

@@ -356,7 +356,7 @@ def _check_recovery(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> 
             f"the usual model with {effect.id} leaves {format_percent(unexplained, decimals=1)} of the torque "
             "unexplained on an arm that has it",
         )
-        return f"the usual model leaves {format_percent(unexplained, decimals=2)} of the torque unexplained"
+        return f"the usual model leaves {format_percent(unexplained)} of the torque unexplained"
     on = robot.joint_names[possible[len(possible) // 2]] if effect.scope == "joint" else ""
     try:
         usual = build_typical_effect(robot, effect.id, on)
@@ -374,20 +374,17 @@ def _check_recovery(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> 
             break
     else:
         return (
-            f"on the trial arm the usual model without this effect leaves only {format_percent(before, decimals=2)} "
+            f"on the trial arm the usual model without this effect leaves only {format_percent(before)} "
             "unexplained: too little to find it"
         )
     after = _compute_unexplained_share(trial, _choose_effect(effect, hidden))
     require(
         after <= max(_MOST_UNEXPLAINED * before, _NEAR_FLOOR * floor),
-        f"a virtual robot has {effect.id}, without which the model leaves {format_percent(before, decimals=2)} of the "
-        f"torque unexplained; with it the model still leaves {format_percent(after, decimals=2)}: its columns do not "
+        f"a virtual robot has {effect.id}, without which the model leaves {format_percent(before)} of the "
+        f"torque unexplained; with it the model still leaves {format_percent(after)}: its columns do not "
         "match the torque of the robot",
     )
-    return (
-        f"found again: {format_percent(before, decimals=2)} of the torque without it, "
-        f"{format_percent(after, decimals=2)} with it"
-    )
+    return f"found again: {format_percent(before)} of the torque without it, {format_percent(after)} with it"
 
 
 @cache

@@ -116,7 +116,7 @@ def _check_values(model: Model, fit: Fit, data: Data, truth: FloatArray) -> str:
         f"on the data the torque of the estimates differs by {format_percent(off, decimals=1)} from that of the true "
         "parameters",
     )
-    return f"the torque of the estimates differs by {format_percent(off, decimals=2)} from the true torque"
+    return f"the torque of the estimates differs by {format_percent(off)} from the true torque"
 
 
 def _check_statistics(model: Model, fit: Fit) -> str:

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.blas_threads import single_threaded
 from dynident.estimation import Bootstrap, Drawing, Reduction, Solution, Statistics, bootstrap_estimates
 from dynident.estimation.block_bootstrap import DRAWS
 from dynident.estimation.parameter_covariance import FEWEST_CLUSTERS, find_occupied_blocks
 from dynident.identification import Identification
 from dynident.identification.shape_constant_intervals import linearise_shapes
 from dynident.identification.shape_refinement import list_shape_variables
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.validation.validation_outcome import ValidationOutcome
 

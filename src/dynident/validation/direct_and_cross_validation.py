@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.equations.reduced_recordings import reduce_torque
 from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, OVERFIT
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_errors_by_phase, select_judged_errors

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
 from dynident.estimation import compute_relative_change, solve_weighted
 from dynident.estimation.row_weights import estimate_robust_scale
@@ -28,6 +27,7 @@ from dynident.identification.estimators.identified_robot_simulator import (
     read_longest_piece,
 )
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import (
     FurtherColumns,
@@ -335,7 +335,7 @@ def _judge_filters(used: FilterTrial, best: FilterTrial, residual: float) -> Val
         return ValidationOutcome("not_evaluated", "The identification's own filters could not be tried.")
     own = (
         f"The filters used ({_word_cutoffs(used.preprocessing)}) cause a parameter error that changes the torque by "
-        f"{format_percent(used.error, decimals=2)}"
+        f"{format_percent(used.error)}"
     )
     # The smallest of many errors is small by luck, too: a little better is no reason to change.
     if used.error <= _AS_GOOD * best.error:
@@ -345,11 +345,11 @@ def _judge_filters(used: FilterTrial, best: FilterTrial, residual: float) -> Val
         )
     if used.error <= _NEGLIGIBLE * residual:
         beside = f"small compared with the {format_percent(residual, decimals=1)} that the model does not explain"
-        better = f"with {_word_cutoffs(best.preprocessing)} it would be {format_percent(best.error, decimals=2)}"
+        better = f"with {_word_cutoffs(best.preprocessing)} it would be {format_percent(best.error)}"
         return ValidationOutcome("pass", f"{own}, {beside}; {better}.")
     return ValidationOutcome(
         "fail",
-        f"{own}; with {_word_cutoffs(best.preprocessing)} it would be {format_percent(best.error, decimals=2)}. "
+        f"{own}; with {_word_cutoffs(best.preprocessing)} it would be {format_percent(best.error)}. "
         "Identify again with these cut-offs.",
     )
 

@@ -14,11 +14,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.effects import get_effect
 from dynident.estimation.parameter_covariance import NORMAL_95
 from dynident.identification import Identification
 from dynident.identification.standard_parameters import draw_postures, get_joint_range
+from dynident.number_format import format_number
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.regressors.model_structure import Model
 from dynident.robot.robot_model import Robot
@@ -212,7 +213,9 @@ def _build_functions(model: Model, values: FloatArray) -> tuple[ca.Function, ca.
 
 
 def _judge_inertia_matrix(robot: Robot, posture: FloatArray, value: float, deviation: float) -> ValidationOutcome:
-    where = "at " + ", ".join(f"{name} = {x:.2f}" for name, x in zip(robot.joint_names, posture, strict=True))
+    where = "at " + ", ".join(
+        f"{name} = {format_number(float(x))}" for name, x in zip(robot.joint_names, posture, strict=True)
+    )
     units = "rad" if all(joint.kind == "revolute" for joint in robot.joints) else "rad or m"
     size = f"{value:.3g} ± {NORMAL_95 * deviation:.2g}"
     description = f"its smallest eigenvalue, scaled to a unit diagonal, is {size} {where} ({units})"

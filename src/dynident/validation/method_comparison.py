@@ -9,7 +9,6 @@ from time import perf_counter
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, Reduction, compute_errors, compute_relative_change
 from dynident.identification import Identification
@@ -19,6 +18,7 @@ from dynident.identification.estimation_problem_options import ModelName
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.strategies.solve_by_strategy import solve_by_strategy
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors, select_judged_errors

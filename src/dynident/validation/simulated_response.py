@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
@@ -28,6 +27,7 @@ from dynident.identification.estimators.identified_robot_simulator import (
 )
 from dynident.identification.thresholds import LARGEST_DRIFT, LARGEST_ERROR, LARGEST_OF_JOINT
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, low_pass
 from dynident.recordings.joint_phases import SLOW, STANDS

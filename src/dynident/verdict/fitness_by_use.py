@@ -303,8 +303,8 @@ def _judge_bodies(evidence: HeldOutEvidence) -> list[UseFinding]:
         after = compute_moving_errors(identification.data.held_out, nearest.values).relative_total
         before = evidence.error
         cost = (
-            f" The nearest feasible parameters have a held-out error of {format_percent(after, decimals=2)} instead of "
-            f"{format_percent(before, decimals=2)}."
+            f" The nearest feasible parameters have a held-out error of {format_percent(after)} instead of "
+            f"{format_percent(before)}."
         )
     return [UseFinding("no", f"These parameters are not physically feasible ({names}{more}).{cost}", CURE)]
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.blas_threads import single_threaded
 from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlaps
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, find_outlying_spans
@@ -15,6 +14,7 @@ from dynident.identification import Identification
 from dynident.identification.recording_faults import VETOES
 from dynident.identification.thresholds import LARGEST_ERROR, OVERFIT, STOP, USUAL, USUAL_IN_FULL
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.recordings import Check, Recording
 from dynident.text_and_html_tables import join_html, render_list, render_paragraph
 from dynident.validation.simulated_response import Drift

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.expressions import Program
@@ -26,6 +25,7 @@ from dynident.identification import Estimate, Identification
 from dynident.identification.estimators.identified_robot_simulator import read_longest_piece
 from dynident.identification.identified_models.equation_of_motion import build_equation_of_motion
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import SLOW
 from dynident.robot import Robot

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.effects import Effect, ReferenceParameters, Signals, build_columns, get_effect
+from dynident.effects.effect_columns import list_possible_joints
 from dynident.effects.usual_effect_sizes import get_largest_torque, get_velocity_scale
 from dynident.errors import DynidentError
 from dynident.excitation import TrajectoryRequest
@@ -29,7 +30,7 @@ def find_hideable_effects(robot: Robot, effect: str, joint: str) -> list[TrueEff
     cannot be hidden at all, or not on that joint ("" for any).
     """
     effect_class = get_effect(effect, "--effect")
-    names = [robot.joint_names[index] for index in effect_class.applicable(robot)]
+    names = [robot.joint_names[index] for index in list_possible_joints(effect_class, robot)]
     if joint and joint not in names:
         raise DynidentError(f"{effect} cannot act on {joint!r}; it can act on: {', '.join(names)}", pointer="--joint")
     anywhere = effect_class.scope == "robot" or len(effect_class.get_default_joints(robot)) == 1

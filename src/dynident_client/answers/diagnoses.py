@@ -235,6 +235,8 @@ class NextExperiment(TypedDict):
 class NotVisible(TypedDict):
     """An effect that these data could not show."""
 
+    brief: str
+    """The reason in a few words, for a table"""
     effect: str
     joints: list[str]
     reason: str

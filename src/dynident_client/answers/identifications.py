@@ -304,7 +304,7 @@ class PredictedTorqueView(TypedDict):
 
     joints: list[str]
     lower: list[list[float]] | None
-    """Interval of what would be measured; null without `interval`"""
+    """Of what is measured; null without `interval`"""
     model_lower: list[list[float]] | None
     """Interval of the model's own torque, from the covariance of its parameters"""
     model_upper: list[list[float]] | None
@@ -448,9 +448,9 @@ class UseView(TypedDict):
         "weigh_load",
         None,
     ]
-    """Which action of dynident does it; null where none does"""
+    """`action` of `next`"""
     next_step: str
-    """The next thing to do"""
+    """`sentence` of `next`"""
     reason: str
     state: Literal["yes", "limited", "no", "not_judged"]
     """limited: fit within a limit; not_judged: there are no data to judge by"""

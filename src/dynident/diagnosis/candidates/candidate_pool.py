@@ -15,7 +15,7 @@ from dynident.array_types import BoolArray
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, build_columns, get_effect, get_role
-from dynident.effects.effect_columns import is_lasting_change
+from dynident.effects.effect_columns import is_lasting_change, list_possible_joints
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot.robot_model import Robot
@@ -368,7 +368,7 @@ def find_places(effect: Effect, robot: Robot) -> tuple[int, ...]:
 
     A joint that turns so many times as far as a driven one has the same friction for all that can be seen.
     """
-    possible, linkage = effect.applicable(robot.tree), robot.linkage
+    possible, linkage = list_possible_joints(effect, robot.tree), robot.linkage
     if linkage is None or effect.in_some_runs:
         return possible
     rubs = effect.is_friction and effect.sits_on != "motor"

@@ -12,7 +12,6 @@ from functools import cached_property
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.blas_threads import single_threaded
 from dynident.effects import get_role
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, compute_band_distance
@@ -21,6 +20,7 @@ from dynident.identification import Identification
 from dynident.identification.identified_models.gravity_from_poses import evaluate_at_rest
 from dynident.identification.identified_models.torque_prediction import compute_prediction_deviation
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording, SampleBlock
 from dynident.recordings.joint_phases import Phase, PhaseArray
@@ -136,8 +136,8 @@ class Comparison:
     def __repr__(self) -> str:
         return (
             f"Comparison({len(self.joint_names)} joints, {len(self.t)} rows: relative error "
-            f"{format_percent(self.errors.relative_total, decimals=2)}, "
-            f"{format_percent(self.moving_errors.relative_total, decimals=2)} where joints move)"
+            f"{format_percent(self.errors.relative_total)}, "
+            f"{format_percent(self.moving_errors.relative_total)} where joints move)"
         )
 
     @property

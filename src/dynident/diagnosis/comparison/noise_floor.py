@@ -16,7 +16,6 @@ from scipy import special
 from scipy.interpolate import make_interp_spline
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
 from dynident.diagnosis.comparison.repeated_motion import (
     Repeat,
@@ -31,6 +30,7 @@ from dynident.diagnosis.comparison.residual_autocorrelation_and_spectra import (
     count_independent_squares,
 )
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_pass
 
 # Share of a motion that has to repeat another, p-value of the lack of fit, and ratio to the noise floor, for a note.

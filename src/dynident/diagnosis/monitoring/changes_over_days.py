@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate
@@ -35,6 +34,7 @@ from dynident.diagnosis.search.search_state import Finding, State, estimate_resi
 from dynident.effects import get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import build_weighted_factor, solve_weighted, statistics
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 
 _AS_MUCH = 0.9

@@ -21,7 +21,7 @@ from dynident.diagnosis.candidates.candidate_pool import list_change_candidates
 from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, ReferenceParameters, get_effect
-from dynident.effects.effect_columns import build_columns_for_all_runs
+from dynident.effects.effect_columns import build_columns_for_all_runs, list_possible_joints
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction
 from dynident.identification import Identification
@@ -316,7 +316,7 @@ def build_measure(identification: Identification, *, with_temperature: bool = Fa
 
 def _list_places(effect: Effect, model: Model) -> list[tuple[str, ...]]:
     """List every joint that an effect may sit on, and all of them together: an arm gets warm as a whole."""
-    names = tuple(model.robot.joint_names[j] for j in effect.applicable(model.robot))
+    names = tuple(model.robot.joint_names[j] for j in list_possible_joints(effect, model.robot))
     return [(name,) for name in names] + ([names] if len(names) > 1 else [])
 
 

@@ -24,6 +24,7 @@ from dynident.diagnosis.outcome_reasons import Reason, ReasonCode
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.search.acceptance_rules import compute_explained_error
 from dynident.diagnosis.search.external_contacts import drop_faded_contacts
+from dynident.diagnosis.search.physical_plausibility import is_physically_possible
 from dynident.diagnosis.search.pruning import prune_findings, select_harmless, trim_joints
 from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import EffectChoice, build_columns, get_effect
@@ -249,6 +250,10 @@ def locate_findings(
         base = (*range(pool.n_base), *(column for other in others if other for column in other.columns))
         candidates = [candidate for choice in places[k] if (candidate := pool.find_candidate(choice))]
         judged = score_all(data, pool, base, candidates, identification.noise)
+        # On a link where it would be below zero, a mass makes up for something else.
+        judged = [
+            scored for scored in judged if is_physically_possible(data, pool, base, identification.noise, scored)
+        ] or judged
         placed_findings[k] = _move_to_best_link(placed_findings[k], judged, model.robot.joint_names)
     return tuple(placed_findings)
 

@@ -303,8 +303,20 @@ def group_columns(
     groups = ours
     for stem, group in by_stem.items():
         columns = tuple(group[joint] for joint in range(len(joint_names)))
-        groups.append(_build_group(columns, named, reasons[stem]))
+        built = _build_group(columns, named, reasons[stem])
+        # Another arm in the same file counts its joints alike, but has not their names.
+        if stem not in numbered or not _is_of_other_joints(built, groups):
+            groups.append(built)
     return groups, [index for index in range(len(named)) if index not in used], following
+
+
+def _is_of_other_joints(counted: ColumnGroup, groups: Sequence[ColumnGroup]) -> bool:
+    """Tell whether columns that are counted have words that those with the joints' names lack, for one signal."""
+    own = set(counted.named.words)
+    return any(
+        group.signal == counted.signal is not None and group.rank <= counted.rank and not own <= set(group.named.words)
+        for group in groups
+    )
 
 
 def _group_by_own_names(named: Sequence[ColumnName], joint_names: Sequence[str]) -> list[ColumnGroup]:

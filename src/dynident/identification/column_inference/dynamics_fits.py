@@ -8,21 +8,23 @@ The results become guesses and questions of the proposal.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.array_types import FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError, Remedy
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_statistics import Sample, fill_gaps
-from dynident.identification.column_inference.metadata_proposal import Guess, Question
+from dynident.identification.column_inference.metadata_proposal import SURE, Guess, Question, UnitGuess
 from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.description_fit import DESCRIPTION_UNITS, ZERO
+from dynident.identification.recording_faults.description_fit import DESCRIPTION_UNITS
 from dynident.identification.recording_faults.fault_checks import GRAVITY, SCALE
 from dynident.identification.recording_faults.fault_search import measure_unexplained_share
+from dynident.identification.recording_faults.joint_angle_faults import ZERO
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.number_format import format_percent
 from dynident.recordings import JointLimits, RecordedJoints, Recording, recording_from_arrays
@@ -30,8 +32,9 @@ from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.recording_import import condition_arrays
 from dynident.recordings.recording_metadata import COMMANDED, Check, RecordingError
 from dynident.recordings.time_columns import RunLabels
-from dynident.recordings.units import find_conversion
+from dynident.recordings.units import MOMENTS, find_conversion
 from dynident.robot import Robot
+from dynident.robot.pinocchio_conversion import compute_described_torque
 
 
 def condition_sample(
@@ -248,6 +251,143 @@ def _write_share_unit(limits: tuple[float, float], full: float) -> str:
     factor, middle = (limits[1] - limits[0]) / (2.0 * full), 0.5 * (limits[0] + limits[1])
     zero = -middle / factor
     return f"counts:{2.0 * np.pi / factor:.4f}" + (f"@{zero:.4f}" if abs(zero) > 0.0 else "")
+
+
+_NEAR = (0.45, 2.1)
+"""Range of measured over described torque within which they agree: descriptions are not better."""
+_POOR = (0.15, 6.0)
+"""The same beyond which no description is off: it is another torque, or another unit."""
+FAIR = (0.2, 3.0)
+"""The same for a description whose masses may be guessed: up to 2.4 on the open recordings."""
+_SURE = 1.25
+"""Amplifiers of arms give up to 64 A: per cent of that taken for A make 1.56 times the torque, and of less even more;
+this is half as far, as factors go."""
+_TRUSTED_VARIANCE, _STATES = 0.3, 400
+"""Share of the variance without the load that may be left with it for a joint's scale to be trusted; and rows used."""
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueScales:
+    """Measured over described torque of every joint.
+
+    Parameters
+    ----------
+    values : (n,)
+        The ratios.
+    trusted : (n,)
+        Joints whose ratio can be trusted, as the description's load explains much of their torque.
+    """
+
+    values: FloatArray
+    trusted: BoolArray
+
+    @property
+    def median(self) -> float:
+        """Median of the trusted scales, without sign."""
+        return float(np.median(np.abs(self.values[self.trusted])))
+
+    def is_plausible(self, factor: float) -> bool:
+        """Tell whether the values, times a factor, could be torques of the joints, if the description is poor."""
+        return _POOR[0] < self.median * factor < _POOR[1]
+
+    def is_near_one(self, factors: FloatArray) -> bool:
+        """Tell whether the trusted values, times factors (n,), agree with the description, as far as descriptions do.
+
+        A payload that it does not have makes some of them larger, and none smaller.
+        """
+        sizes = np.abs(self.values * factors)[self.trusted]
+        return _NEAR[0] < float(sizes.min()) < _NEAR[1] and self.is_fair(factors)
+
+    def is_in_unit(self, factor: float) -> bool:
+        """Tell whether the trusted values, all times a unit's factor, agree with the description, and with each other.
+
+        Gears and drive gains make the joints' values differ; a unit does not.
+        """
+        sizes = np.abs(self.values * factor)[self.trusted]
+        return self.is_near_one(np.full(len(self.values), factor)) and float(sizes.max()) < FAIR[1]
+
+    def is_sure(self, factors: FloatArray) -> bool:
+        """Tell whether the trusted values, times factors (n,), show that currents are in the unit of the gains."""
+        size = float(np.median(np.abs(self.values * factors)[self.trusted]))
+        return 1.0 / _SURE < size < _SURE
+
+    def is_fair(self, factors: FloatArray) -> bool:
+        """Tell whether the trusted values, times factors (n,), agree with a description whose masses are guessed."""
+        return FAIR[0] < float(np.median(np.abs(self.values * factors)[self.trusted])) < FAIR[1]
+
+
+def compare_with_description(robot: Robot, motion: Motion) -> TorqueScales | None:
+    """Compare torques with those of the description's inertias; None where it gives none, or no joint can be trusted.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    """
+    if robot.inertias is None:
+        return None
+    every = max(1, len(motion.q) // _STATES)
+    q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
+    described = compute_described_torque(robot, q, dq, ddq)
+    values, trusted = np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
+    for joint in range(robot.n):
+        speed = dq[:, joint]
+        # Friction, inertia of the drive and an offset are free: only what the load adds is compared.
+        friction = np.column_stack(
+            [speed, np.tanh(speed / (0.05 * speed.std() + 1e-12)), ddq[:, joint], np.ones(len(q))]
+        )
+        rows = np.column_stack([described[:, joint], friction])
+        size = np.sqrt((rows**2).sum(axis=0)) + 1e-30
+        solution, *_ = np.linalg.lstsq(rows / size, tau[:, joint], rcond=1e-10)
+        other = tau[:, joint] - friction @ np.linalg.lstsq(friction, tau[:, joint], rcond=1e-10)[0]
+        # The load has to explain much of what friction leaves, or its factor means nothing.
+        remainder = tau[:, joint] - rows / size @ solution
+        values[joint] = solution[0] / size[0]
+        trusted[joint] = (
+            remainder.var() < _TRUSTED_VARIANCE * other.var() and remainder.var() < 0.1 * tau[:, joint].var()
+        )
+    return TorqueScales(values, trusted) if trusted.any() else None
+
+
+_NO_ALIAS = ("N m", "mN m", "kN m", "N cm", "kgf m", "kgf cm", "lbf ft", "lbf in", "ozf in")
+"""Units of torque that are tried, each size once."""
+
+
+def match_description(guess: UnitGuess, size: float, fits: Callable[[float], bool]) -> UnitGuess:
+    """Return the unit of torques, corrected or confirmed by what the inertias of the description need.
+
+    Parameters
+    ----------
+    guess : UnitGuess
+        The unit by the size of the numbers.
+    size : float
+        Numbers of the file over the torque in N m that the description needs, of a usual joint.
+    fits : callable
+        Tells whether numbers times a factor agree with the description in all joints.
+
+    Returns
+    -------
+    UnitGuess
+        The same if no unit of torque agrees with the description.
+    """
+    near = sorted(
+        (unit for unit in _NO_ALIAS if fits(MOMENTS[unit])), key=lambda unit: abs(np.log(size * MOMENTS[unit]))
+    )
+    if guess.unit in near:
+        reason = f"in {guess.unit} its size matches the inertias of the description"
+        return guess if guess.confidence >= SURE else UnitGuess(guess.unit, 0.85, reason)
+    if near[:1] == ["N m"] or (not near and guess.unit == "N m"):
+        return guess if not near else UnitGuess("N m", 0.85, "in N m its size matches the inertias of the description")
+    # An unusual unit has to be borne out by the masses.
+    units = tuple(near[:3]) or (guess.unit, "N m")
+    sizes = ", ".join(f"{size * MOMENTS[unit]:.2g} times in {unit}" for unit in dict.fromkeys((*units, "N m")))
+    reason = (
+        f"they are these times the torque that the inertias of the description need: {sizes}; if they are torques of "
+        "motors, or shares of rated ones, give drive gains"
+    )
+    return UnitGuess(units[0], 0.5, reason, units)
 
 
 _MORE = 1.01

@@ -45,7 +45,11 @@ from dynident.identification.column_inference.time_and_pose_columns import (
     guess_efforts_at_poses,
     report_empty_columns,
 )
-from dynident.identification.column_inference.torque_or_current import ask_for_gains, classify_effort
+from dynident.identification.column_inference.torque_or_current import (
+    ask_for_gains,
+    classify_effort,
+    fit_torque_unit,
+)
 from dynident.identification.column_inference.unnamed_columns import (
     UnnamedColumns,
     assign_torques,
@@ -416,19 +420,21 @@ class _ColumnInference(WorkingProposal):
     def _guess_efforts(self, effort: ColumnGroup, q: FloatArray, kind: EffortKind) -> EffortKind:
         tau = self.values[:, list(effort.columns)]
         gains = [drive.gain for drive in self.robot.drives]
-        signal = effort.signal
+        named = effort.signal
         reach = of_units.compute_reach(self.robot)
-        torque = of_units.guess_torque_unit(self.robot, tau, effort.unit if signal == "tau" else None, reach)
-        current = of_units.guess_current_unit(tau, gains, self.robot, effort.unit if signal == "current" else None)
+        torque = of_units.guess_torque_unit(self.robot, tau, None if named == "current" else effort.unit, reach)
+        current = of_units.guess_current_unit(tau, gains, self.robot, effort.unit if named == "current" else None)
         by_data = classify_effort(
             self.fits,
             q,
             tau,
-            signal,
+            named,
             effort.unit,
             of_units.get_factor("tau", "revolute", torque.unit) if torque.unit in MOMENTS else 1.0,
             {"A": 1.0, "mA": 1e-3}[current.unit] if current.confidence >= of_units.SURE else None,
         )
+        if named == "tau" and effort.unit is None:
+            torque, by_data = fit_torque_unit(torque, by_data)
         if kind == "unknown":
             kind = by_data.kind
             if kind in ("gravity_compensated", "external", "commanded"):
@@ -437,38 +443,9 @@ class _ColumnInference(WorkingProposal):
                 )
         unit_note = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
         self.add_guess("effort_kind", kind, by_data.confidence, f"{by_data.reason}{unit_note}")
-        if effort.unit in ("permille", "percent"):
-            signal = "current"
-            self.assign_columns("current", effort)
-            unit = f"{effort.unit} of the rated torque"
-            self.add_guess(
-                "units/current", unit, 0.9, f"its name says {effort.unit}; drive gains are then N m per {effort.unit}"
-            )
-            kind = "motor_torque" if kind == "unknown" else kind
-        elif effort.named.strange_unit:
-            unit = effort.named.strange_unit
-            detail = (
-                f"{self.name_columns(effort)} are in {unit}, which is no unit of torque: take them as currents "
-                f"(current1=…), and give drive gains in N m per {unit}."
-            )
-            self.assign_columns("tau", effort)
-            self.add_question("effort_kind", detail, ("motor_current",))
-        elif signal == "effort":
-            if kind == "unknown":
-                detail = f"What are {self.name_columns(effort)}: torques of the joints, or currents of the motors?"
-                self.add_question("effort_kind", detail, ("joint_torque", "motor_torque", "motor_current"))
-            signal = "current" if kind == "motor_current" else "tau"
-            self.assign_columns(signal, effort)
-        else:
-            if kind == "unknown" and signal == "tau":
-                detail = (
-                    f"What are {self.name_columns(effort)}? They are called torques, but {by_data.reason}: torques of "
-                    "the joints, with such inertias, or of the motors before the gears?"
-                )
-                self.add_question("effort_kind", detail, ("joint_torque", "motor_torque"))
-            self.assign_columns("tau" if signal == "tau" else "current", effort)
+        signal, kind, effort = self.assign_efforts(effort, kind, by_data.reason, known_gains=None not in gains)
         if effort.unit not in ("permille", "percent"):
-            self.take_effort_unit(signal or "tau", tau, effort, gains, reach)
+            self.take_effort_unit(signal, torque if signal == "tau" else current, effort)
         in_si = signal == "tau" or None not in gains
         if signal == "current":
             question = ask_for_gains(self.name_columns(effort), effort.unit, gains, self.fits, (q, tau))
@@ -476,7 +453,7 @@ class _ColumnInference(WorkingProposal):
                 # The size of the torques depends on the gains, so it is asked together with them.
                 self.questions.append(question)
                 in_si = False
-        self._check_against_dynamics(q, tau * self.get_factors_to_si(signal or "tau", gains), effort, in_si=in_si)
+        self._check_against_dynamics(q, tau * self.get_factors_to_si(signal, gains), effort, in_si=in_si)
         return kind
 
     def _check_against_dynamics(self, q: FloatArray, tau: FloatArray, effort: ColumnGroup, *, in_si: bool) -> None:
@@ -490,6 +467,7 @@ class _ColumnInference(WorkingProposal):
         first = [g for g in guesses[:1] if g.confidence < of_units.SURE and g.value.endswith("unexplained")]
         self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
         if any(question.field == "units/tau" for question in questions):
-            # A question that says by how much the torques are off replaces the one that only says the unit is unknown.
-            self.questions = [question for question in self.questions if question.field != "units/tau"]
+            # A question that says by how much the torques are off replaces those that only say that they are.
+            replaced = ("units/tau", "effort_kind") if effort.signal == "tau" else ("units/tau",)
+            self.questions = [question for question in self.questions if question.field not in replaced]
         self.questions += questions

@@ -34,6 +34,32 @@ class Guess:
     remedies: tuple[Remedy, ...] = ()
 
 
+SURE = 0.8
+"""Confidence below which a unit has to be confirmed."""
+
+
+@dataclass(frozen=True)
+class UnitGuess:
+    """A guess of a unit.
+
+    Parameters
+    ----------
+    unit : str
+        The unit.
+    confidence : float
+        From 0 to 1; below `SURE` the unit has to be confirmed.
+    reason : str
+        The reason, as a clause.
+    choices : tuple of str
+        Units to choose from, if any.
+    """
+
+    unit: str
+    confidence: float
+    reason: str
+    choices: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
 class Question:
     """A question that has to be answered before the file can be used.

@@ -138,29 +138,21 @@ class WorkingProposal:
             choices = guess.choices or usual_ones.get(key.rstrip("0123456789"), ("N m", "mN m"))
             self.add_question(f"units/{key}", f"In which unit is {key}? {guess.reason}.", choices)
 
-    def take_effort_unit(
-        self, signal: str, tau: FloatArray, effort: ColumnGroup, gains: list[float | None], reach: float
-    ) -> None:
-        """Guess the unit of torques or currents.
+    def take_effort_unit(self, signal: str, guess: of_units.UnitGuess, effort: ColumnGroup) -> None:
+        """Take the unit of torques or currents.
 
         Parameters
         ----------
         signal : str
             "tau" or "current".
-        tau : (m, n)
-            Efforts as the file has them.
+        guess : UnitGuess
+            The unit.
         effort : ColumnGroup
             Their columns.
-        gains : list of float or None
-            Drive gains of the joints; None where one is not known.
-        reach : float
-            Reach of the robot in m.
         """
         if signal == "current":
-            guess = of_units.guess_current_unit(tau, gains, self.robot, effort.unit)
             self.take_unit("current", guess, "A")
             return
-        guess = of_units.guess_torque_unit(self.robot, tau, effort.unit, reach)
         if effort.signal == "effort" and effort.unit is None and guess.unit not in ("N m", "N"):
             # The name does not say torque: a current, a register, or a position error times a gain may be as large.
             reason = (
@@ -277,6 +269,62 @@ class WorkingProposal:
             name = self.sample.names[column]
             self.columns[f"{'tau' if name == NOT_RECORDED else signal}{joint + 1}"] = name
         self.add_guess(f"columns/{signal}", self.name_columns(group), 0.95 if group.rank < 4 else 0.6, group.reason)
+
+    def assign_efforts(
+        self, effort: ColumnGroup, kind: EffortKind, reason: str, *, known_gains: bool
+    ) -> tuple[str, EffortKind, ColumnGroup]:
+        """Assign efforts to torques or currents, and ask what they are where that is not known.
+
+        Parameters
+        ----------
+        effort : ColumnGroup
+            Their columns.
+        kind : str
+            What they are, or "unknown".
+        reason : str
+            Why they are no torques of the joints, as a clause.
+        known_gains : bool
+            Whether all drive gains are known.
+
+        Returns
+        -------
+        tuple of str, str and ColumnGroup
+            "tau" or "current", what they are, and the columns with their unit.
+        """
+        names = self.name_columns(effort)
+        signal = "current" if effort.signal == "current" else "tau"
+        if effort.unit in ("permille", "percent"):
+            signal, kind = "current", "motor_torque" if kind == "unknown" else kind
+            self.add_guess(
+                "units/current",
+                f"{effort.unit} of the rated torque",
+                0.9,
+                f"its name says {effort.unit}; drive gains are then N m per {effort.unit}",
+            )
+        elif effort.named.strange_unit:
+            unit = effort.named.strange_unit
+            signal = "tau"
+            detail = (
+                f"{names} are in {unit}, which is no unit of torque: take them as currents (current1=…), and give "
+                f"drive gains in N m per {unit}."
+            )
+            self.add_question("effort_kind", detail, ("motor_current",))
+        elif effort.signal == "effort":
+            if kind == "unknown":
+                detail = f"What are {names}: torques of the joints, or currents of the motors?"
+                self.add_question("effort_kind", detail, ("joint_torque", "motor_torque", "motor_current"))
+            signal = "current" if kind == "motor_current" else "tau"
+        elif kind == "motor_torque" and known_gains:
+            # Drive gains are N m per unit of these numbers, whatever that is.
+            signal, effort = "current", replace(effort, unit="A")
+        elif kind == "unknown" and signal == "tau":
+            detail = (
+                f"What are {names}? They are called torques, but {reason}: torques of the joints, with such inertias, "
+                "or of the motors before the gears?"
+            )
+            self.add_question("effort_kind", detail, ("joint_torque", "motor_torque"))
+        self.assign_columns(signal, effort)
+        return signal, kind, effort
 
     def name_columns(self, group: ColumnGroup) -> str:
         """Return the names of the first and the last column of a group."""

@@ -234,7 +234,11 @@ def guess_efforts_at_poses(
     work.add_guess("effort_kind", kind, 0.8, "by its name; a robot at standstill gives no more evidence")
     work.assign_columns(signal, effort)
     gains = [drive.gain for drive in work.robot.drives]
-    work.take_effort_unit(signal, tau, effort, gains, of_units.compute_reach(work.robot))
+    if signal == "current":
+        guess = of_units.guess_current_unit(tau, gains, work.robot, effort.unit)
+    else:
+        guess = of_units.guess_torque_unit(work.robot, tau, effort.unit, of_units.compute_reach(work.robot))
+    work.take_effort_unit(signal, guess, effort)
     unexplained = None if q is None else fits.measure_unexplained(q, tau)
     if unexplained is not None:
         reason = "share of the torque at rest that gravity and constant torques do not explain"

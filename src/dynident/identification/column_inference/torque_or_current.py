@@ -10,17 +10,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.array_types import BoolArray, FloatArray
-from dynident.identification.column_inference.dynamics_fits import DynamicsFits
-from dynident.identification.column_inference.metadata_proposal import Question
+from dynident.array_types import FloatArray
+from dynident.identification.column_inference.dynamics_fits import (
+    FAIR,
+    DynamicsFits,
+    TorqueScales,
+    compare_with_description,
+    match_description,
+)
+from dynident.identification.column_inference.metadata_proposal import Question, UnitGuess
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.fault_search import (
     CLEARLY_AGREES,
-    measure_gain_by_other_scales,
     measure_unexplained_share,
 )
 from dynident.identification.recording_faults.gravity_in_torque import detect_compensated_gravity, find_mounting
 from dynident.identification.recording_faults.torque_scale import compute_median_scale
+from dynident.identification.recording_faults.unexplained_torque import measure_gain_by_other_scales
 from dynident.number_format import format_percent
 from dynident.recordings.recording_metadata import EffortKind
 from dynident.recordings.units import MOMENTS
@@ -156,15 +162,6 @@ CANNOT_TELL = "the data do not show whether it was measured or commanded, becaus
 
 _LOST = 0.75
 """Ratio of the residuals without and with gravity, below which a torque counts as gravity-compensated."""
-_NEAR = (0.45, 2.1)
-"""Range of measured over described torque within which they agree: descriptions are not better."""
-_POOR = (0.15, 6.0)
-"""The same beyond which no description is off: it is another torque, or another unit."""
-_FAIR = (0.2, 3.0)
-"""The same for a description whose masses may be guessed: up to 2.4 on the open recordings."""
-_SURE = 1.25
-"""Amplifiers of arms give up to 64 A: per cent of that taken for A make 1.56 times the torque, and of less even more;
-this is half as far, as factors go."""
 _CURRENTS = (0.2, 100.0)
 """A: the largest current of an arm is between these; of a motor of a few watts, and of a robot for 300 kg."""
 _LEAST_OF_MOTORS = 0.01
@@ -174,8 +171,6 @@ _LARGEST_GAIN = 500.0
 _APART = 1.25
 """Times what is left with gravity, below which the motion does not show whether there is any: at least 1.7 in torques
 of the open recordings, up to 1.6 without it (`benchmarks/effort_kinds.py`)."""
-_TRUSTED_VARIANCE, _STATES = 0.3, 400
-"""Share of the variance without the load that may be left with it for a joint's scale to be trusted; and rows used."""
 _LOADED = 0.02
 """Share of a joint's largest torque that gravity has to have for the joint to count as loaded."""
 _NOTHING = 0.9
@@ -194,11 +189,14 @@ class EffortGuess:
         From 0 to 1.
     reason : str
         The reason, as a clause.
+    scales : TorqueScales or None
+        Numbers over the torques of the description; None where they were not compared.
     """
 
     kind: EffortKind
     confidence: float
     reason: str
+    scales: TorqueScales | None = None
 
 
 def classify_effort(
@@ -278,17 +276,51 @@ def _classify_measured(
         )
         return EffortGuess("gravity_compensated", 0.85, reason)
     if signal == "tau":
-        scales = compare_with_description(fits.robot, motion)
-        if scales is not None and not scales.is_plausible(torque_factor):
-            size = scales.median * torque_factor
-            return EffortGuess(
-                "unknown", 0.3, f"it is {size:.2g} times the torque that the inertias of the description need"
-            )
-    if signal in ("tau", "current") or unit is not None:
+        return _classify_torque(fits.robot, motion, unit, torque_factor)
+    if signal == "current" or unit is not None:
         return _classify_by_name(signal, unit, 0.9, "by its name; gravity and motion explain it")
     if told_apart < _APART and _has_load(fits.robot, motion):
         return EffortGuess("unknown", 0.3, "the motion does not show whether it contains the gravity torque")
     return classify_by_size(fits.robot, motion, torque_factor, current_factor)
+
+
+def _classify_torque(robot: Robot, motion: Motion, unit: str | None, factor: float) -> EffortGuess:
+    """Classify what is called a torque: before the gears, or in a drive's unit, if drive gains make it plausible."""
+    scales = compare_with_description(robot, motion)
+    gains = np.array([np.nan if drive.gain is None else drive.gain for drive in robot.drives])
+    is_torque = scales is None or scales.is_near_one(np.full(robot.n, factor))
+    if scales is not None and not is_torque and np.isfinite(gains).all() and scales.is_near_one(gains):
+        reason = "with the drive gains its size matches the inertias of the description; without, it does not"
+        return EffortGuess("motor_torque", 0.9, reason, scales)
+    if scales is None or scales.is_plausible(factor):
+        by_name = _classify_by_name("tau", unit, 0.9, "by its name; gravity and motion explain it")
+        return replace(by_name, scales=scales)
+    size = f"it is {scales.median * factor:.2g} times the torque that the inertias of the description need"
+    return EffortGuess("unknown", 0.3, size, scales)
+
+
+def fit_torque_unit(guess: UnitGuess, effort: EffortGuess) -> tuple[UnitGuess, EffortGuess]:
+    """Correct the unit of what is called a torque, and what it is, by the inertias of the description.
+
+    Parameters
+    ----------
+    guess : UnitGuess
+        The unit by the size of the numbers, where none is stated.
+    effort : EffortGuess
+        What the numbers are, with that unit.
+
+    Returns
+    -------
+    pair of UnitGuess and EffortGuess
+    """
+    scales = effort.scales
+    if scales is None or effort.kind == "motor_torque":
+        return guess, effort
+    unit = match_description(guess, scales.median, scales.is_in_unit)
+    if unit != guess and effort.kind == "unknown":
+        # The size is that of a torque in another unit, which is what is asked.
+        effort = replace(effort, kind="joint_torque", reason="by its name; gravity and motion explain it")
+    return unit, effort
 
 
 def classify_by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: float | None) -> EffortGuess:
@@ -341,7 +373,7 @@ def _classify_by_elimination(robot: Robot, motion: Motion, torque_factor: float)
         if peak < _LEAST_OF_MOTORS and measure_gain_by_other_scales(robot, motion, 2.0) < CLEARLY_AGREES:
             return EffortGuess("joint_torque", 0.85, "it is too small for a current or a torque of an arm's motors")
         return None
-    if not _FAIR[0] < usual * torque_factor < _FAIR[1]:
+    if not FAIR[0] < usual * torque_factor < FAIR[1]:
         return None
     possible = [
         unit
@@ -352,83 +384,6 @@ def _classify_by_elimination(robot: Robot, motion: Motion, torque_factor: float)
     if not possible and measure_gain_by_other_scales(robot, motion, 2.0) < CLEARLY_AGREES:
         return EffortGuess("joint_torque", 0.85, f"{size}, and this is not the range of an arm's currents")
     return None
-
-
-@dataclass(frozen=True, eq=False)
-class TorqueScales:
-    """Measured over described torque of every joint.
-
-    Parameters
-    ----------
-    values : (n,)
-        The ratios.
-    trusted : (n,)
-        Joints whose ratio can be trusted, as the description's load explains much of their torque.
-    """
-
-    values: FloatArray
-    trusted: BoolArray
-
-    @property
-    def median(self) -> float:
-        """Median of the trusted scales, without sign."""
-        return float(np.median(np.abs(self.values[self.trusted])))
-
-    def is_plausible(self, factor: float) -> bool:
-        """Tell whether the values, times a factor, could be torques of the joints, if the description is poor."""
-        return _POOR[0] < self.median * factor < _POOR[1]
-
-    def is_near_one(self, factors: FloatArray) -> bool:
-        """Tell whether the trusted values, times factors (n,), agree with the description, as far as descriptions do.
-
-        A payload that it does not have makes some of them larger, and none smaller.
-        """
-        sizes = np.abs(self.values * factors)[self.trusted]
-        return _NEAR[0] < float(sizes.min()) < _NEAR[1] and self.is_fair(factors)
-
-    def is_sure(self, factors: FloatArray) -> bool:
-        """Tell whether the trusted values, times factors (n,), show that currents are in the unit of the gains."""
-        size = float(np.median(np.abs(self.values * factors)[self.trusted]))
-        return 1.0 / _SURE < size < _SURE
-
-    def is_fair(self, factors: FloatArray) -> bool:
-        """Tell whether the trusted values, times factors (n,), agree with a description whose masses are guessed."""
-        return _FAIR[0] < float(np.median(np.abs(self.values * factors)[self.trusted])) < _FAIR[1]
-
-
-def compare_with_description(robot: Robot, motion: Motion) -> TorqueScales | None:
-    """Compare torques with those of the description's inertias; None where it gives none, or no joint can be trusted.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    motion : Motion
-        Filtered rows of the recording.
-    """
-    if robot.inertias is None:
-        return None
-    every = max(1, len(motion.q) // _STATES)
-    q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
-    described = compute_described_torque(robot, q, dq, ddq)
-    values, trusted = np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
-    for joint in range(robot.n):
-        speed = dq[:, joint]
-        # Friction, inertia of the drive and an offset are free: only what the load adds is compared.
-        friction = np.column_stack(
-            [speed, np.tanh(speed / (0.05 * speed.std() + 1e-12)), ddq[:, joint], np.ones(len(q))]
-        )
-        rows = np.column_stack([described[:, joint], friction])
-        size = np.sqrt((rows**2).sum(axis=0)) + 1e-30
-        solution, *_ = np.linalg.lstsq(rows / size, tau[:, joint], rcond=1e-10)
-        other = tau[:, joint] - friction @ np.linalg.lstsq(friction, tau[:, joint], rcond=1e-10)[0]
-        # The load has to explain much of what friction leaves, or its factor means nothing.
-        remainder = tau[:, joint] - rows / size @ solution
-        values[joint] = solution[0] / size[0]
-        trusted[joint] = (
-            remainder.var() < _TRUSTED_VARIANCE * other.var() and remainder.var() < 0.1 * tau[:, joint].var()
-        )
-    return TorqueScales(values, trusted) if trusted.any() else None
 
 
 def is_as_described(fits: DynamicsFits, q: FloatArray, currents: FloatArray, gains: Sequence[float | None]) -> bool:

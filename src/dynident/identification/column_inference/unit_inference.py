@@ -6,12 +6,12 @@ Holds the counts a turn that are tried, and when a unit is ruled out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits
+from dynident.identification.column_inference.metadata_proposal import SURE, UnitGuess
 from dynident.number_format import format_percent
 from dynident.recordings.recording import JointKind
 from dynident.recordings.units import FACTORS, find_conversion
@@ -28,31 +28,6 @@ MOST_MOTION = 4.0 * np.pi * 1.05
 
 CLEARLY = 1.25
 """Ratio of the unexplained shares above which another unit is ruled out."""
-
-
-@dataclass(frozen=True)
-class UnitGuess:
-    """A guess of a unit.
-
-    Parameters
-    ----------
-    unit : str
-        The unit.
-    confidence : float
-        From 0 to 1; below `SURE` the unit has to be confirmed.
-    reason : str
-        The reason, as a clause.
-    choices : tuple of str
-        Units to choose from, if any.
-    """
-
-    unit: str
-    confidence: float
-    reason: str
-    choices: tuple[str, ...] = ()
-
-
-SURE = 0.8
 
 
 WELL_KNOWN = (

@@ -213,10 +213,20 @@ def select_whole_signals(columns: Sequence[int], values: FloatArray, alive: Bool
         Numbers of the columns that are left.
     """
     # A second clock, or a counter of rows, is no signal of a joint.
-    running = find_clock_columns(values)
+    running = {*find_clock_columns(values), *(index for index in columns if _counts_on(values[:, index]))}
     numbers = [index for index in columns if np.isfinite(values[:, index]).all() and index not in running]
     moving = [index for index in numbers if alive[index]]
     return numbers if len(moving) % n and not len(numbers) % n else moving
+
+
+_FEWEST_COUNTS = 5
+
+
+def _counts_on(values: FloatArray) -> bool:
+    """Return whether a column (m,) rises by equal steps with many rows between them, as a clock of whole seconds."""
+    steps = np.diff(values)
+    counts = steps[steps != 0.0]
+    return _FEWEST_COUNTS <= len(counts) < 0.5 * len(steps) and bool(np.allclose(counts, abs(counts[0]), rtol=1e-6))
 
 
 def sort_by_number(named: Sequence[ColumnName], columns: list[int]) -> list[int]:

@@ -119,6 +119,13 @@ def build_wrench_equations(
         For an effect that does not show in the base's wrench, a recording without one, or a base parameter that the
         wrench does not determine.
     """
+    if model.robot.base != "fixed":
+        raise DynidentError(
+            f"{model.robot.name} has a {model.robot.base} base, whose own equations are those of a base wrench: choose "
+            "the dynamic model",
+            pointer="/model",
+            title="Not for a base that moves",
+        )
     check_wrench_effects(model)
     check_wrenches(recordings)
     wrench = build_wrench_model(model, tolerance=rows.tolerance)

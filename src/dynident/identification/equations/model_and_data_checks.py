@@ -86,11 +86,13 @@ def check_recordings(robot: Robot, recordings: Sequence[Recording], validation: 
                 )
 
 
-def check_joint_torques(name: ModelName, recordings: Sequence[Recording]) -> None:
-    """Raise where a model needs the torques of all joints in one equation, and a recording lacks one of them.
+def check_joint_torques(robot: Robot, name: ModelName, recordings: Sequence[Recording]) -> None:
+    """Raise where a model needs the torques of all joints, or of the feet, and a recording lacks one of them.
 
     Parameters
     ----------
+    robot : Robot
+        The robot.
     name : str
         Of the equation type.
     recordings : sequence of Recording
@@ -100,6 +102,13 @@ def check_joint_torques(name: ModelName, recordings: Sequence[Recording]) -> Non
     ------
     DynidentError
     """
+    if robot.contacts and name != "dynamic":
+        raise DynidentError(
+            f"{robot.name} has contacts, whose unknown forces are eliminated from the dynamic model alone; choose it "
+            f"instead of {name}",
+            pointer="/model",
+            title="Not with contacts",
+        )
     # Work of a joint whose torque is missing cannot be told from work of the others in a sum.
     lacking = [recording for recording in recordings if recording.joints_without_torque]
     if lacking and name in ("power", "energy"):
@@ -241,7 +250,8 @@ def check_torque(model: Model, torque: Reduction) -> None:
     """
     dead = [
         name
-        for name, equation in zip(model.robot.joint_names, torque.equations, strict=True)
+        # On a base that nothing touches no torque acts.
+        for name, equation in list(zip(model.robot.joint_names, torque.equations, strict=True))[model.robot.n_base :]
         if equation.whole_factor[:, :-1].any() and not equation.whole_factor[:, -1].any()
     ]
     if dead:

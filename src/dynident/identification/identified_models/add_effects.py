@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation.residual_errors import compute_t
@@ -23,6 +22,7 @@ from dynident.identification.identified_models.held_out_gain import (
 from dynident.identification.identified_models.identification_result import Identification, LadderStep
 from dynident.identification.identified_models.identify_from_recordings import add_digests, check_same_recordings
 from dynident.identification.shape_search import check_shapes_given, complete_shapes
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.model_structure import Model, extend_model

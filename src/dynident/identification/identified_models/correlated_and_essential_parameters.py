@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.estimation import (
     CovarianceName,
     Errors,
@@ -36,6 +35,7 @@ from dynident.identification.identification_choices import EssentialChoices
 from dynident.identification.identified_models.identification_result import Estimate, Identification
 from dynident.identification.shape_constant_intervals import linearise_shapes
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
+from dynident.parallel import single_threaded
 from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.schema.fields import check_value
 

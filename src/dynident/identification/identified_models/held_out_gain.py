@@ -126,9 +126,7 @@ def _describe_changes(grown: Identification, gains: Sequence[HeldOutGain]) -> st
         before, after = gain.before, gain.after
         if gain.rows == "moving" and parent is not None and parent.held_out_judged and grown.held_out_judged:
             before, after = parent.held_out_judged.relative_total, grown.held_out_judged.relative_total
-        changes.append(
-            f"{_WORDS[gain.rows]} from {format_percent(before, decimals=2)} to {format_percent(after, decimals=2)}"
-        )
+        changes.append(f"{_WORDS[gain.rows]} from {format_percent(before)} to {format_percent(after)}")
     return "; ".join(changes)
 
 
@@ -246,7 +244,7 @@ def _list_worse_joints(grown: Identification) -> list[str]:
     old, new = (compute_moving_errors(compared.data, values).relative for values in (compared.before, compared.after))
     drops = compared.compute_block_drops("moving")
     return [
-        f"{name} ({format_percent(old[j], decimals=2)} to {format_percent(new[j], decimals=2)})"
+        f"{name} ({format_percent(old[j])} to {format_percent(new[j])})"
         for j, name in enumerate(grown.model.robot.joint_names)
         if new[j] > WORSE_ERROR * old[j]
         and -drops[j].sum() > IN_PASSING * drops.sum()

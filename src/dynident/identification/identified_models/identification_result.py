@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, ReferenceParameters, get_role
 from dynident.effects.effect_text_format import format_constant
 from dynident.estimation import (
@@ -35,6 +34,7 @@ from dynident.identification.shape_constant_intervals import ShapeConstant
 from dynident.identification.standard_parameters import StandardParameters
 from dynident.identification.thresholds import ParameterJudgement, judge_parameter
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.recordings import Preprocessing
 from dynident.regressors.errors_by_phase import compute_moving_errors, select_judged_errors
 from dynident.regressors.model_structure import Model
@@ -330,13 +330,11 @@ class Identification:
 
     def __repr__(self) -> str:
         judged = self.held_out_judged
-        held_out = (
-            "no held-out data" if judged is None else f"held out {format_percent(judged.relative_total, decimals=2)}"
-        )
+        held_out = "no held-out data" if judged is None else f"held out {format_percent(judged.relative_total)}"
         return (
             f"Identification({self.model.robot.name}: {self.model.n_parameters} base parameters, {self.choices.model} "
             f"model, {self.choices.solver.name_with_options}; error of the fit "
-            f"{format_percent(self.fit_judged.relative_total, decimals=2)}, {held_out})"
+            f"{format_percent(self.fit_judged.relative_total)}, {held_out})"
         )
 
     @property

@@ -20,7 +20,6 @@ from math import floor, log10
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.effects import LINKS, EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, estimate_group_weights, solve_weighted
@@ -41,6 +40,7 @@ from dynident.identification.identified_models.gravity_from_poses import are_pos
 from dynident.identification.identified_models.identification_result import Identification, IdentifiedParameter
 from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, make_monotonic, scale_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.recordings.preprocessing import OVERSAMPLING
@@ -358,7 +358,7 @@ def identify(
     check_temperature(choices.effects, recordings, validation)
     check_runs(choices.effects, recordings, validation)
     ordinary, _ = split_friction_tests(recordings)
-    check_joint_torques(choices.model, ordinary)
+    check_joint_torques(robot, choices.model, ordinary)
     # Equations of joints without a torque are left out; their motion is still used.
     robot = mark_unrecorded_torques(robot, ordinary)
     preprocessing = choices.preprocessing or choose_preprocessing(ordinary)

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.effects.effect_columns import find_joints
 from dynident.effects.effect_text_format import format_constant
@@ -22,6 +21,7 @@ from dynident.identification.identified_models.fit_model import SubmodelRelation
 from dynident.identification.identified_models.identification_result import NONE_IN_MEMORY, Identification, LadderStep
 from dynident.identification.methods.base_classes import ESTIMATORS, STRATEGIES
 from dynident.identification.shape_refinement import list_shape_variables
+from dynident.parallel import single_threaded
 from dynident.regressors.base_parameters import find_base_parameters_among
 from dynident.regressors.model_structure import Model, build_model, check_columns
 from dynident.robot import Robot

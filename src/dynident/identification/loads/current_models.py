@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, Reduction, Solution, Statistics, compute_errors, solve_weighted, statistics
@@ -23,6 +22,7 @@ from dynident.identification.loads.drive_gains import get_stated_gains, refuse_c
 from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS, scale_torque
 from dynident.identification.strategies.sequential import select_joints
 from dynident.identification.thresholds import ParameterJudgement, judge_parameter
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.base_parameters import BaseParameters, evaluate_at_random_states, select_base

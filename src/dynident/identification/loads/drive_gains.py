@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, get_role
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, solve_weighted, statistics
@@ -30,6 +29,7 @@ from dynident.identification.loads.payloads_of_recordings import (
     scale_torque,
 )
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot

@@ -151,6 +151,6 @@ class Prior(RegistryEntry):
 # Each registry finds its kinds in one module, or in the modules of one package, and imports these only when the first
 # kind is asked for.
 ESTIMATORS: Registry[Estimator] = Registry(f"{_HOME}.estimator_options", Estimator, "estimator")
-STRATEGIES: Registry[Strategy] = Registry(f"{_HOME}.strategy_options", Strategy, "strategy")
-MODELS: Registry[EquationType] = Registry(f"{_HOME}.equation_type_options", EquationType, "model")
-PRIORS: Registry[Prior] = Registry(f"{_HOME}.prior_options", Prior, "prior")
+STRATEGIES: Registry[Strategy] = Registry(f"{_HOME}.equation_strategy_and_prior_options", Strategy, "strategy")
+MODELS: Registry[EquationType] = Registry(f"{_HOME}.equation_strategy_and_prior_options", EquationType, "model")
+PRIORS: Registry[Prior] = Registry(f"{_HOME}.equation_strategy_and_prior_options", Prior, "prior")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from typing import Literal, Protocol
 
 import numpy as np
@@ -163,18 +163,59 @@ FaultKind = Literal[
     "joint turned",
     "torque scaled",
     "joint coupled",
+    "joints mixed",
     "joint zero",
 ]
 
+
+@dataclass(frozen=True)
+class Mixing:
+    """How a differential makes the positions of two joints of those of its two motors.
+
+    Parameters
+    ----------
+    scale : float
+        Factor of all entries of the matrix.
+    signs : (4,) tuple of int
+        Signs of its entries, row by row.
+    """
+
+    scale: float
+    signs: tuple[int, ...]
+
+    @property
+    def matrix(self) -> FloatArray:
+        """The matrix (2, 2) that makes joint positions of motor positions."""
+        return self.scale * np.array(self.signs, dtype=np.float64).reshape(2, 2)
+
+    @property
+    def of_torques(self) -> FloatArray:
+        """The matrix (2, 2) that makes joint torques of motor torques: power is the same at motors and joints."""
+        return np.asarray(np.linalg.inv(self.matrix).T)
+
+
 _SWAPS: tuple[FaultKind, ...] = ("torques swapped", "positions swapped", "joints swapped")
 _TURNS: tuple[FaultKind, ...] = ("torque turned", "position turned", "joint turned")
-_OF_POSITION = ("positions swapped", "joints swapped", "position turned", "joint turned", "joint coupled", "joint zero")
-_OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turned", "torque scaled")
+_OF_POSITION = (
+    "positions swapped", "joints swapped", "position turned", "joint turned", "joint coupled", "joints mixed",
+    "joint zero",
+)  # fmt: skip
+_OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turned", "torque scaled", "joints mixed")
 _SMALL = 1e-3
 """Factor that silences a torque: zero would take the joint out of the joints with a torque."""
 
 FACTORS = (0.001, 0.1, 10.0, 1000.0)
 """Factors that mend a torque: a gain that is ten times off, and units in steps of a thousand."""
+
+_SUM, _DIFFERENCE = (1, 1), (1, -1)
+MIXINGS = tuple(
+    Mixing(scale, tuple(sign * entry for sign, row in zip(signs, rows, strict=True) for entry in row))
+    for rows in ((_SUM, _DIFFERENCE), (_DIFFERENCE, _SUM))
+    for signs in product((1, -1), repeat=2)
+    for scale in (0.5, 1.0)
+)
+"""Angles of two joints, as a differential makes them of those of its two motors: half their sum and half their
+difference, or both whole where the gear ratio counts for each motor."""
 
 ZEROS = (0.5 * np.pi, -0.5 * np.pi, np.pi)
 """rad that conventions of a joint's zero differ by: stretched out or upright, Denavit-Hartenberg or the maker's."""
@@ -223,6 +264,8 @@ class ColumnFault:
         It mends torques that are scaled. Of two joints that are coupled, the first is counted from the second: its
         position is that of the column less `factor` times the second's. Of a joint whose zero is elsewhere, the angle
         in rad that its column has too much.
+    mixing : Mixing, optional
+        How a differential makes the positions of two joints of those of its motors, which the columns are.
     sources : tuple of int
         Of joints whose columns go round in a ring, the joint in whose place each joint's columns stand.
     """
@@ -231,6 +274,7 @@ class ColumnFault:
     joints: tuple[int, ...]
     factor: float = 1.0
     sources: tuple[int, ...] = ()
+    mixing: Mixing | None = None
 
     @property
     def own_joints(self) -> tuple[int, ...]:
@@ -280,9 +324,14 @@ class ColumnFault:
         if self.is_swap:
             for joint, source in self.places:
                 order[joint] = source
-        elif self.kind not in ("joint coupled", "joint zero"):
+        elif self.kind not in ("joint coupled", "joints mixed", "joint zero"):
             sign[list(self.joints)] = self.factor if self.kind == "torque scaled" else -1.0
         q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
+        if self.mixing is not None:
+            to_joints = self.mixing.matrix
+            parts = [(signal, to_joints) for signal in (q, dq, ddq)] + [(tau, self.mixing.of_torques)]
+            q, dq, ddq, tau = (_multiply_columns(signal, self.joints, matrix) for signal, matrix in parts)
+            return Motion(q, dq, ddq, tau, motion.block, motion.t)
         if self.kind == "joint coupled":
             q, dq, ddq = (_uncouple(signal, self) for signal in (q, dq, ddq))
         elif self.kind == "joint zero":
@@ -299,6 +348,12 @@ def _uncouple(signal: FloatArray, fault: ColumnFault) -> FloatArray:
     # The signals belong to the motion as it was recorded, which other trials still need.
     changed = signal.copy()
     changed[:, own] -= fault.factor * signal[:, other]
+    return changed
+
+
+def _multiply_columns(signal: FloatArray, joints: tuple[int, ...], matrix: FloatArray) -> FloatArray:
+    changed = signal.copy()
+    changed[:, list(joints)] = signal[:, list(joints)] @ matrix.T
     return changed
 
 

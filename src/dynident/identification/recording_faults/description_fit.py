@@ -1,4 +1,4 @@
-"""Judge a recording by the description's masses: units of the masses, zeros counted from the start, column faults."""
+"""Judge a recording by the description's masses: units of the masses, and faults of the columns."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import minimize, nnls
+from scipy.optimize import nnls
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-from dynident.errors import Remedy
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
-from dynident.identification.recording_faults.torque_scale import find_revolute_joints
 from dynident.identification.recording_faults.tree_fit import (
     BLOCKS,
     LEAVE_ONE_OUT,
@@ -23,14 +21,11 @@ from dynident.identification.recording_faults.tree_fit import (
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY,
     SURELY,
-    HeldOutFit,
     UnexplainedTorque,
     compute_load,
     compute_log_shares,
 )
-from dynident.number_format import format_percent
-from dynident.recordings.recording import Recording
-from dynident.recordings.recording_metadata import Check, Revision
+from dynident.recordings.recording_metadata import Check
 from dynident.robot.robot_model import Robot
 
 _FEW_ROWS = 400
@@ -47,6 +42,8 @@ _WIDEST = 3.0
 descriptions that are right, and 30 and more with mm taken for m."""
 
 _SMALL = 1e-3
+
+DESCRIPTION_UNITS = "description_units"
 
 
 @dataclass(frozen=True)
@@ -136,120 +133,6 @@ def report_description_units(units: DescriptionUnits) -> Check:
         "not need these numbers, but a prior, a completed export and some checks do: write them in kg, m and kg m² in "
         "the description.",
     )
-
-
-ZERO, DESCRIPTION_UNITS = "joint_zero", "description_units"
-
-_AT_START = 1e-3
-"""Share of its motion up to which a joint's first position is 0."""
-_POOR = 0.1
-"""Left of the torque of the joint that is explained worst, from which on such zeros are doubted."""
-_ROWS = 400
-"""Rows by which the zeros are looked for: an angle a joint is told by few."""
-_GRID = np.deg2rad(sorted(range(-150, 181, 30), key=abs))
-"""Angles that are tried, no shift first: without masses all are alike."""
-_TRIES, _STEPS = 200, 30
-"""Fits of the rough search, and steps down the slope."""
-_FLAT, _BESIDE = 0.02, np.deg2rad(5.0)
-"""Logarithm by which the score has to rise beside a zero, and how far beside, for the data to tell it."""
-
-
-def begins_at_zero(recording: Recording) -> bool:
-    """Return whether every joint of several is at 0 in the first row, as where positions are counted from the start."""
-    first = next(iter(recording.source.rows(0, recording.n_samples, recording.n_samples)))
-    span = np.ptp(first.q, axis=0)
-    return recording.n > 1 and bool((np.abs(first.q[0]) <= _AT_START * span).all() and (span > 0).all())
-
-
-def report_zeros_from_start(
-    robot: Robot, recording: Recording, motion: Motion, fit: HeldOutFit, as_is: UnexplainedTorque, q: Sequence[str]
-) -> Check | None:
-    """Report positions that begin at 0 and do not go with the description's zeros; None where they do.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot, with masses in SI units.
-    recording : Recording
-        The recording.
-    motion : Motion
-        Its filtered rows.
-    fit : HeldOutFit
-        That of the robot.
-    as_is : UnexplainedTorque
-        What it leaves of the torque as it is.
-    q : sequence of str
-        Names of the columns of positions.
-    """
-    if as_is.worst_share < _POOR or not begins_at_zero(recording):
-        return None
-    zeros = _find_zeros(robot, motion, fit)
-    unexplained = fit.measure_unexplained(replace(motion, q=motion.q - zeros))
-    if not as_is.is_surely_above(unexplained):
-        return None
-    stated_zeros = {f"q{joint + 1}": float(f"{zero:.4g}") for joint, zero in enumerate(zeros) if zero}
-    remedy = Remedy("zeros", stated_zeros)
-    others = [robot.joint_names[joint] for joint, zero in enumerate(zeros) if not zero]
-    open_ones = f" Those of {', '.join(others)} do not show in these data." if others else ""
-    detail = (
-        f"All positions ({q[0]} … {q[-1]}) begin at 0: they seem to be counted from where the robot stood at the "
-        "start, and not from the zeros of the description. The robot's dynamics leave "
-        f"{format_percent(as_is.average_share, decimals=1)} of an average joint's torque unexplained, and "
-        f"{format_percent(unexplained.average_share, decimals=1)} with zeros at {remedy} (in rad).{open_ones} "
-        "State the angles at which the robot stood at the start, with the opposite sign, as zeros, for each recording "
-        "its own; or log absolute positions."
-    )
-    # Zeros that do not show differ from recording to recording: a model of this one would fit no other.
-    return Check(
-        ZERO, "error", detail, q[0], apply=None if others[1:] else Revision(zeros=stated_zeros), remedies=(remedy,)
-    )
-
-
-def _find_zeros(robot: Robot, motion: Motion, fit: HeldOutFit) -> FloatArray:
-    """Return the angles (n,) in rad that the positions have too much; 0 where the data do not tell.
-
-    The masses of the description tell roughly, one joint after the other; a fit of all parameters tells the rest.
-    """
-    every = max(1, len(motion.q) // _ROWS)
-    few = Motion(*(getattr(motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block", "t")))
-    joints = [int(joint) for joint in np.flatnonzero(find_revolute_joints(robot))]
-
-    def measure_described(zeros: FloatArray) -> float:
-        left = measure_left_by_description(robot, replace(few, q=few.q - zeros))
-        return 0.0 if left is None else left
-
-    def measure(zeros: FloatArray) -> float:
-        return fit.measure_unexplained(replace(motion, q=motion.q - zeros)).fine_inside
-
-    zeros = np.zeros(robot.n)
-    # The zero of the last joint is one with the parameters of its link.
-    if not (inner := joints[:-1]):
-        return zeros
-    for joint in joints:
-        tries = [zeros + angle * (np.arange(robot.n) == joint) for angle in _GRID]
-        zeros = min(tries, key=measure_described)
-
-    def measure_inner(angles: FloatArray) -> float:
-        return measure(_spread(angles, inner, robot.n))
-
-    # Joints with parallel axes trade their zeros for one another: a narrow valley, along which slopes lead.
-    rough = minimize(measure_inner, zeros[inner], method="Powell", options={
-        "xtol": 1e-2, "ftol": 1e-2, "maxfev": _TRIES})  # fmt: skip
-    angles = minimize(measure_inner, rough.x, method="BFGS", options={"maxiter": _STEPS}).x
-    zeros = _spread(angles, inner, robot.n)
-    least = measure(zeros)
-    for joint in joints:
-        beside = [measure(zeros + side * _BESIDE * (np.arange(robot.n) == joint)) - least for side in (-1.0, 1.0)]
-        # Nothing changes with this angle: the first joint's about a vertical axis, or that of the last link.
-        if max(beside) < _FLAT:
-            zeros[joint] = 0.0
-    return np.asarray((zeros + np.pi) % (2.0 * np.pi) - np.pi)
-
-
-def _spread(values: FloatArray, joints: Sequence[int], n: int) -> FloatArray:
-    zeros = np.zeros(n)
-    zeros[list(joints)] = values
-    return zeros
 
 
 @dataclass(frozen=True, eq=False)

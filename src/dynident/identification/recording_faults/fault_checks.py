@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynident.blas_threads import single_threaded
 from dynident.errors import Remedy
 from dynident.identification.recording_faults.column_faults import (
     ColumnFault,
@@ -15,12 +14,7 @@ from dynident.identification.recording_faults.column_faults import (
     Motion,
     is_possible_delay,
 )
-from dynident.identification.recording_faults.description_fit import (
-    ZERO,
-    find_description_units,
-    report_description_units,
-    report_zeros_from_start,
-)
+from dynident.identification.recording_faults.description_fit import find_description_units, report_description_units
 from dynident.identification.recording_faults.fault_search import (
     ALIKE,
     CURED,
@@ -38,6 +32,12 @@ from dynident.identification.recording_faults.gravity_in_torque import (
     find_other_mounting,
     find_static_torque,
 )
+from dynident.identification.recording_faults.joint_angle_faults import (
+    ZERO,
+    describe_mixing,
+    describe_mixing_cure,
+    report_zeros_from_start,
+)
 from dynident.identification.recording_faults.rows_for_fault_search import (
     HeldOutFits,
     filter_for_search,
@@ -48,6 +48,7 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
 from dynident.identification.recording_faults.unexplained_torque import UnexplainedTorque
 from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
 from dynident.recordings.recording import ModelChecks, Recording
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Check, Revision
 from dynident.robot.robot_model import Robot
@@ -61,6 +62,7 @@ _CHECK: dict[FaultKind, str] = {
     "joint turned": "joint_sign",
     "torque scaled": "torque_scale",
     "joint coupled": "joint_coupling",
+    "joints mixed": "joint_coupling",
     "joint zero": "joint_zero",
 }
 _SILENT = {"torque_scale", "joint_coupling", "joint_zero"}
@@ -197,9 +199,7 @@ def _is_explained_by_one(faults: Sequence[DetectedFault], now: UnexplainedTorque
 
 def _report_commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
     columns = ", ".join(tau[joint] for joint in static.joints)
-    unexplained, moving = (
-        format_percent(max(share, 1e-4), decimals=2) for share in (static.unexplained, static.moving_share)
-    )
+    unexplained, moving = (format_percent(max(share, 1e-4)) for share in (static.unexplained, static.moving_share))
     return Check(
         COMMANDED,
         "error",
@@ -367,7 +367,7 @@ def build_revision(fault: ColumnFault, n: int) -> Revision | None:
     n : int
         Number of joints.
     """
-    if fault.kind == "joint coupled":
+    if fault.kind in ("joint coupled", "joints mixed"):
         return None
     sides: tuple[tuple[Axis, bool], ...] = (("q", fault.is_of_positions), ("tau", fault.is_of_torques))
     kinds = [kind for kind, is_wrong in sides if is_wrong]
@@ -401,6 +401,8 @@ def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], t
         What the user calls the columns.
     """
     names = [recording.joint_names[j] for j in fault.joints]
+    if fault.mixing is not None:
+        return describe_mixing(fault, names, q)
     if fault.is_swap:
         return _describe_exchange(fault, recording, q, tau)
     if fault.kind == "joint coupled":
@@ -429,7 +431,7 @@ def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], t
         "joint turned": f"position and torque of {of} ({columns[0]}, {columns[1]}) have the opposite sign",
         "joint zero": (
             f"the zero of {of} ({columns[0]}) is not the description's: the column is "
-            f"{np.rad2deg(fault.factor):.0f} degrees where the description has 0"
+            f"{np.rad2deg(fault.factor):.0f} degrees ({fault.factor:.3g} rad) where the description has 0"
         ),
         "torque scaled": (
             f"the torque{plural} of {of} ({columns[1]}) {verb[1]} {1.0 / fault.factor:.3g} times the value that "
@@ -440,6 +442,8 @@ def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], t
 
 
 def _describe_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> tuple[str, tuple[Remedy, ...]]:
+    if fault.mixing is not None:
+        return describe_mixing_cure(fault, q, tau), ()
     if fault.kind == "joint coupled":
         own, other = (q[joint] for joint in fault.joints)
         word = "Subtract" if fault.factor > 0 else "Add"

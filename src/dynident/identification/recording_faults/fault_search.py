@@ -1,6 +1,6 @@
 """Search the column faults without which the dynamics explain the torque clearly better.
 
-Holds how much better (levels), and the limits: 12 joints, three faults.
+Holds how much better (levels), and the limits.
 """
 
 from __future__ import annotations
@@ -24,6 +24,12 @@ from dynident.identification.recording_faults.column_faults import (
     silence_others,
 )
 from dynident.identification.recording_faults.description_fit import DescriptionFit
+from dynident.identification.recording_faults.joint_angle_faults import (
+    ANGLE_FAULTS,
+    estimate_zeros,
+    list_angle_faults,
+    refine_zero_by_masses,
+)
 from dynident.identification.recording_faults.rows_for_fault_search import (
     HeldOutFits,
     filter_for_search,
@@ -231,6 +237,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
             list_chains(robot), lambda fault: judge.measure_unexplained(fault.mend(motion)).joints, now.moving
         ),
         *list_possible_faults(now.moving, find_parallel_axes(robot), has_torque, find_revolute_joints(robot)),
+        *list_angle_faults(robot, motion, judge, now),
     ]
     off = find_drives_off(sizes.frictions)
     possible = [
@@ -238,8 +245,8 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
     ]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)
-    # Masses tell most of a zero, which no other column changes with it.
-    tried = [fault for fault in possible if fault.kind != "joint zero" or described.may_demand(fault)]
+    # Masses tell most of an angle that is counted otherwise, and are quickly asked.
+    tried = [fault for fault in possible if fault.kind not in ANGLE_FAULTS or described.may_demand(fault)]
     trials = _Trials(judge, motion, tried, most=now.score + ALIKE)
     for best, unexplained in trials.iterate_below(now.score - CLEARLY_IN_ALL_BLOCKS / max(int(now.moving.sum()), 1)):
         # Sorted by score: where the best one is not clear, the others are not looked at.
@@ -254,9 +261,12 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
                 return None
         if described.refutes(best):
             continue
-        near = trials.measure_below(unexplained.score + ALIKE)
-        best, unexplained = _choose_among_alike((best, unexplained), near, described)
-        alike = [fault for fault, _ in near if fault != best]
+        # Columns that look alike but for a constant may be exchanged, or one of them has another zero.
+        tried_joints = range(robot.n) if best.is_of_positions else ()
+        zeros = estimate_zeros(robot, motion, judge, tried_joints, is_wide=True)
+        lowest, near = trials.find_alike((best, unexplained), list(zeros))
+        best, unexplained = _choose_among_alike(lowest, near, described)
+        alike = [fault for fault, _ in near if fault != best and not _is_same_zero(fault, best)]
         pair = _find_turned_pair(best, unexplained, judge, motion) if best.kind == "joint turned" else None
         if pair is not None and not described.refutes(pair[0]):
             return _FaultStep(pair[0], (), pair[1])
@@ -296,6 +306,15 @@ class _Trials:
         trials = [(fault, self.measure(fault)) for fault in self.faults if self._least[fault] < score]
         return [trial for trial in trials if trial[1].score < score]
 
+    def find_alike(self, best: _Trial, others: Sequence[ColumnFault]) -> tuple[_Trial, list[_Trial]]:
+        """Return the best fault, of others as well, and those without which about as little is left."""
+        more = [(fault, self.measure(fault)) for fault in others]
+        # A zero that is nearly right may leave as good as nothing, too.
+        lowest = min([best, *more], key=lambda trial: (trial[1].against, trial[1].fine.mean()))
+        most = lowest[1].score + ALIKE
+        below = dict(self.measure_below(most))
+        return lowest, [*below.items(), *(trial for trial in more if trial[1].score < most and trial[0] not in below)]
+
     def iterate_below(self, score: float) -> Iterator[_Trial]:
         """Yield the faults without which the score is below another, the lowest first."""
         waiting = [fault for fault in self.faults if self._least[fault] < score]
@@ -328,6 +347,9 @@ def _find_fault_by_masses(trials: _Trials, now: UnexplainedTorque, described: De
             return None
         near = (other for left, other in known if other != fault and lowest <= left < lowest + ALIKE)
         alike = tuple(other for other in near if trials.measure(other).score < now.score + ALIKE)
+        if fault.kind == "joint zero":
+            fault = refine_zero_by_masses(fault, described)
+            unexplained = trials.measure(fault)
         return _FaultStep(fault, alike, unexplained)
     return None
 
@@ -360,6 +382,10 @@ def _choose_among_alike(best: _Trial, near: Sequence[_Trial], described: Descrip
         and not described.prefers(chosen[0], trial[0])
     )
     return next(same, chosen) if chosen[0].kind == "positions swapped" else chosen
+
+
+def _is_same_zero(fault: ColumnFault, other: ColumnFault) -> bool:
+    return (fault.kind, other.kind, fault.joints) == ("joint zero", "joint zero", other.joints)
 
 
 def _is_distinguished(best: ColumnFault, other: ColumnFault, described: DescriptionFit) -> bool:
@@ -453,35 +479,6 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
     # by the way in which it breaks loose.
     one_alone = find_moving_joints(motion).sum() > 1 and find_driving_joints(thin_out(motion), surely=False).sum() < 2
     return replace(delay, is_fault=False) if delay is not None and one_alone else delay
-
-
-def measure_gain_by_other_scales(robot: Robot, motion: Motion, factor: float) -> float:
-    """Return how much other gains would explain better: near 0 where the torques of all joints are in one unit.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    motion : Motion
-        Filtered rows of the recording.
-    factor : float
-        Of the other gains.
-
-    Returns
-    -------
-    float
-        The largest fall of the score, with the torque of any joint, or of all joints from one on, times or over
-        `factor`.
-    """
-    judge = HeldOutFit(robot)
-    # A torque in a single unit fits best as it is; if it gains by scaling some joints, the joints are in different
-    # units.
-    now, joints = judge.measure_unexplained(motion), np.arange(robot.n)
-    groups = [*(joints == k for k in np.flatnonzero(now.moving)), *(joints >= k for k in range(2, robot.n - 1))]
-    factors = [np.where(group, times, 1.0) for group in groups for times in (factor, 1.0 / factor)]
-    return max(
-        now.score - judge.measure_unexplained(replace(motion, tau=motion.tau * times)).score for times in factors
-    )
 
 
 def measure_unexplained_share(robot: Robot, motion: Motion) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -54,7 +54,7 @@ _AGAINST = 0.5
 _LEAST, _MOST = 0.02, 3.0
 """Range of the unexplained share: a smaller one is as good as perfect, a larger one as bad as any."""
 
-_LEAST_FINE = 1e-4
+LEAST_FINE = 1e-4
 """The lower end where a lowest point is looked for: near it all shares of a good recording may be as good as perfect,
 and a curve that is cut off flat has its lowest point anywhere."""
 
@@ -172,7 +172,7 @@ class HeldOutFit:
         """
         return self._join(motion, [tree.solve(motion) for tree in self._trees])
 
-    def estimate_score(self, motion: Motion) -> float:
+    def estimate_score(self, motion: Motion, least: float = _LEAST) -> float:
         """Return about the least score that a motion may have, by one fit to all blocks of time.
 
         A block that is held out is never explained better than where it is fitted to.
@@ -181,12 +181,14 @@ class HeldOutFit:
         ----------
         motion : Motion
             Filtered rows of the recording.
+        least : float
+            Smaller shares count as this one.
         """
         n, moving = self._robot.n, find_moving_joints(motion)
         squares, measured = np.zeros((BLOCKS, n)), np.zeros(n)
         for tree in self._trees:
             squares[:, tree.joints], measured[tree.joints] = tree.solve_inside(motion)
-        return float(compute_log_shares(squares, measured / BLOCKS)[:, moving].mean())
+        return float(compute_log_shares(squares, measured / BLOCKS, least)[:, moving].mean())
 
     def _join(self, motion: Motion, solutions: Sequence[TreeSolution]) -> UnexplainedTorque:
         n, moving = self._robot.n, find_moving_joints(motion)
@@ -196,8 +198,8 @@ class HeldOutFit:
             against[tree.joints] = solution.against
         blocks = compute_log_shares(squares[:-1], measured / BLOCKS)[:, moving]
         whole = compute_log_shares(squares[-1], measured)[moving]
-        fine = compute_log_shares(squares[:-1], measured / BLOCKS, _LEAST_FINE)[:, moving]
-        fine_inside = compute_log_shares(squares[-1], measured, _LEAST_FINE)[moving]
+        fine = compute_log_shares(squares[:-1], measured / BLOCKS, LEAST_FINE)[:, moving]
+        fine_inside = compute_log_shares(squares[-1], measured, LEAST_FINE)[moving]
         rest = squares[:-1].sum(axis=0)
         joints = np.sqrt(np.divide(rest, measured, out=np.zeros_like(rest), where=moving & (measured > 0)))
         return UnexplainedTorque(
@@ -262,6 +264,35 @@ class HeldOutFit:
         """Return the columns of each joint's torque (m, p) for a robot at rest at positions (m, n): its gravity."""
         loads = {joint: load for tree in self._trees for joint, load in tree.compute_load_columns(q).items()}
         return [loads[joint] for joint in range(self._robot.n)]
+
+
+def measure_gain_by_other_scales(robot: Robot, motion: Motion, factor: float) -> float:
+    """Return how much other gains would explain better: near 0 where the torques of all joints are in one unit.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    factor : float
+        Of the other gains.
+
+    Returns
+    -------
+    float
+        The largest fall of the score, with the torque of any joint, or of all joints from one on, times or over
+        `factor`.
+    """
+    judge = HeldOutFit(robot)
+    # A torque in a single unit fits best as it is; if it gains by scaling some joints, the joints are in different
+    # units.
+    now, joints = judge.measure_unexplained(motion), np.arange(robot.n)
+    groups = [*(joints == k for k in np.flatnonzero(now.moving)), *(joints >= k for k in range(2, robot.n - 1))]
+    factors = [np.where(group, times, 1.0) for group in groups for times in (factor, 1.0 / factor)]
+    return max(
+        now.score - judge.measure_unexplained(replace(motion, tau=motion.tau * times)).score for times in factors
+    )
 
 
 @lru_cache(maxsize=8)

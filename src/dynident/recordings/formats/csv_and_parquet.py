@@ -334,8 +334,19 @@ def _make_csv_error(message: str, dialect: Dialect) -> RecordingError:
         detail = f"{value.group(1)!r}{where} is not a number."
         if "," in value.group(1) and dialect.delimiter == ",":
             detail += " With decimal commas, separate the columns by semicolons."
+    elif dialect.delimiter == "," and _has_twice_the_cells(message):
+        detail = (
+            f"Row {number} has about twice as many cells as there are columns: numbers with decimal commas stand "
+            "between commas. Separate the columns by semicolons, or write decimal points."
+        )
     elif "file is too short" in message:
         detail = "The file has a line of names, but no rows of data below it."
     else:
         detail = f"The file cannot be read as CSV{where}: {message.split(': ', 1)[-1]}"
     return RecordingError(detail, pointer=name, title="Not a number" if value else "Unreadable file", row=number)
+
+
+def _has_twice_the_cells(message: str) -> bool:
+    """Return whether Arrow found nearly twice as many cells in a row as the table has columns."""
+    counts = re.search(r"Expected (\d+) columns, got (\d+)", message)
+    return counts is not None and 1.7 < int(counts[2]) / int(counts[1]) <= 2.0

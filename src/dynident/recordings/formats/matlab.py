@@ -22,10 +22,16 @@ from dynident.recordings.recording_metadata import RecordingError
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """How numbers are stored, by the code of their element; MATLAB keeps whole numbers in fewer bytes."""
 _MATRIX, _COMPRESSED = 14, 15
-_CELLS, _STRUCTURE, _NUMERIC, _COMPLEX = 1, 2, range(6, 16), 0x800
+_CELLS, _STRUCTURE, _TEXT, _NUMERIC, _COMPLEX = 1, 2, 4, range(6, 16), 0x800
 """Classes of a matrix: cells, objects, text and sparse ones are neither."""
 _MOST_CELLS = 64
-"""Cells that may be joints."""
+"""Cells, or structures in one array, that may be joints or signals."""
+_LABELS, _VALUES = ("label", "name", "Name"), ("values", "data", "Data")
+"""Fields of a structure that say what a signal is called, and hold its numbers, as Simulink's scopes write them."""
+_LONGEST_LABEL = 512
+"""Bytes of the matrix of such a name."""
+_WIDE = (4, 17)
+"""Codes of text whose letters have two bytes."""
 _HEADER = 128
 _READ_BYTES = 2**16
 
@@ -171,8 +177,8 @@ class _MatrixReader:
             return  # what MATLAB keeps for objects beside the variables
         if kind in _NUMERIC and not flag & _COMPLEX:
             yield from self._read_array(name, shape, self.read_element(own_name.following))
-        elif kind == _STRUCTURE and math.prod(shape) == 1:
-            yield from self._read_fields(name, own_name.following, depth + 1)
+        elif kind == _STRUCTURE and 0 < math.prod(shape) <= _MOST_CELLS:
+            yield from self._read_fields(name, own_name.following, math.prod(shape), depth + 1)
         elif kind == _CELLS:
             yield from self._read_cells(name, own_name.following, math.prod(shape), element.start + element.size, depth)
 
@@ -197,19 +203,50 @@ class _MatrixReader:
             yield from self.read_matrix(cell, f"{name}{number}", depth + 1)
             at = cell.following
 
-    def _read_fields(self, name: str, at: int, depth: int) -> Iterator[StoredArray]:
+    def _read_fields(self, name: str, at: int, count: int, depth: int) -> Iterator[StoredArray]:
+        """Yield the arrays of `count` structures with the same fields, called by their labels or by numbers."""
         longest = self.read_element(at)
         names = self.read_element(longest.following)
         width = self._read_numbers(longest.start, "i4", 1)[0]
         if width < 1:
             raise ValueError(f"the field names of {name} have the length 0")
         text = self._read_bytes(names.start, names.size)
+        fields = [
+            text[first : first + width].split(b"\0")[0].decode("latin-1") for first in range(0, names.size, width)
+        ]
         at = names.following
-        for first in range(0, names.size, width):
-            field = self.read_element(at)
-            own = text[first : first + width].split(b"\0")[0].decode("latin-1")
-            yield from self.read_matrix(field, f"{name}.{own}", depth)
-            at = field.following
+        labels: set[str] = set()
+        for number in range(1, count + 1):
+            elements: dict[str, _Element] = {}
+            for field in fields:
+                elements[field] = self.read_element(at)
+                at = elements[field].following
+            whole = name if count == 1 else f"{name}{number}"
+            label = next(filter(None, (self._read_text(elements[field]) for field in fields if field in _LABELS)), "")
+            is_known = bool(label) and label not in labels
+            labels.add(label)
+            for field, element in elements.items():
+                own = label if is_known and field in _VALUES else f"{whole}.{field}"
+                yield from self.read_matrix(element, own, depth)
+
+    def _read_text(self, element: _Element) -> str:
+        """Return the text of a matrix of characters; "" where it is none, or a long one."""
+        if element.code != _MATRIX or not 0 < element.size <= _LONGEST_LABEL:
+            return ""
+        flags = self.read_element(element.start)
+        (flag,) = self._read_numbers(flags.start, "u4", 1)
+        if flag & 0xFF != _TEXT:
+            return ""
+        name = self.read_element(self.read_element(flags.following).following)
+        letters = self.read_element(name.following)
+        data = self._read_bytes(letters.start, letters.size)
+        return (
+            data.decode(
+                f"utf-16-{'le' if self._order == '<' else 'be'}" if letters.code in _WIDE else "utf-8", errors="replace"
+            )
+            .replace("\0", "")
+            .strip()
+        )
 
     def _read_numbers(self, at: int, kind: str, count: int) -> tuple[int, ...]:
         kinds = np.dtype(self._order + kind)

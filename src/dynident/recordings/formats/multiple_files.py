@@ -6,6 +6,7 @@ import io
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path, PurePosixPath
 from typing import IO
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
@@ -34,7 +35,10 @@ Named = tuple[str, FileSource]
 
 @dataclass(frozen=True, eq=False)
 class _FilePart:
-    """One file: its column of time with that column's name, its other columns by their names, its usual step."""
+    """One file: its column of time with that column's name, its other columns by their names, its usual step.
+
+    `span` holds the first and the last time of its first block of rows.
+    """
 
     name: str
     source: FileSource
@@ -42,6 +46,7 @@ class _FilePart:
     time_name: str
     columns: dict[str, str]
     step: float
+    span: tuple[float, float]
 
     def read_blocks(self, columns: Sequence[str]) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Yield times (m,), and values (m, c) of the named columns."""
@@ -70,6 +75,8 @@ class JoinedFiles(FileSource):
         timed = [part for part in self._parts if part.time is not None]
         # Files are joined by time only if all of them have one: a file without would not know where to belong.
         self._by_time = len(timed) == len(self._parts)
+        if self._by_time:
+            _check_clocks(self._parts)
         # A file of nothing but times is the clock of all others.
         self._main = min(timed, key=lambda part: part.step) if self._by_time else next(iter(timed), self._parts[0])
         names = list(self._places)
@@ -163,7 +170,10 @@ class JoinedFiles(FileSource):
 def _make_parts(files: Sequence[Named]) -> list[_FilePart]:
     """Return the files with unique column names: one that several files have gets the file's name in front."""
     stems = _name_apart([file for file, _ in files])
-    own = [_name_columns(stem, source) for stem, (_, source) in zip(stems, files, strict=True)]
+    clocks = [_count_leading_clocks(source) for _, source in files]
+    # One file alone may begin with a joint that moves evenly; that all of them do means that all have the time there.
+    n_clocks = clocks[0] if len(set(clocks)) == 1 else 0
+    own = [_name_columns(stem, source, n_clocks) for stem, (_, source) in zip(stems, files, strict=True)]
     times = [next(filter(is_time_name, names), None) for names in own]
     called = [name for names, time in zip(own, times, strict=True) for name in names if name != time]
     base_names = [PurePosixPath(file).name for file, _ in files]
@@ -180,38 +190,110 @@ def _make_parts(files: Sequence[Named]) -> list[_FilePart]:
             raise RecordingError(f"Column {twice} occurs twice, in files of the same name.", pointer=twice, title=TITLE)
         # Messages name a file without its folders, where that is enough to tell it from the others.
         shown = base_name if base_names.count(base_name) == 1 else file
-        parts.append(_FilePart(shown, source, own_time, time or "", columns, _measure_step(source, own_time)))
+        parts.append(_FilePart(shown, source, own_time, time or "", columns, *_measure_times(source, own_time)))
     check_columns(sum(len(part.columns) for part in parts))
     return parts
 
 
 def _name_apart(files: Sequence[str]) -> list[str]:
-    """Return the names of files without their endings; files of one name, encoders/data.log, have their folder's."""
+    """Return the names of files without their endings.
+
+    Files that differ by their endings alone, run.q and run.tau, have these; files of one name, encoders/data.log, have
+    their folder's.
+    """
     paths = [PurePosixPath(file) for file in files]
-    stems = [path.stem for path in paths]
-    return [
-        path.stem if stems.count(path.stem) == 1 or path.parent.name in ("", "..") else path.parent.name
-        for path in paths
-    ]
+    stems, names = ([getattr(path, part) for path in paths] for part in ("stem", "name"))
+
+    def name_file(path: PurePosixPath) -> str:
+        if stems.count(path.stem) == 1:
+            return path.stem
+        if names.count(path.name) == 1:
+            return path.suffix.removeprefix(".")
+        return path.stem if path.parent.name in ("", "..") else path.parent.name
+
+    return [name_file(path) for path in paths]
 
 
-def _name_columns(stem: str, source: FileSource) -> dict[str, str]:
-    """Return the file's columns by their names; a file without a line of names is called after itself."""
-    if source.names != list(make_counted_names("column", len(source.names))):
+def _name_columns(stem: str, source: FileSource, n_clocks: int) -> dict[str, str]:
+    """Return the file's columns by their names; a file without a line of names is called after itself.
+
+    Of its first `n_clocks` columns the last is the time, and those before it count the rows.
+    """
+    if not _is_nameless(source):
         return {name: name for name in source.names}
-    called = (stem,) if len(source.names) == 1 else make_counted_names(stem, len(source.names))
-    return dict(zip(called, source.names, strict=True))
+    counters = [f"{stem}_row{number + 1}" for number in range(n_clocks - 1)]
+    time = ["t"] if n_clocks else []
+    n_others = len(source.names) - n_clocks
+    called = (stem,) if n_others == 1 else make_counted_names(stem, n_others)
+    return dict(zip((*counters, *time, *called), source.names, strict=True))
 
 
-def _measure_step(source: FileSource, time: str | None) -> float:
-    """Return the usual step of a file's time."""
+def _is_nameless(source: FileSource) -> bool:
+    return source.names == list(make_counted_names("column", len(source.names)))
+
+
+_MOST_CLOCKS, _UNEVEN = 2, 5.0
+"""Columns of time, or of row numbers, in front of the signals; and their largest step over the usual one."""
+
+
+def _count_leading_clocks(source: FileSource) -> int:
+    """Return how many of the first columns of a file without names run forward evenly, in the rows looked at."""
+    if not _is_nameless(source) or len(source.names) <= _MOST_CLOCKS:
+        return 0
+    names = source.names[:_MOST_CLOCKS]
+    batch = next(iter(source.batches(names)), None)
+    for number, name in enumerate(names if batch is not None else ()):
+        steps = np.diff(to_float_column(batch, name, 0)[:_LOOKED_AT])
+        if len(steps) < _FEWEST_STEPS or not (steps > 0.0).all() or steps.max() > _UNEVEN * np.median(steps):
+            return number
+    return len(names)
+
+
+_FEWEST_STEPS = 100
+
+
+def _measure_times(source: FileSource, time: str | None) -> tuple[float, tuple[float, float]]:
+    """Return the usual step of a file's time, and the span of its first block of rows."""
     if time is None:
-        return 0.0
+        return 0.0, (0.0, 0.0)
     batch = next(iter(source.batches([time])), None)
-    t = np.empty(0) if batch is None else to_float_column(batch, time, 0)[:_LOOKED_AT]
-    steps = np.diff(t)
-    steps = steps[np.isfinite(steps) & (steps > 0)]
-    return float(np.median(steps)) if len(steps) else 1.0
+    t = np.empty(0) if batch is None else to_float_column(batch, time, 0)
+    t = t[np.isfinite(t)]
+    steps = np.diff(t[:_LOOKED_AT])
+    steps = steps[steps > 0]
+    return float(np.median(steps)) if len(steps) else 1.0, (float(t.min()), float(t.max())) if len(t) else (0.0, 0.0)
+
+
+_APART = 100.0
+"""Spans of time between two files beyond which they cannot be parts of one recording."""
+
+
+def _check_clocks(parts: Sequence[_FilePart]) -> None:
+    """Refuse files whose times do not belong together: one since 1970, the other since its own start; ms beside s."""
+    for first, second in combinations(parts, 2):
+        (begin, end), (other_begin, other_end) = first.span, second.span
+        longest = max(end - begin, other_end - other_begin)
+        gap = max(begin - other_end, other_begin - end)
+        if longest > 0.0 and gap > _APART * longest:
+            raise RecordingError(
+                f"{first.name} begins at {begin:.10g} and {second.name} at {other_begin:.10g}: their clocks differ, so "
+                "they cannot be joined by time. Write both with one clock, subtracting from each the time at which the "
+                "recording began; or leave the time out of one, if their rows belong together one by one.",
+                title="Different clocks",
+            )
+        shortest = min(end - begin, other_end - other_begin)
+        ratio = longest / shortest if shortest > 0.0 else 1.0
+        steps = max(first.step, second.step) / max(min(first.step, second.step), 1e-300)
+        if ratio > _OTHER_UNIT and steps > _OTHER_UNIT:
+            raise RecordingError(
+                f"{first.name} is {end - begin:.4g} long by its time, and {second.name} {other_end - other_begin:.4g}: "
+                "their times seem to be in different units, such as s and ms. Write both in s.",
+                title="Different clocks",
+            )
+
+
+_OTHER_UNIT = 500.0
+"""Ratio of both steps and spans of time from which two files count in different units."""
 
 
 def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[TextContent], FileSource]) -> FileSource:

@@ -14,6 +14,7 @@ from dynident.recordings.formats import json_records
 from dynident.recordings.formats.csv_and_parquet import CsvFileSource, FeatherFileSource, ParquetFileSource
 from dynident.recordings.formats.kuka_rsi import START, open_telegrams
 from dynident.recordings.formats.multiple_files import has_arrays, open_joined_files
+from dynident.recordings.formats.printed_records import find_printed_kind, rewrite_as_json
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.recordings.recording_metadata import Format, RecordingError
 from dynident.recordings.sample_series_join import join_own_clocks, join_sparse_rows
@@ -74,21 +75,16 @@ _NOT_READ = (
     (b"%PDF", "a PDF: give the table of numbers itself."),
     (b"\x89PNG", "a picture: give the table of numbers itself."),
     (b"ULog", "a log of PX4 (.ulg): convert it with ulog2csv."),
-    (b"header:", "a printout of messages: record a bag, or write a table with `ros2 topic echo --csv TOPIC`."),
-    (b"---\nheader:", "a printout of messages: record a bag, or write a table with `ros2 topic echo --csv TOPIC`."),
+    (
+        b"DIAEXTENDED",
+        "the header of a DIAdem data set, as KUKA's trace writes it, with the numbers in another file (.r64): export "
+        "both as CSV (with DIAdem, or a converter of KUKA traces).",
+    ),
 )
 _TEXTS_NOT_READ = (
     (rb"^\n\r\r\n", f"{_OF_BUS} (.pcapng)."),
     (rb"^\s*<\?xml", "XML: write a table, one row for each moment, as CSV or JSON lines."),
     (rb"^\s*\(\d+\.\d+\) +\w+ +[0-9A-Fa-f]+#", f"{_OF_BUS}, for instance with cantools: decode."),
-    (
-        rb"^\s*(?:---\s+)?- +[\w.]+: ",
-        "YAML: write an object of JSON a line, json.dumps(record), or a table (CSV).",
-    ),
-    (
-        rb"^\s*\{'",
-        "a printout of Python, in single quotes: write json.dumps(record) a line, or a table (CSV).",
-    ),
     (
         rb"^[^\s,]+(?:,[^\s,=]+=[^\s,]+)+ [^\s,=]+=[^\s,]+(?:,[^\s,=]+=[^\s,]+)* \d{10,19}\s",
         "InfluxDB's line protocol: query it with pivot(…), one row for each moment, and write that as CSV.",
@@ -144,7 +140,7 @@ def format_of(path: Path) -> str:
     if detected is not None:
         return detected
     _refuse_foreign(start)
-    if json_records.START.search(start):
+    if json_records.START.search(start) or find_printed_kind(content) is not None:
         return "jsonl"
     return "rsi" if START.search(start) else "csv"
 
@@ -250,8 +246,12 @@ def open_text(content: TextContent) -> FileSource:
     RecordingError
         If it cannot be read.
     """
-    is_json = json_records.START.search(content.read_start(_LOOKED_AT))
-    return read_marked_gaps(json_records.open_json(content) if is_json else CsvFileSource(content))
+    if json_records.START.search(content.read_start(_LOOKED_AT)):
+        return read_marked_gaps(json_records.open_json(content))
+    kind = find_printed_kind(content)
+    if kind is not None:
+        return read_marked_gaps(json_records.open_json(rewrite_as_json(content, kind)))
+    return read_marked_gaps(CsvFileSource(content))
 
 
 def _open_foreign(path: Path, name: str) -> FileSource:

@@ -71,6 +71,10 @@ class TextContent:
         # In large pieces: a call of the decompressor for every line would take most of the time.
         return io.BufferedReader(_DecompressedStream(self._path, self.compression), 1 << 20)
 
+    def replace_text(self, open_text: Callable[[], IO[bytes]]) -> TextContent:
+        """Return the file with another text, which is opened by a function; its name stays."""
+        return TextContent(self._path, open_text)
+
     def read_start(self, size: int) -> bytes:
         """Return the first bytes."""
         with self.open() as file:
@@ -257,7 +261,46 @@ def remove_rows_without_cells(text: str) -> str:
     return _NO_CELLS.sub("", text)
 
 
+_STAMP_OF_DIGITS = re.compile(
+    r"(?m)(^|[,;\t| \"])((?:19|20)\d\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01]))"
+    r"((?:[01]\d|2[0-3])[0-5]\d[0-5]\d)(\d{0,9})(?=[,;\t| \"]|\r?$)"
+)
+"""20250506102030005: date, time of day and fraction in one number, which has more digits than a number keeps."""
+_MARKED_ROW = re.compile(r"(?m)^[ \t]*[#%]+[ \t]*(?=[-+.]?\d)")
+"""The sign of a remark in front of a row of numbers."""
+_MOST_LINES = 0.9
+
+
+def has_stamps_of_digits(text: str) -> bool:
+    """Return whether nearly all lines have a date and a time of day in one number."""
+    return _is_in_most_lines(_STAMP_OF_DIGITS, text)
+
+
+def separate_stamps(text: str) -> str:
+    """Return the text with a T between date and time, and a point before the fraction."""
+    return _STAMP_OF_DIGITS.sub(
+        lambda stamp: f"{stamp[1]}{stamp[2]}T{stamp[3]}{'.' if stamp[4] else ''}{stamp[4]}", text
+    )
+
+
+def has_marked_rows(text: str) -> bool:
+    """Return whether nearly all lines are numbers behind the sign of a remark."""
+    return _is_in_most_lines(_MARKED_ROW, text)
+
+
+def unmark_rows(text: str) -> str:
+    """Return the text without the signs of remarks in front of rows of numbers."""
+    return _MARKED_ROW.sub("", text)
+
+
+def _is_in_most_lines(pattern: re.Pattern[str], text: str) -> bool:
+    n_lines = text.count("\n")
+    return n_lines > 2 and len(pattern.findall(text)) > _MOST_LINES * n_lines
+
+
 CHANGES_OF_CELLS = (
+    (has_marked_rows, unmark_rows),
+    (has_stamps_of_digits, separate_stamps),
     (has_minus_elsewhere, put_minus_before),
     (has_rows_without_cells, remove_rows_without_cells),
     (has_names_on_lines, join_names_on_lines),

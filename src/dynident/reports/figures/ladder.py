@@ -89,7 +89,7 @@ def draw_ladder(
     return to_svg(
         figure,
         f"Relative {kind} error of each model of the ladder, in total and per joint: "
-        f"{', '.join(format_percent(value, decimals=2) for value in totals)}.",
+        f"{', '.join(format_percent(value) for value in totals)}.",
     )
 
 

@@ -8,57 +8,26 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment
-from dynident.diagnosis import Diagnosis, FailureSpot, evidence
-from dynident.effects import EffectChoice
+from dynident.diagnosis import Diagnosis, evidence
 from dynident.identification import Identification
-from dynident.number_format import format_count, format_number, format_range
-from dynident.presentation.diagnosis_tables import build_candidate_table, build_diagnosis_tables
-from dynident.presentation.labels import format_joints, format_shape_constants
+from dynident.number_format import format_count
+from dynident.presentation.diagnosis_tables import build_candidate_table, build_diagnosis_tables, is_adequate
 from dynident.presentation.tables import ReportedTable
 from dynident.recordings import Recording
 from dynident.reports.figures.changes import draw_changes, draw_friction_differences
 from dynident.reports.figures.diagnosis import draw_candidates, draw_detection_limits, draw_evidence
 from dynident.reports.reported_data import Section
 from dynident.reports.sections.summary import is_recommendation_added
-from dynident.robot import Robot
 
-VERDICTS = {
-    "adequate": "These data show no missing effect",
-    "missing_effect": "Effects are missing, and the diagnosis names them",
-    "unexplained": "Something is missing that no effect of the catalogue explains",
-}
 _IN_EVIDENCE = ("error before", "after")
 """Columns of the ranking that the sentence of the evidence repeats; without them it has room."""
-_MOST_SPOTS, _MOST_BARS, _MOST_PANELS, _MOST_ROWS = 12, 12, 8, 4
-
-
-@dataclass(frozen=True)
-class ChoiceText:
-    """A recommended effect, in words."""
-
-    title: str
-    identifier: str
-    place: str
-    shape: str
-
-
-@dataclass(frozen=True)
-class SpotRow:
-    """A range of a variable in which the residual is large."""
-
-    spot: FailureSpot
-    place: str
-    rms: str
-    ratio: str
+_MOST_BARS, _MOST_PANELS, _MOST_ROWS = 12, 8, 4
 
 
 @dataclass(frozen=True)
 class DiagnosisContent:
     """The content of the section."""
 
-    verdict: str
-    headline: str
-    summary: str
     figure: Markup | None
     evidence: Markup | None
     findings: ReportedTable | None
@@ -66,10 +35,7 @@ class DiagnosisContent:
     tables: Mapping[str, ReportedTable]
     changes_figure: Markup | None
     friction_figure: Markup | None
-    recommended: tuple[ChoiceText, ...]
     recommended_added: bool
-    spots: tuple[SpotRow, ...]
-    next_step: str
     is_good: bool
     limits_figure: Markup | None
     next_experiment: NextExperiment | None
@@ -96,42 +62,25 @@ def build_diagnosis_section(
     """
     robot = identification.model.robot
     names, candidates = robot.joint_names, diagnosis.candidates
+    units = [joint.effort_unit for joint in robot.joints]
     # All significant candidates are visible before the rest is unfolded, and at least a few.
     shown = max([_MOST_ROWS, *(k for k, item in enumerate(candidates, 1) if item.significant)])
     rest = candidates[shown:]
     rest_title = f"{format_count(len(rest), 'more effect')} that {'was' if len(rest) == 1 else 'were'} tried"
     content = DiagnosisContent(
-        diagnosis.verdict,
-        _word_headline(diagnosis),
-        diagnosis.summary,
         draw_candidates(diagnosis.candidates[:_MOST_BARS]) if diagnosis.candidates else None,
         _draw_evidence(identification, diagnosis, recordings),
         build_candidate_table(candidates[:shown], names).drop_columns(*_IN_EVIDENCE) if candidates else None,
         build_candidate_table(rest, names, rest_title).drop_columns(*_IN_EVIDENCE) if rest else None,
-        {table.name: table for table in build_diagnosis_tables(diagnosis, names)},
+        {table.name: table for table in build_diagnosis_tables(diagnosis, names, units)},
         draw_changes(diagnosis.changes) if diagnosis.changes else None,
         draw_friction_differences(diagnosis.friction),
-        tuple(_build_choice_text(choice, diagnosis, robot) for choice in diagnosis.recommended),
         is_recommendation_added(identification, diagnosis),
-        tuple(_build_spot_row(spot, robot) for spot in diagnosis.failure_map[:_MOST_SPOTS]),
-        diagnosis.conclusion.next_step if diagnosis.conclusion is not None else "",
-        diagnosis.verdict == "adequate" and not is_undecided(diagnosis),
+        is_adequate(diagnosis),
         draw_detection_limits(diagnosis.detection_limits, robot) if diagnosis.detection_limits else None,
         diagnosis.next_experiment if isinstance(diagnosis, AdvisedDiagnosis) else None,
     )
     return Section("diagnosis", "Diagnosis", "diagnosis", content)
-
-
-def is_undecided(diagnosis: Diagnosis) -> bool:
-    """Return whether a diagnosis concludes that its data cannot tell."""
-    return diagnosis.conclusion is not None and diagnosis.conclusion.code == "cannot_tell"
-
-
-def _word_headline(diagnosis: Diagnosis) -> str:
-    """Return the headline: of a model in which nothing was found, what that is worth."""
-    if diagnosis.conclusion is not None and (diagnosis.verdict == "adequate" or is_undecided(diagnosis)):
-        return diagnosis.conclusion.headline.rstrip(".")
-    return VERDICTS[diagnosis.verdict]
 
 
 def _draw_evidence(
@@ -153,22 +102,3 @@ def _draw_evidence(
     before = [m for m in models if not recommended_effects & {choice.effect for choice in m.choices.effects}]
     panels = evidence((before or models)[-1], findings, recordings)[:_MOST_PANELS]
     return draw_evidence(panels, identification.model.robot) if panels else None
-
-
-def _build_choice_text(choice: EffectChoice, diagnosis: Diagnosis, robot: Robot) -> ChoiceText:
-    return ChoiceText(
-        diagnosis.get_title(choice),
-        choice.effect,
-        format_joints(choice.joints, robot.joint_names),
-        format_shape_constants(choice),
-    )
-
-
-def _build_spot_row(spot: FailureSpot, robot: Robot) -> SpotRow:
-    unit = robot.joints[robot.joint_names.index(spot.joint)].effort_unit
-    return SpotRow(
-        spot,
-        format_range(spot.low, spot.high, spot.unit),
-        f"{format_number(spot.rms)} {unit}",
-        format_number(spot.ratio, 2),
-    )

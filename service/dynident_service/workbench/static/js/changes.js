@@ -4,7 +4,7 @@ import { get } from "./api.js";
 import { h, put } from "./dom.js";
 import { percent } from "./format.js";
 import { orSay, sending } from "./problem.js";
-import { shownTable } from "./tables.js";
+import { byName, shownTable } from "./tables.js";
 import { usesOf } from "./measurement_uses.js";
 
 const SETS = [["", "leave out"], ["before", "before"], ["after", "after"]];
@@ -27,13 +27,14 @@ export function changesForm(model, ask, signal) {
 }
 
 /** The changes that a diagnosis found, and what friction did, each with its interval; nothing where it had no baseline. */
-export function changesTable({ result, tables }) {
+export function changesTable(diagnosis) {
+  const { result } = diagnosis;
   if (!result.changes) return null;
-  const [changed, friction] = ["changes", "friction"].map((name) => tables.find((one) => one.name === name));
+  const { changes: changed, friction } = byName(diagnosis);
   const reach = Math.max(1e-9, ...result.friction.filter((one) => one.before > 0).flatMap(shares).map(Math.abs));
   const span = [`−${percent(reach)} to +${percent(reach)}`, (k) => (result.friction[k].before > 0 ? spanOf(result.friction[k], reach) : "")];
   return h("div", {},
-    h("div", { id: "changes" }, changed ? shownChanges(changed, result) : h("p", { class: "box good" }, "These recordings show no change since the baseline.")),
+    h("div", { id: "changes" }, changed ? shownChanges(changed, result) : null),
     friction ? h("div", { id: "friction-since" }, shownTable(friction, {}, { more: [span] })) : null);
 }
 

@@ -6,6 +6,7 @@ import { courseFigure } from "./parameter_over_days.js";
 import { announce, h, put, section } from "./dom.js";
 import { awaited, newestOf } from "./jobs.js";
 import { orSay, sending } from "./problem.js";
+import { byName, foldedTable } from "./tables.js";
 
 /** Asks which measurement is of which day, and shows the newest series of the model. */
 export function daysSection(model, signal) {
@@ -62,9 +63,7 @@ function daysForm(model, state, ask, signal) {
     return h("p", {}, h("label", { for: control.id }, one.name ?? one.id), " day ", control);
   }
   const send = sending(submit, wrong, async () => {
-    const asked = inOrder(days);
-    if (asked.length + (state.latest ? 1 : 0) < 2) return void put(wrong, h("p", { class: "box warning" }, "Give at least two days a number. Leave the number empty to leave a measurement out."));
-    await ask({ days: asked, continues: state.latest?.id ?? null });
+    await ask({ days: inOrder(days), continues: state.latest?.id ?? null });
     await fill();
   }, signal);
   const form = h("form", { onsubmit: send }, h("p", { class: "note" }, "Measurements with the same number are of one day; without a number they are left out."), places, h("p", { class: "actions" }, submit), wrong);
@@ -92,9 +91,11 @@ function inOrder(days) {
 
 function shown(series, signal) {
   const { result } = series;
+  const { changes, tracks } = byName(series);
   return [
     h("p", { class: result.changes.length ? "box warning" : "box good", id: "series-summary" }, result.summary),
-    series.tables.map((one) => shownChanges(one, result)),
+    changes ? shownChanges(changes, result) : null,
     courseFigure(result, signal),
+    foldedTable(tracks),
   ];
 }

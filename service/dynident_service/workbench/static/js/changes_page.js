@@ -22,7 +22,7 @@ export async function page(target, wanted, signal) {
   }
   const chosen = models.find((one) => one.id === wanted.identification) ?? models[0];
   const model = await Model.of(await get(`/identifications/${chosen.id}`, {}, signal), wanted, signal);
-  const inWords = (one) => [one.name ?? "model", ...one.added.map((choice) => `+ ${choiceInWords(model.effects, choice, model.joints)}`)].join(" ");
+  const inWords = (one) => [one.name || model.robot.name, ...one.added.map((choice) => `+ ${choiceInWords(model.effects, choice, model.joints)}`)].join(" ");
   const choice = select(models.map((one) => [one.id, `${inWords(one)}, ${moment(one.created_at)}`]), chosen.id, (id) => go({ view: "changes", identification: id }));
   const said = h("div");
   const result = h("div");

@@ -1,20 +1,17 @@
 // Evidence figure of an effect: the residual over its variable, with the fitted effect.
 
 import { get, lastAsked } from "./api.js";
-import { aboutEffect, titleOf } from "./catalogue.js";
+import { aboutEffect } from "./catalogue.js";
 import { h, put } from "./dom.js";
-import { number, percent } from "./format.js";
+import { number } from "./format.js";
 import { formula } from "./formula.js";
 import { colour, drawn, figure } from "./plots.js";
 
-/** What the data say of a candidate, what they cannot tell it from, the figure that shows it, and what it is. */
+/** The figure of a candidate, and what the effect is. */
 export function evidenceOf(model, one, signal) {
   const figure = h("div", { class: "chart" });
-  const rivals = one.equivalent.map((id) => titleOf(model.effects, id)).join(", ");
   drawEvidence(figure, model.diagnosis, one.rank, signal);
-  const share = one.error_drop > 0 ? h("p", {}, `It explains ${percent(one.error_drop)} of the held-out error of its joints, once everything that ranks above it is in the model.`) : null;
-  const words = [h("p", {}, one.evidence), share, rivals ? h("p", { class: "box warning" }, `These data cannot distinguish it from: ${rivals}.`) : null];
-  return { words, figure, about: aboutEffect(model.effects, one.effect, formula) };
+  return { figure, about: aboutEffect(model.effects, one.effect, formula) };
 }
 
 /** Draw the figure of a candidate; with several joints, that of the joint which it explains most of, and a choice. */

@@ -1,4 +1,4 @@
-// Numbers as text: digits, units, percentages, p-values (the rules of `number_format.py`).
+// Numbers as text: digits, units, percentages (the rules of `number_format.py`).
 
 const SPACE = "\u202f";
 const SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
@@ -25,20 +25,9 @@ export function quantity(value, unit, digits = 3) {
 export function percent(fraction, digits = 3) {
   if (fraction === null || fraction === undefined || Number.isNaN(fraction)) return "–";
   if (fraction > 10) return `> 1000${SPACE}%`;
-  if (fraction === 0) return `0${SPACE}%`;
   const scaled = 100 * fraction;
+  if (Math.abs(scaled) < 0.0005) return `0${SPACE}%`;
   return minus(scaled.toFixed(Math.min(3, decimals(scaled, digits)))) + `${SPACE}%`;
-}
-
-/** A p-value; what is below one in a million is only said to be so. */
-export function pValue(p) {
-  if (p === null || p === undefined) return "–";
-  return p < 1e-6 ? "< 10⁻⁶" : number(p, 2);
-}
-
-/** A range with its unit. */
-export function span(low, high, unit, digits = 3) {
-  return `${number(low, digits)} … ${number(high, digits)}${SPACE}${unit}`;
 }
 
 /** The ends of an interval, with as many decimals as tell them apart. */

@@ -1,10 +1,10 @@
 // Choice of recordings: stored ones, and files that are dropped to be uploaded.
 
 import { ask, get } from "./api.js";
-import { checksInWords, checksTable } from "./recording_checks.js";
+import { checksInWords } from "./recording_checks.js";
 import { h, put, row, table } from "./dom.js";
 import { dropZone } from "./drop_zone.js";
-import { counted, moment, number, quantity } from "./format.js";
+import { counted, moment, number, percent, quantity } from "./format.js";
 import { address } from "./page_address.js";
 import { fileCard } from "./recordings/file_card.js";
 import { drivesOf, placesOf } from "./recordings/robot_facts.js";
@@ -21,7 +21,7 @@ export function measurementsTable(measurements) {
       `${counted(one.n_samples, "sample")} at ${quantity(one.sampling_rate, "Hz", 4)}`,
       standing(one),
       one.windows.map(([from, to]) => `${number(from, 6)} to ${number(to, 6)} s`).join(", ") || "all",
-      h("details", {}, h("summary", {}, checksInWords(one.checks)), checksTable(one.checks)),
+      checksInWords(one.checks),
       moment(one.created_at),
     ]),
   );
@@ -43,7 +43,7 @@ function namedRole(name) {
 
 /** Share of its time that each joint stands, in the robot's order. */
 function standing({ phases }) {
-  return phases ? `${phases.standing.map((share) => (100 * share).toFixed(0)).join(", ")} %` : "–";
+  return phases ? phases.standing.map((share) => percent(share, 2)).join(", ") : "–";
 }
 
 /** Where recordings are dropped; a card appears for each, with fields of the `metadata` that the contract has. `forms` are kept when another robot is chosen: what was filled in stays. */

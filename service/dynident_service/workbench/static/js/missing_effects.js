@@ -2,26 +2,14 @@
 
 import { get, patch, post } from "./api.js";
 import { addByHand } from "./add_effect.js";
-import { candidatesTable } from "./candidates.js";
+import { candidatesTable, findingCards } from "./candidates.js";
 import { changesForm, changesTable } from "./changes.js";
-import { choiceInWords, findingTitle, placeOf, shapeInWords } from "./catalogue.js";
 import { nextBox } from "./design/proposals.js";
 import { announce, h, put, section } from "./dom.js";
-import { detectionLimits } from "./detection_limits.js";
-import { effectCards } from "./effect_cards.js";
 import { awaited } from "./jobs.js";
 import { nextRung } from "./extended_model.js";
 import { pressed, problemBox, showInForm } from "./problem.js";
-import { shownTable } from "./tables.js";
-
-const HEADLINES = {
-  adequate: "These data show no missing effect",
-  missing_effect: "An effect is missing",
-  unexplained: "Something is missing that the catalogue does not explain",
-};
-
-/** The headline of a diagnosis: where nothing was found, what that is worth. */
-const headline = (result) => (result.conclusion && (result.verdict === "adequate" || result.conclusion.code === "cannot_tell") ? result.conclusion.headline : `${HEADLINES[result.verdict]}.`);
+import { byName, foldedTable, shownTable } from "./tables.js";
 
 /** Follows the diagnosis; Diagnose asks for a new one. */
 export function missingSection(model, signal) {
@@ -33,7 +21,8 @@ export function missingSection(model, signal) {
   const run = async (diagnosis) => {
     const found = await awaited("/diagnoses", await diagnosis, "Diagnosing", said, signal);
     model.setDiagnosis(found);
-    announce(`${headline(found.result)} ${found.result.summary}`);
+    const { title, notes } = byName(found).conclusion;
+    announce([title, ...notes].join(" "));
   };
   const runPressed = (diagnosis) => pressed(button, () => run(diagnosis), (error) => put(said, problemBox(error)), signal);
 
@@ -76,35 +65,41 @@ function whole(model, add, run, signal) {
 }
 
 function shown(model, add, run, signal) {
-  const { result } = model.diagnosis;
-  const tables = Object.fromEntries(model.diagnosis.tables.map((one) => [one.name, one]));
+  const { diagnosis } = model;
+  const tables = byName(diagnosis);
   return [
-    verdict(model, result, add, run),
-    changesTable(model.diagnosis),
-    effectCards(model, result, add, signal),
-    candidatesTable(model, model.diagnosis, add, signal),
+    verdict(model, diagnosis.result, tables.conclusion, add, run),
+    changesTable(diagnosis),
+    findingCards(model, diagnosis, add, signal),
+    candidatesTable(model, diagnosis, add, signal),
     tables.unknown ? shownTable(tables.unknown) : null,
-    nextExperiment(model, result),
-    detectionLimits(model, result),
-    tables.hidden ? h("details", {}, h("summary", {}, `${tables.hidden.title} (${tables.hidden.rows.length})`), shownTable(tables.hidden)) : null,
+    nextExperiment(diagnosis.result),
+    h("div", { id: "limits" }, foldedTable(tables.limits_map, {}, { content: limitCell })),
+    foldedTable(tables.hidden),
   ];
 }
 
-function verdict(model, result, add, run) {
+/** A cell of the map of detection limits: its colour tells whether the usual size would have shown. */
+function limitCell({ text, value, note }, column) {
+  if (!column || !text) return text;
+  const level = value === null ? "none" : value > 3 ? "far" : value > 1 ? "above" : value > 0.3 ? "near" : "below";
+  return h("data", { value: value ?? "", class: `limit ${level}`, title: note }, text);
+}
+
+function verdict(model, result, { title, columns, rows, notes: [summary, ...others] }, add, run) {
   const said = h("div");
   const left = result.recommended.filter((one) => !model.contains(one));
-  const items = result.recommended.map((one) => {
-    const words = choiceInWords(model.effects, one, model.joints);
-    const shape = shapeInWords(model.effects, one);
+  const items = rows.map(([effect, place, constants], k) => {
+    const one = result.recommended[k];
     const button = model.contains(one)
       ? h("span", { class: "mark ok" }, "✓ in the model")
-      : h("button", { type: "button", class: "small", onclick: () => add([one], said), "aria-label": `Add ${words}` }, "Add");
-    return h("li", {}, h("strong", {}, findingTitle(model, result, one)), ` on ${placeOf(model.effects, one, model.joints)}${shape ? `, ${shape}` : ""} `, button);
+      : h("button", { type: "button", class: "small", onclick: () => add([one], said), "aria-label": `Add ${effect.text} on ${place.text}` }, "Add");
+    return h("li", {}, h("strong", {}, effect.text), ` on ${[place.text, constants.text].filter(Boolean).join(", ")} `, button);
   });
   return h("div", { class: result.verdict === "adequate" && result.conclusion?.code !== "cannot_tell" ? "box good" : "box warning", id: "verdict", "data-verdict": result.verdict, "data-conclusion": result.conclusion?.code ?? "" },
-    h("p", {}, h("strong", {}, `${headline(result)} `), result.summary),
-    result.conclusion ? h("p", {}, h("strong", {}, "Next: "), result.conclusion.next_step) : null,
-    items.length ? [h("p", {}, "Recommended, in this order:"), h("ol", {}, items)] : null,
+    h("p", {}, h("strong", {}, `${title} `), summary),
+    others.map((one) => h("p", {}, one)),
+    items.length ? [h("p", {}, `${columns[0].word}:`), h("ol", {}, items)] : null,
     partQuestions(model, result, run),
     left.length ? h("p", {}, h("button", { type: "button", class: "main", id: "add-recommended", onclick: () => add(left, said) }, left.length > 1 ? `Add all ${left.length} recommended effects` : "Add the recommended effect")) : null,
     said,
@@ -127,7 +122,7 @@ function partQuestions(model, result, run) {
   });
 }
 
-function nextExperiment(model, result) {
+function nextExperiment(result) {
   const next = result.next_experiment;
   if (!next) return null;
   const said = h("span", { class: "note" });

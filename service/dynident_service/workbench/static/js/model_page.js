@@ -6,7 +6,6 @@ import { announce, h, put, tiles } from "./dom.js";
 import { dataSection } from "./data_of_model.js";
 import { daysSection } from "./changes_over_days.js";
 import { errorsSection } from "./joint_errors.js";
-import { exportLinks } from "./exports.js";
 import { failureSection } from "./where_model_fails.js";
 import { counted, moment, number, quantity } from "./format.js";
 import { awaited, ENDED } from "./jobs.js";
@@ -17,7 +16,7 @@ import { missingSection } from "./missing_effects.js";
 import { Model, newestDiagnosis } from "./shown_model.js";
 import { parametersSection } from "./parameters.js";
 import { orSay, pressed, problemBox } from "./problem.js";
-import { save } from "./save_file.js";
+import { exportLinks, save } from "./save_file.js";
 import { spectraSection } from "./spectra.js";
 import { tabs } from "./tabs.js";
 import { torqueSection } from "./torque_comparison.js";
@@ -128,7 +127,9 @@ function warnings(result) {
 function actions(model, ways) {
   const said = h("div");
   const reports = [["html", "Report"], ["pdf", "Report as PDF"]].map(([format, words]) => h("button", { type: "button", onclick: (event) => makeReport(model, format, ways, event.target, said) }, words));
-  return [h("p", { class: "actions" }, reports, h("span", { class: "note" }, "Export the model:"), exportLinks(model, ways.exports, said)), said];
+  // Where there is room for one column alone, the formats would push the verdict off the screen.
+  const exports = h("details", { open: matchMedia("(min-width: 1021px)").matches, id: "exports" }, h("summary", {}, "Export the model"), h("p", { class: "actions" }, exportLinks(model, ways.exports, said)));
+  return [h("p", { class: "actions" }, reports), exports, said];
 }
 
 async function makeReport(model, format, ways, button, said) {

@@ -2,7 +2,7 @@
 
 import { lastAsked } from "./api.js";
 import { h, select } from "./dom.js";
-import { number, quantity } from "./format.js";
+import { quantity } from "./format.js";
 import { colour, figure, onColours } from "./plots.js";
 
 /** A figure of one course, and a choice among all of them: what has changed first. */
@@ -35,8 +35,7 @@ function paint(target, days, course, signal) {
     lines: [{ label: course.parameter, values: course.values, stroke: colour("predicted"), width: 1, points: { show: true, size: 7, fill: colour("predicted") } }],
     options: { bands: [], hooks: { draw: [(made) => bars(made, course)] } },
   }, signal);
-  const last = course.values.findLast((one) => one !== null);
-  if (last !== undefined) target.append(h("p", { class: "note" }, `On the last day that shows it: ${number(last)} ${course.unit}.${course.varies ? "" : " It is assumed to be constant: the data of all days are used for each day."}`));
+  if (!course.varies) target.append(h("p", { class: "note" }, "It is assumed to be constant: the data of all days are used for each day."));
 }
 
 /** The interval of each day as an upright bar. */

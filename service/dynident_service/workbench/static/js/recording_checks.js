@@ -2,7 +2,7 @@
 
 import { h, row, table } from "./dom.js";
 
-const MARKS = { ok: "✓ fine", warning: "! check", error: "✗ error" };
+const MARKS = { ok: "✓ ok", warning: "! warning", error: "✕ error" };
 const ORDER = { error: 0, warning: 1, ok: 2 };
 
 /**
@@ -27,15 +27,15 @@ export function checksTable(checks, onAccept = null, { onApply = null, inWords =
       ],
     ]),
   );
-  return table("Checks of the recording", ["check", "found", "what to do"], rows, { class: "checks" });
+  return table("Checks of the recording", ["check", "result", "found"], rows, { class: "checks" });
 }
 
 /** How many checks ended how, in words. */
 export function checksInWords(checks) {
   const count = (status) => checks.filter((one) => one.status === status).length;
-  const parts = [`${count("ok")} fine`];
-  if (count("warning")) parts.push(`${count("warning")} to check`);
-  if (count("error")) parts.push(`${count("error")} wrong`);
+  const parts = [`${count("ok")} ok`];
+  if (count("warning")) parts.push(`${count("warning")} with a warning`);
+  if (count("error")) parts.push(`${count("error")} with an error`);
   return parts.join(", ");
 }
 

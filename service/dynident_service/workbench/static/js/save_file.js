@@ -1,8 +1,10 @@
-// Download links of files in several formats, with notes on what a format cannot hold.
+// Download links of files in several formats, with notes on what a format cannot hold; exports of models.
 
 import { file } from "./api.js";
 import { announce, h, put } from "./dom.js";
 import { problemBox } from "./problem.js";
+
+const IMPOSSIBLE = "Not physically feasible";
 
 /**
  * A link for each of the `formats`, whose file is at `pathOf(format)`; what its format could not hold, or why there is
@@ -21,7 +23,7 @@ export function formatLinks(formats, pathOf, said, wayOut = () => null) {
 }
 
 /** Save the file that is at a path. */
-export async function take(path, said, wayOut = () => null) {
+async function take(path, said, wayOut = () => null) {
   try {
     const { content, name, notes } = await file(path);
     save(content, name);
@@ -42,4 +44,11 @@ export function save(content, name) {
   const link = h("a", { href: URL.createObjectURL(content), download: name });
   link.click();
   URL.revokeObjectURL(link.href);
+}
+
+/** A link for each of the `formats`; what there is to say is put into `said`. */
+export function exportLinks(model, formats, said) {
+  const nearest = (error, path) =>
+    error.title === IMPOSSIBLE && h("button", { type: "button", id: "export-nearest", onclick: () => take(`${path}&nearest=true`, said) }, "Take the nearest feasible parameters");
+  return formatLinks(formats, (format) => `/v1/identifications/${model.id}/export?format=${format}`, said, nearest);
 }

@@ -2,11 +2,10 @@
 
 import { CompareStack } from "./compare/joint_stack.js";
 import { field, h, jointButton, put, section, select } from "./dom.js";
-import { number, percent, positionUnit, quantity } from "./format.js";
 import { awaited } from "./jobs.js";
 import { address, remember } from "./page_address.js";
 import { problemBox } from "./problem.js";
-import { shownTable } from "./tables.js";
+import { byName, foldedTable, shownTable } from "./tables.js";
 
 /** Compares by itself as soon as the section is there. */
 export function torqueSection(model, signal) {
@@ -37,7 +36,7 @@ export function torqueSection(model, signal) {
       await chosen;
       if (signal.aborted || wanted !== model.measurement) return;
       model.setComparison(comparison);
-      put(worst, worstStretches(model));
+      put(worst, worstIntervals(model));
       await all;
     } catch (error) {
       if (!signal.aborted) put(body, problemBox(error, compare));
@@ -66,20 +65,14 @@ export function torqueSection(model, signal) {
   );
 }
 
-function worstStretches(model) {
-  const { worst, relative_total: total, moving, notes } = model.comparison.result;
-  const both = moving ? `${percent(moving.relative_total)} where they move, ${percent(total)} on all rows` : percent(total);
-  if (!worst.length) return null;
-  const pose = (one) => (one.pose.length ? model.joints.map((joint, index) => `${joint} ${quantity(one.pose[index], positionUnit(model.unitOf(joint)))}`).join(", ") : "");
-  const buttons = worst.map((one) => {
-    const text = `${one.joint}: ${number(one.from, 4)} to ${number(one.to, 4)} s`;
-    const size = `${quantity(one.rms, model.unitOf(one.joint))} rms, ${number(one.ratio, 2)} × the joint's rms`;
-    const units = new Set(model.joints.map((joint) => positionUnit(model.unitOf(joint))));
-    const short = units.size === 1 ? `pose ${one.pose.map((value) => number(value, 2)).join(", ")} ${[...units][0]}` : pose(one);
-    const where = pose(one);
-    return h("li", {}, h("button", { type: "button", class: "small", onclick: () => model.zoomTo(one.joint, one.from, one.to) }, text), h("span", { title: where ? `at ${number(one.time, 4)} s: ${where}` : null }, size, where ? h("small", { class: "note" }, h("br"), short) : null));
-  });
-  const overNoise = model.comparison.tables.map((one) => h("details", {}, h("summary", {}, "Residual against the noise"), shownTable(one, { id: "over-noise" })));
-  const remarks = notes.length ? h("ul", { class: "note", id: "comparison-notes" }, notes.map((one) => h("li", {}, one))) : null;
-  return [remarks, overNoise, h("h3", {}, "Worst intervals"), h("p", { class: "note" }, `Error on this measurement, all joints: ${both}. Choose an interval to see it.`), h("ol", { class: "worst" }, buttons)];
+/** Errors beside the noise, and the worst intervals, each a button that shows it. */
+function worstIntervals(model) {
+  const { worst, notes } = model.comparison.result;
+  const tables = byName(model.comparison);
+  const when = (content, k) => h("button", { type: "button", class: "small", onclick: () => model.zoomTo(worst[k].joint, worst[k].from, worst[k].to) }, content);
+  return [
+    notes.length ? h("ul", { class: "note", id: "comparison-notes" }, notes.map((one) => h("li", {}, one))) : null,
+    foldedTable(tables.comparison, { id: "over-noise" }),
+    tables.worst ? shownTable(tables.worst, { id: "worst" }, { wrap: { 1: when } }) : null,
+  ];
 }

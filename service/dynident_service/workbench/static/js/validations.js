@@ -4,7 +4,7 @@ import { get, post } from "./api.js";
 import { announce, h, put, section } from "./dom.js";
 import { awaited } from "./jobs.js";
 import { pressed, problemBox } from "./problem.js";
-import { shownTable } from "./tables.js";
+import { foldedTable } from "./tables.js";
 
 const OPEN = new Set(["methods", "bootstrap"]); // Here the table is the answer.
 
@@ -97,5 +97,5 @@ async function known(model, lines, signal) {
 
 /** The figures behind the verdict; `kind` names the first table. */
 function details({ tables }, kind) {
-  return tables.slice(1).map((one, k) => h("details", { open: OPEN.has(kind) && !k }, h("summary", {}, one.title), shownTable(one, { id: k ? null : `${kind}-table` })));
+  return tables.slice(1).map((one, k) => foldedTable(one, { id: k ? null : `${kind}-table` }, {}, OPEN.has(kind) && !k));
 }

@@ -4,7 +4,7 @@ import { get } from "./api.js";
 import { h, put, section } from "./dom.js";
 import { address } from "./page_address.js";
 import { orSay } from "./problem.js";
-import { shownTable } from "./tables.js";
+import { byName, foldedTable } from "./tables.js";
 import { goToTab } from "./tabs.js";
 
 /** Asks the service for its verdict; the next click follows the diagnosis. */
@@ -26,12 +26,12 @@ export function verdictSection(model, signal) {
 
 function judged(found, robot) {
   const fit = !found.stop && found.uses.every((one) => one.state === "yes");
-  const [uses, drift] = ["uses", "drift"].map((name) => found.tables.find((one) => one.name === name));
+  const { uses, drift } = byName(found);
   return [
     h("div", { class: fit ? "box good" : "box warning", id: "fitness-summary" }, h("p", {}, found.summary)),
     // After a gross fault the uses mean nothing.
     uses ? h("ul", { class: "verdicts", id: "uses" }, uses.rows.map((cells, k) => useLine(found.uses[k], cells, robot))) : null,
-    drift ? h("details", { id: "drift" }, h("summary", {}, drift.title), shownTable(drift)) : null,
+    h("div", { id: "drift" }, foldedTable(drift)),
     found.common.length ? h("ul", { class: "note" }, found.common.map((one) => h("li", {}, one.detail))) : null,
     found.next_steps.length ? h("details", { id: "next-steps" }, h("summary", {}, "What to do about the error"), h("ol", {}, found.next_steps.map((one) => h("li", {}, one)))) : null,
   ];

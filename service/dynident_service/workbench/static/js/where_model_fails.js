@@ -1,11 +1,11 @@
 // Section on where a model fails: residual over one or two signals, and the diagnosis's map.
 
 import { get, lastAsked } from "./api.js";
-import { field, figures, h, listed, numeric, put, right, section, select } from "./dom.js";
-import { number, span } from "./format.js";
+import { field, h, put, section, select } from "./dom.js";
 import { heatMap } from "./heat_map.js";
 import { existingComparison } from "./shown_model.js";
 import { orSay } from "./problem.js";
+import { byName, shownTable } from "./tables.js";
 import { drawProfile, signalInWords, signalsOf } from "./residual_profile.js";
 
 const OVER = ["dq", "q", "load"];
@@ -31,7 +31,7 @@ export function failureSection(model, signal) {
   };
   model.addEventListener("comparison", draw);
   model.addEventListener("joint", draw);
-  const showSpots = () => put(spots, failureMap(model));
+  const showSpots = () => put(spots, worstPlaces(model));
   model.addEventListener("diagnosis", showSpots);
   showSpots();
   return section("fails", "Where it fails",
@@ -68,20 +68,11 @@ function mapOfTwo(model, signal) {
   return [h("h3", {}, `Residual of ${joint} over two signals`), h("div", { class: "bar-of-fields" }, field("Across", pick("x")), field("Up", pick("y"))), figure];
 }
 
-function failureMap(model) {
-  const spots = model.diagnosis?.result?.failure_map ?? [];
-  if (!spots.length) return null;
-  const columns = [
-    ["joint", (one) => h("button", { type: "button", class: "plain", onclick: () => model.chooseJoint(one.joint) }, one.joint)],
-    ["over", (one) => one.variable],
-    ["where", (one) => span(one.low, one.high, one.unit)],
-    figures("rms there", (one) => one.rms, (value, one) => `${number(value)} ${model.unitOf(one.joint)}`),
-    [right("times the joint's own rms"), (one) => numeric(one.ratio === null ? "–" : `${number(one.ratio)} ×`)],
-  ];
-  const whose = model.diagnosis.request.identification_id === model.id ? "" : " of the diagnosed model, without later additions,";
-  const more = spots.slice(SPOTS);
-  return [
-    listed(`Where the residual${whose} is largest`, columns, spots.slice(0, SPOTS), { id: "failure-map" }),
-    more.length ? h("details", {}, h("summary", {}, `${more.length} more`), listed("More places", columns, more)) : null,
-  ];
+function worstPlaces(model) {
+  const { diagnosis } = model;
+  const table = diagnosis?.result && byName(diagnosis).worst_places;
+  if (!table) return null;
+  const wrap = { 0: (content, k) => h("button", { type: "button", class: "plain", onclick: () => model.chooseJoint(diagnosis.result.failure_map[k].joint) }, content) };
+  const rows = (from, to) => ({ ...table, rows: table.rows.slice(from, to) });
+  return [shownTable(rows(0, SPOTS), { id: "failure-map" }, { wrap }), table.rows.length > SPOTS ? h("details", {}, h("summary", {}, `${table.rows.length - SPOTS} more`), shownTable(rows(SPOTS), {}, { wrap })) : null];
 }

@@ -5,7 +5,7 @@ import { h, put } from "../dom.js";
 import { quantity } from "../format.js";
 import { onColours } from "../plots.js";
 import { draw } from "./drawing.js";
-import { outlinesOf } from "./surroundings.js";
+import { outlinesOf } from "./clearances.js";
 import { BASE, origin, segmentsAt, surfacesAt } from "./kinematics.js";
 
 const POSES_OF_PATH = 300;

@@ -1,8 +1,9 @@
-// The nearest bodies to the links of a moving arm, as lines and in words.
+// What stands around a moving arm: its outlines, and the bodies nearest to the links as lines and in words.
 
 import { quantity } from "../format.js";
 import { BASE, placed } from "./kinematics.js";
 
+const LINES = [-1, -0.5, 0, 0.5, 1]; // of a wall, across and along, in shares of the reach
 const FAR = 0.3; // m: what is farther off than that, and not the nearest of all, is no line
 
 /** Along a motion as GET /v1/designs/{id}/clearances gives it: { at(time, frames), nearest }, `nearest` being when (s). */
@@ -39,4 +40,14 @@ function sampleAt(t, time) {
     else high = middle;
   }
   return time - t[low] <= t[high] - time ? low : high;
+}
+
+/** [[point, point]] of what GET /v1/designs/{id}/clearances has of the surroundings; walls reach as far as `reach` (m). */
+export function outlinesOf({ edges, walls }, reach) {
+  return [...edges, ...walls.flatMap((wall) => grid(wall, reach))];
+}
+
+function grid({ point, along: [u, v] }, reach) {
+  const at = (a, b) => point.map((value, k) => value + reach * (a * u[k] + b * v[k]));
+  return LINES.flatMap((k) => [[at(k, -1), at(k, 1)], [at(-1, k), at(1, k)]]);
 }

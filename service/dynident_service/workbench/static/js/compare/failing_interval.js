@@ -1,9 +1,9 @@
 // Panel about one interval of a comparison: pose, speed, load, and effects that would explain the residual.
 
 import { get, lastAsked } from "../api.js";
-import { placeOf, shapeInWords, titleOf } from "../catalogue.js";
-import { announce, figures, h, listed, put } from "../dom.js";
+import { announce, figures, h, listed, numeric, put, right } from "../dom.js";
 import { number, percent, positionUnit, quantity } from "../format.js";
+import { byName, columnsOf, shownTable } from "../tables.js";
 import { explainedShare } from "./explained_share.js";
 
 const SHARE = 0.02; // of what is shown, to either side of a click
@@ -64,16 +64,11 @@ export class Moment {
       put(target, h("p", {}, `No effect that the diagnosis ranks for ${joint} explains more than 1${"\u202f"}% of the squared residual in this interval.${whose}`));
       return;
     }
-    const { effects, joints } = this.model;
-    const columns = [
-      ["effect", ([one]) => titleOf(effects, one.effect)],
-      ["where", ([one]) => placeOf(effects, one, joints)],
-      ["shape", ([one]) => shapeInWords(effects, one) || "–"],
-      ["seen over", ([, , variable]) => variable],
-      figures("share of this interval", ([, share]) => share, (share) => percent(share, 2)),
-      ["on held-out data", ([one]) => (one.significant ? h("span", { class: "mark ok" }, "✓ significant") : "not significant")],
-    ];
-    put(target, listed("Effects that would explain it", columns, helpful, { id: "explained" }), h("p", { class: "note" }, `Share: the part of the squared residual in this interval that the effect's fitted curve explains.${whose}`));
+    const table = byName(diagnosis).candidates;
+    const rows = helpful.map(([one]) => table.rows[diagnosis.result.candidates.indexOf(one)]);
+    const more = [["seen over", (k) => helpful[k][2]], [right("share of this interval"), (k) => numeric(percent(helpful[k][1], 2), helpful[k][1])]];
+    put(target, shownTable({ ...columnsOf({ ...table, rows }, [1, 2, 8]), title: "Effects that would explain it", notes: [], marked_rows: [] }, { id: "explained" }, { more }),
+      h("p", { class: "note" }, `Share: the part of the squared residual in this interval that the effect's fitted curve explains.${whose}`));
   }
 }
 

@@ -1,45 +1,31 @@
 // Result of a design: criterion, motion, margins, expected uncertainties, downloads.
 
 import { get } from "../api.js";
-import { h, part, put, tiles } from "../dom.js";
-import { grouped, number, positionUnit, quantity } from "../format.js";
+import { h, part, put } from "../dom.js";
+import { positionUnit, quantity } from "../format.js";
 import { formatLinks } from "../save_file.js";
 import { choicesOfQuery } from "../schema.js";
-import { shownTable } from "../tables.js";
+import { byName, foldedTable, shownTable } from "../tables.js";
 import { motionCurves } from "./joint_curves.js";
 import { virtualRobot } from "./virtual_measurement.js";
 
 const MOST_POINTS = 1500;
-const SAME = 0.01; // share by which criteria differ that are as good as each other
 
 /** Put a design that succeeded into `target`. */
 export async function designResult(target, design, robot, signal) {
-  const { result } = design;
   const formats = await choicesOfQuery("/v1/designs/{design_id}/trajectory", "format");
   const motion = part("The motion", h("p", { class: "note" }, "Loading …"));
-  const tables = Object.fromEntries(design.tables.map((one) => [one.name, one]));
-  put(target, worth(result), take(design, formats), virtualRobot(design, robot, signal), motion, promises(tables.expected), margins(tables.limits));
+  const { quality, runs, expected, limits } = byName(design);
+  put(target, worth(design.result, quality), take(design, formats), virtualRobot(design, robot, signal), motion, runs ? shownTable(runs) : null,
+    expected ? part("Expected accuracy", shownTable(expected, { id: "promises" })) : null, h("div", { id: "margins" }, foldedTable(limits)));
   await showMotion(motion, design, robot, signal);
 }
 
-function worth({ criterion_values: own, baseline_values: random, duration, n_samples: samples, sampling_rate: rate, notes, warnings = [] }) {
-  const better = random?.criterion && own.criterion ? `${besides(random.criterion / own.criterion)} the best of ${random.count} random motions` : "";
-  const all = [
-    ["criterion", number(own.criterion), better || "smaller is better", "design-criterion"],
-    ["best random motion", number(random?.criterion), random ? `median condition number ${number(random.median_condition_number)}` : "none requested"],
-    ["condition number of W", number(own.condition_number), "smaller is better"],
-    ["duration", quantity(duration, "s"), `${grouped(samples)} samples at ${quantity(rate, "Hz")}`],
-  ];
+function worth({ notes, warnings = [] }, quality) {
   const others = notes.filter((one) => !warnings.includes(one));
-  return h("section", { "aria-label": "Quality of the design" },
-    tiles(all), warnings.map((one) => h("p", { class: "box warning", role: "alert" }, one)),
+  return part(quality.title,
+    h("div", { class: "folded" }, shownTable(quality, { id: "design-quality" })), warnings.map((one) => h("p", { class: "box warning", role: "alert" }, one)),
     others.length ? h("details", {}, h("summary", {}, `Notes (${others.length})`), h("ul", {}, others.map((one) => h("li", {}, one)))) : null);
-}
-
-/** How a design stands beside a random motion whose criterion is so many times its own. */
-function besides(ratio) {
-  if (Math.abs(ratio - 1) < SAME) return "as good as";
-  return ratio > 1 ? `${number(ratio, 3)} times better than` : `${number(1 / ratio, 3)} times worse than`;
 }
 
 function take(design, formats) {
@@ -77,12 +63,4 @@ function floorOf({ request, result }) {
   if (height === null) return { height, words: "No floor was checked: the pale lines only show the base plane (z = 0)." };
   if (stated === null) return { height, words: "The grey plane is an assumed floor through the base (z = 0), because no surroundings were stated. Only the first link may reach it." };
   return { height, words: `The grey plane is the stated floor at z = ${quantity(height, "m")}.` };
-}
-
-function promises(table) {
-  return table ? part("Expected accuracy", shownTable(table, { id: "promises" })) : null;
-}
-
-function margins(table) {
-  return h("details", { id: "margins" }, h("summary", {}, `Distance to the limits and to itself (${table.rows.length})`), shownTable(table));
 }

@@ -4,10 +4,10 @@ import { get } from "../api.js";
 import { catalogue, choiceInWords } from "../catalogue.js";
 import { h, numeric, part, put, right, row, table } from "../dom.js";
 import { judged } from "../joint_errors.js";
-import { exportLinks } from "../exports.js";
 import { interval, moment, number, percent, quantity } from "../format.js";
 import { address } from "../page_address.js";
 import { methodInWords, methods } from "../methods.js";
+import { exportLinks } from "../save_file.js";
 import { overlaySection } from "./torque_overlay.js";
 
 /** Show two models, given by their ids. */

@@ -52,15 +52,14 @@ export async function page(target, wanted, signal) {
       { id: "error", name: "held-out error", right: true, value: (one) => (one.result?.validation ? judged(one.result.validation).relative_total : null), text: () => "", cell: (one) => errorOf(one) },
       figureColumn("fit", "error of the fit", (one) => (one.result ? judged(one.result.residual).relative_total : null), percent),
       tags,
-      { id: "verdict", name: "verdict", value: (one) => verdicts.get(one.id)?.words ?? "", cell: (one) => verdictOf(one, table) },
+      { id: "verdict", name: "verdict", value: (one) => verdicts.get(one.id) ?? "", cell: (one) => verdictOf(one, table) },
       change,
     ];
   };
 
   function verdictOf(model, table) {
     if (!model.result) return h("span", { class: `mark ${model.status}` }, model.status);
-    const known = verdicts.get(model.id);
-    if (known) return h("span", { title: known.summary }, known.words);
+    if (verdicts.has(model.id)) return verdicts.get(model.id);
     return h("button", { type: "button", class: "small", "aria-label": `Judge ${nameOf(model, robots)}`, onclick: (event) => judge(model, event.target, table) }, "Judge");
   }
 
@@ -69,7 +68,7 @@ export async function page(target, wanted, signal) {
     button.textContent = "judging …";
     try {
       const found = await get(`/identifications/${model.id}/verdict`, {}, signal);
-      verdicts.set(model.id, { words: verdictInWords(found), summary: found.summary });
+      verdicts.set(model.id, found.summary);
       table.show();
     } catch (error) {
       if (!signal.aborted) table.fail(error);
@@ -116,10 +115,4 @@ function errorOf({ result }) {
   if (!result.validation) return "no data held out";
   const { relative_total: total } = judged(result.validation);
   return h("data", { value: total }, percent(total));
-}
-
-function verdictInWords(found) {
-  if (found.stop) return `not to be used: ${found.stop.cause}`;
-  const fit = found.uses.filter((one) => one.fit).map((one) => one.use.replaceAll("_", " ") + (one.state === "limited" ? " (within limits)" : ""));
-  return fit.length ? `fit for ${fit.join(", ")}` : "fit for none of the uses";
 }

@@ -1,0 +1,250 @@
+"""Text that a program printed in place of a table, rewritten as an object of JSON a line while it is read.
+
+Three kinds are known: dictionaries as Python prints them, messages as ROS prints them (a part of YAML), and lines of
+names with values that begin again with the same name.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Iterator
+from typing import IO, Literal
+
+from dynident.recordings.file_size_limits import DEEPEST, LARGEST_MESSAGE, TITLE
+from dynident.recordings.formats.text_streams import ProducedStream, TextContent
+from dynident.recordings.recording_metadata import RecordingError
+
+Kind = Literal["python", "messages", "items"]
+
+_LOOKED_AT = 1 << 16
+_PYTHON = re.compile(r"^\s*\{\s*'")
+_ENTRY = re.compile(r"^(?P<name>[A-Za-z_][\w./ ]{0,63}?)\s?:(?:\s+(?P<value>\S.*))?$")
+"""A name, and behind the colon its value, if it does not stand in the lines below."""
+_SEPARATOR = "---"
+_ITEM = "- "
+
+
+def find_printed_kind(content: TextContent) -> Kind | None:
+    """Return how a program printed its records; None where the text is no such printout.
+
+    Parameters
+    ----------
+    content : TextContent
+        The file, of which the beginning is read.
+
+    Returns
+    -------
+    str or None
+        "python" for dictionaries, "messages" for lines of names with values, "items" for a list of those.
+    """
+    text = content.read_start(_LOOKED_AT).decode("utf-8-sig", errors="replace")
+    if _PYTHON.match(text):
+        return "python"
+    # The last line may be cut off.
+    lines = list(_join_brackets(iter(text.splitlines()[:-1])))
+    lines = [line.rstrip() for line in lines if line.strip()]
+    if lines and lines[0].startswith(_SEPARATOR):
+        lines = lines[1:]
+    if not lines:
+        return None
+    is_list = lines[0].startswith(_ITEM)
+    first = _ENTRY.match(lines[0].removeprefix(_ITEM))
+    if first is None:
+        return None
+    entries = [_ENTRY.match(line.removeprefix(_ITEM).lstrip() if is_list else line) for line in lines]
+    names = [entry["name"] for entry in entries if entry is not None]
+    is_inside = [line[:1].isspace() or line.startswith("-") for line in lines]
+    # All lines have this form, the first name comes again, and others stand between.
+    is_printout = (
+        all(entry or inside for entry, inside in zip(entries, is_inside, strict=True))
+        and names.count(first["name"]) >= 2
+        and len(set(names)) >= 2
+    )
+    return ("items" if is_list else "messages") if is_printout else None
+
+
+def rewrite_as_json(content: TextContent, kind: Kind) -> TextContent:
+    """Return the text of a printout as objects of JSON, one a line.
+
+    Parameters
+    ----------
+    content : TextContent
+        The printout.
+    kind : str
+        What `find_printed_kind` found.
+    """
+    return content.replace_text(lambda: io.BufferedReader(_JsonLines(content, kind), 1 << 20))
+
+
+class _JsonLines(ProducedStream):
+    """Rewrites a printout, record by record."""
+
+    def __init__(self, content: TextContent, kind: Kind) -> None:
+        super().__init__()
+        self._file: IO[bytes] = content.open()
+        lines = _read_lines(io.TextIOWrapper(self._file, encoding="utf-8-sig", errors="replace"))
+        self._records = map(_rewrite_python, lines) if kind == "python" else _rewrite_entries(lines, kind)
+        self._waiting = bytearray()
+
+    def read_part(self, size: int) -> bytes:
+        """Return the next bytes of the rewritten text."""
+        while len(self._waiting) < size and (record := next(self._records, None)) is not None:
+            self._waiting += record.encode() + b"\n"
+        part = bytes(self._waiting[:size])
+        del self._waiting[:size]
+        return part
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+        super().close()
+
+
+def _read_lines(file: IO[str]) -> Iterator[str]:
+    """Yield the lines of a file; a line that is longer than any record is refused."""
+    while line := file.readline(LARGEST_MESSAGE):
+        if len(line) == LARGEST_MESSAGE:
+            raise RecordingError(f"A line is longer than {LARGEST_MESSAGE >> 20} MB.", title=TITLE)
+        yield line.rstrip("\r\n")
+
+
+_CALL = re.compile(r"\b(?:np\.|numpy\.)?(?:array|float\d*|int\d*|bool_?)\(([^()]*?)(?:,\s*dtype=[\w.']+)?\)")
+"""What NumPy prints around numbers: array([0.1, 0.2], dtype=float32), np.float64(0.1)."""
+_WORDS = {"None": "null", "True": "true", "False": "false", "nan": "NaN", "inf": "Infinity"}
+_WORD = re.compile(r"(?<![\w'\"])(?:None|True|False|nan|inf)(?![\w'\"])")
+_STRING = re.compile(r"'([^'\"\\]*)'")
+
+
+def _rewrite_python(line: str) -> str:
+    """Return a printed dictionary as JSON; what is none stays, and its reader says so."""
+    text = _CALL.sub(r"\1", line)
+    text = _WORD.sub(lambda word: _WORDS[word[0]], text)
+    return _STRING.sub(r'"\1"', text).replace("(", "[").replace(")", "]")
+
+
+def _rewrite_entries(lines: Iterator[str], kind: Kind) -> Iterator[str]:
+    """Yield the records of lines of names with values."""
+    record: list[str] = []
+    names: set[str] = set()
+    size = 0
+    for line in _join_brackets(lines):
+        line = line.rstrip()
+        if not line:
+            continue
+        begins = kind == "items" and line.startswith(_ITEM)
+        if begins:
+            line = f"  {line[len(_ITEM) :]}"
+        entry = _ENTRY.match(line)
+        # A record ends where a line says so, or where a name of its own comes again.
+        if begins or line == _SEPARATOR or (entry is not None and entry["name"] in names):
+            if record:
+                yield json.dumps(_parse_lines(record))
+            record, names, size = [], set(), 0
+        if line == _SEPARATOR:
+            continue
+        if entry is not None:
+            names.add(entry["name"])
+        record.append(line)
+        size += len(line)
+        if size > LARGEST_MESSAGE:
+            raise RecordingError(f"A message is longer than {LARGEST_MESSAGE >> 20} MB.", title=TITLE)
+    if record:
+        yield json.dumps(_parse_lines(record))
+
+
+def _join_brackets(lines: Iterator[str]) -> Iterator[str]:
+    """Yield the lines, those joined between which a list in brackets goes on."""
+    parts: list[str] = []
+    n_open = size = 0
+    for line in lines:
+        parts.append(line.strip() if parts else line)
+        n_open += line.count("[") - line.count("]")
+        size += len(line)
+        if n_open <= 0 or size > LARGEST_MESSAGE:
+            yield " ".join(parts)
+            parts, n_open, size = [], 0, 0
+    if parts:
+        yield " ".join(parts)
+
+
+def _parse_lines(lines: list[str]) -> object:
+    """Return the record that lines of names with values are."""
+    indents = [len(line) - len(line.lstrip()) for line in lines]
+    return _LineParser([line.strip() for line in lines], indents).parse(indents[0], 0)
+
+
+class _LineParser:
+    """Reads the part of YAML that is printed of messages: names with values, lists, and what stands inside them."""
+
+    def __init__(self, lines: list[str], indents: list[int]) -> None:
+        self._lines, self._indents, self._at = lines, indents, 0
+
+    def parse(self, indent: int, depth: int) -> object:
+        """Return what begins at the next line, and goes on as long as lines are indented as that."""
+        if depth > DEEPEST:
+            raise RecordingError(f"A message is nested deeper than {DEEPEST} levels.", title=TITLE)
+        if self._lines[self._at].startswith("-") and not _is_scalar(self._lines[self._at]):
+            return self._parse_list(indent, depth)
+        values: dict[str, object] = {}
+        while self._at < len(self._lines) and self._indents[self._at] >= indent:
+            entry = _ENTRY.match(self._lines[self._at])
+            self._at += 1
+            if entry is None:
+                continue
+            value = entry["value"]
+            values[entry["name"]] = self._parse_below(indent, depth) if value is None else _parse_scalar(value)
+        return values
+
+    def _parse_below(self, indent: int, depth: int) -> object:
+        """Return what stands in the lines below a name; None where it has no value."""
+        if self._at >= len(self._lines):
+            return None
+        own = self._indents[self._at]
+        is_list = self._lines[self._at].startswith("-")
+        # The items of a list may stand below the first letter of its name.
+        return self.parse(own, depth + 1) if own > indent or (own == indent and is_list) else None
+
+    def _parse_list(self, indent: int, depth: int) -> list[object]:
+        items: list[object] = []
+        while self._at < len(self._lines) and self._indents[self._at] == indent and self._lines[self._at][:1] == "-":
+            text = self._lines[self._at][1:]
+            rest = text.strip()
+            if rest and _ENTRY.match(rest) is None:
+                items.append(_parse_scalar(rest))
+                self._at += 1
+            elif rest:
+                # The item is an object that begins behind the dash.
+                inner = indent + 1 + len(text) - len(text.lstrip())
+                self._lines[self._at], self._indents[self._at] = rest, inner
+                items.append(self.parse(inner, depth + 1))
+            else:
+                self._at += 1
+                items.append(self._parse_below(indent, depth))
+        return items
+
+
+_NUMBER = re.compile(r"^[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?$")
+_NO_NUMBERS = {"nan": float("nan"), "inf": float("inf"), "-inf": float("-inf")}
+_BETWEEN = re.compile(r"[\s,;]+")
+_LONGEST_WHOLE = 20
+"""Digits of a number that is read without rounding, as nanoseconds since 1970 need."""
+
+
+def _is_scalar(text: str) -> bool:
+    return _NUMBER.match(text) is not None
+
+
+def _parse_scalar(text: str) -> object:
+    """Return a value that stands on one line: a number, a list, or text."""
+    if text[0] in "[(" and text[-1] in ")]":
+        inner = text[1:-1].strip()
+        if inner.startswith(("[", "(", "{")):
+            return None  # matrices and lists of objects are no signals of the joints
+        return [_parse_scalar(item) for item in _BETWEEN.split(inner) if item]
+    if _NUMBER.match(text):
+        is_whole = len(text) < _LONGEST_WHOLE and not any(sign in text for sign in ".eE")
+        return int(text) if is_whole else float(text)
+    bare = text.strip("'\"")
+    return _NO_NUMBERS.get(bare.casefold().removeprefix("."), bare)

@@ -1,0 +1,115 @@
+"""Models of a robot whose base floats: in a harness with a sensor, with a sensor in a foot, and in flight."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from support.floating_robots import (
+    COULOMB,
+    MASS,
+    ROTOR,
+    VISCOUS,
+    WALKER,
+    Motion,
+    build_model,
+    compute_motor_torque,
+    draw_motion,
+    fly,
+    stand_on_shin,
+    write_log,
+)
+
+import dynident as dy
+from dynident.array_types import FloatArray
+from dynident.errors import DynidentError
+from dynident.robot import Robot
+
+
+@pytest.fixture(name="robot")
+def walker(tmp_path: Path) -> Robot:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    return dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating")
+
+
+def push_shin(motion: Motion, seed: int) -> FloatArray:
+    """Return a wrench (m, 6) of the ground on the shin, in its frame: sums of sines, 20 N and 2 N m."""
+    rng = np.random.default_rng(seed)
+    frequency, phase = rng.uniform(0.3, 1.5, 6), rng.uniform(0, 6, 6)
+    return np.sin(2 * np.pi * motion.t[:, None] * frequency + phase) * np.array([20, 20, 40, 2, 2, 2])
+
+
+def write_runs(tmp_path: Path, kind: str, seeds: tuple[int, ...]) -> list[Path]:
+    """Write logs of the walker; `kind` is what holds it."""
+    model, files = build_model(), []
+    data = model.createData()
+    for seed in seeds:
+        path = tmp_path / f"{kind}{seed}.csv"
+        if kind == "flight":
+            motion, torque = fly(seed, 2.0)
+            files.append(write_log(path, motion, torque, noise=0.01, seed=seed))
+            continue
+        motion = draw_motion(seed)
+        torque, wrench = compute_motor_torque(motion)
+        wrenches = {"base": wrench}
+        if kind == "foot":
+            wrenches["shin"] = push_shin(motion, seed)
+            for k in range(len(motion.t)):
+                jacobian = pin.computeFrameJacobian(
+                    model, data, motion.q[k], model.getFrameId("shin"), pin.ReferenceFrame.LOCAL
+                )
+                by_ground = jacobian.T @ wrenches["shin"][k]
+                torque[k] -= by_ground[6:]
+                wrench[k] -= by_ground[:6]
+        files.append(write_log(path, motion, torque, wrenches, noise=0.01, seed=seed))
+    return files
+
+
+@pytest.mark.parametrize(("kind", "seeds"), [("harness", (1, 2)), ("foot", (5, 6)), ("flight", (3, 4, 7, 8, 9))])
+def test_mass_friction_and_rotors_are_found_whatever_holds_the_robot(
+    robot: Robot, tmp_path: Path, kind: str, seeds: tuple[int, ...]
+) -> None:
+    recordings = dy.read_recordings(*write_runs(tmp_path, kind, seeds), robot=robot)
+    model = dy.identify(robot, recordings[:-1], validation=recordings[-1:])
+    values = {row.name: row.value for row in model.parameters}
+    # Torques and forces have noise of 1 %: means over thousands of samples are far better.
+    assert values["M6"] == pytest.approx(MASS, rel=2e-3)
+    for k in range(3):
+        assert values[f"Fc{7 + k}"] == pytest.approx(COULOMB[k], rel=0.02)
+        assert values[f"Fv{7 + k}"] == pytest.approx(VISCOUS[k], rel=0.02)
+        assert values[f"Ia{7 + k}"] == pytest.approx(ROTOR[k], rel=0.05)
+    # Neither friction nor a rotor is sought in a coordinate of the base.
+    assert not {f"{name}{k}" for name in ("Fc", "Fv", "Ia") for k in range(1, 7)} & set(values)
+    # Noise of 1 % of the torques, less what the filter takes of it.
+    errors = {row.joint: row for row in model.errors}
+    for name in robot.joint_names if kind != "flight" else robot.joint_names[6:]:
+        assert errors[name].held_out < 0.02
+
+
+def test_unknown_forces_of_the_ground_are_eliminated(tmp_path: Path) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["shin"])
+    files = []
+    for seed in (1, 2, 3):
+        motion = draw_motion(seed)
+        torque, _ = stand_on_shin(motion)
+        files.append(write_log(tmp_path / f"stand{seed}.csv", motion, torque, noise=0.01, seed=seed))
+    recordings = dy.read_recordings(*files, robot=robot)
+    model = dy.identify(robot, recordings[:2], validation=recordings[2:])
+    rows = {row.name: row for row in model.parameters}
+    # A link that stands shows nothing of its own mass: what it carries is the rest.
+    assert rows["M6"].value == pytest.approx(MASS - 1.2, rel=0.01)
+    for k in range(3):
+        assert rows[f"Fc{7 + k}"].value == pytest.approx(COULOMB[k], rel=0.03)
+        assert rows[f"Ia{7 + k}"].value == pytest.approx(ROTOR[k], rel=0.05)
+    assert all(row.held_out < 0.02 for row in model.errors)
+    with pytest.raises(DynidentError, match="walker has contacts, whose unknown forces are eliminated"):
+        dy.identify(robot, recordings[:2], choices=dy.IdentificationChoices(model="power"))
+
+
+def test_equation_types_that_a_moving_base_has_not_are_refused(robot: Robot, tmp_path: Path) -> None:
+    recordings = dy.read_recordings(*write_runs(tmp_path, "harness", (1,)), robot=robot)
+    with pytest.raises(DynidentError, match="walker has a floating base"):
+        dy.identify(robot, recordings, choices=dy.IdentificationChoices(model="base_wrench"))

@@ -1,0 +1,59 @@
+"""Contacts whose forces are eliminated from the equations of a robot whose base floats."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from support.floating_robots import WALKER, build_model, draw_motion
+
+import dynident as dy
+from dynident.errors import DynidentError
+from dynident.recordings.base_motion import compute_base_angles
+from dynident.robot import Description, robot_from_description
+from dynident.robot.contacts import compute_contact_jacobian, compute_contact_projection, parse_contact
+from dynident.robot.description_and_json import robot_from_document, robot_to_document, set_base
+from dynident.robot.joint import Contact
+
+DESCRIPTION = Description("urdf", WALKER)
+
+
+def test_no_force_on_the_contacts_is_left_in_the_projected_torques() -> None:
+    floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
+    robot = replace(floating, contacts=(Contact("shin", (0.0, 0.02, -0.4)), Contact("arm")))
+    model, motion = build_model(), draw_motion(3, 0.5, 50.0)
+    data = model.createData()
+    sole = model.addFrame(
+        pin.Frame("sole", model.getJointId("knee"), 0, pin.SE3(np.eye(3), np.array([0, 0.02, -0.4])), pin.OP_FRAME)
+    )
+    data = model.createData()
+    q = np.hstack([motion.q[:, :3], compute_base_angles(motion.q[:, 3:7]), motion.q[:, 7:]])
+    jacobian, projection = compute_contact_jacobian(robot, q), compute_contact_projection(robot, q)
+    assert jacobian.shape == (len(q), 9, robot.n)
+    for k in range(len(q)):
+        # The joints' columns are Pinocchio's; those of the base span the same velocities as its twist.
+        for rows, frame in ((slice(0, 3), sole), (slice(3, 9), model.getFrameId("arm"))):
+            theirs = pin.computeFrameJacobian(model, data, motion.q[k], frame, pin.LOCAL_WORLD_ALIGNED)
+            count = rows.stop - rows.start
+            np.testing.assert_allclose(jacobian[k, rows, 6:], theirs[:count, 6:], atol=1e-10)
+        np.testing.assert_allclose(projection[k] @ jacobian[k].T, 0.0, atol=1e-12)
+        np.testing.assert_allclose(projection[k] @ projection[k], projection[k], atol=1e-12)
+        assert round(np.trace(projection[k])) == robot.n - np.linalg.matrix_rank(jacobian[k])
+
+
+def test_contacts_are_named_in_text_and_kept_with_the_robot(tmp_path: Path) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["shin@0,0,-0.4", "arm"])
+    assert robot.contacts == (Contact("shin", (0.0, 0.0, -0.4)), Contact("arm"))
+    again = robot_from_document(json.loads(json.dumps(robot_to_document(robot))))
+    assert again.contacts == robot.contacts
+    with pytest.raises(DynidentError, match="no link 'foot' that moves by itself; links: trunk, thigh, shin, arm"):
+        dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["foot"])
+    with pytest.raises(DynidentError, match="floating base, but walker has a fixed one"):
+        dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), contacts=["shin"])
+    with pytest.raises(DynidentError, match="names no point; write three numbers"):
+        parse_contact("shin@0,0")
