@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -41,6 +41,8 @@ _TEN = len(INERTIAL_NAMES)
 # Prior standard deviations of the coordinates. What the data do not determine of a link varies by a twentieth, so
 # that it stays a link of this size; the torque hardly depends on it. Rotors, friction and offsets are left to the data.
 _LINK, _ROTOR, _FRICTION = 0.05, 0.5, 1.0
+Converted = TypeVar("Converted")
+"""What an array is converted to."""
 # Models that are drawn at once.
 _AT_ONCE = 4000
 # s: how fast the residual of an arm usually changes, where no recording says it.
@@ -86,10 +88,10 @@ class TorqueDisturbance:
         """
         rng = np.random.default_rng(seed)
         values = rng.standard_normal((steps, count, len(self.deviation)))
-        kept = np.exp(-period / self.time)
+        share = np.exp(-period / self.time)
         # The first value is already one of the process at rest; each next one keeps a share of the one before.
         for k in range(1, steps):
-            values[k] = kept * values[k - 1] + np.sqrt(1.0 - kept**2) * values[k]
+            values[k] = share * values[k - 1] + np.sqrt(1.0 - share**2) * values[k]
         return np.asarray(np.moveaxis(values, 0, 1) * self.deviation)
 
 
@@ -117,7 +119,7 @@ class ModelDraws:
     damping: FloatArray
     offset: FloatArray
 
-    def convert(self, function: Callable[[FloatArray], Any]) -> dict[str, Any]:
+    def convert(self, function: Callable[[FloatArray], Converted]) -> dict[str, Converted]:
         """Return the arrays by name, each converted: `convert(jax.numpy.asarray)` gives arrays of JAX."""
         return {field.name: function(getattr(self, field.name)) for field in fields(self)}
 
@@ -374,7 +376,7 @@ def build_distribution_of_links(
     """Return the distribution around feasible links and joints, as `build_distribution` does."""
     projected, standard = links.projected, links.standard
     unknowns = LinkUnknowns.from_model(projected.model)
-    names, kept = projected.model.robot.tree.joint_names, projected.model.kept
+    names, columns = projected.model.robot.tree.joint_names, projected.model.kept
     link_numbers = np.array(unknowns.links, dtype=np.intp)
     # A rotor without inertia stays without: it has no logarithm.
     spinning = np.array([standard.rotors[j] > 0 for j in unknowns.rotors], dtype=bool)
@@ -387,13 +389,13 @@ def build_distribution_of_links(
     positive = ("dry", "damping")
     rows = [
         k
-        for k, column in enumerate(kept)
+        for k, column in enumerate(columns)
         if get_role(column) == "constant" or (get_role(column) in positive and rest[k] > 0)
     ]
     deviations = projected.statistics.standard_deviations
     distribution = ModelDistribution(
         joint_names=tuple(names),
-        base_names=tuple(column.name for column in kept),
+        base_names=tuple(column.name for column in columns),
         values=standard.values,
         covariance=projected.statistics.covariance,
         links=link_numbers,
@@ -401,8 +403,8 @@ def build_distribution_of_links(
         roots=_factorise(pseudo_inertia(standard.inertias[link_numbers])),
         rotor_values=standard.rotors[rotor_numbers],
         others=np.array(rows, dtype=np.intp),
-        other_joints=np.array([names.index(kept[k].link) for k in rows], dtype=np.intp),
-        other_roles=tuple(str(get_role(kept[k])) for k in rows),
+        other_joints=np.array([names.index(columns[k].link) for k in rows], dtype=np.intp),
+        other_roles=tuple(str(get_role(columns[k])) for k in rows),
         other_values=rest[rows],
         other_scales=np.maximum(np.abs(rest[rows]), 10 * deviations[rows]),
         grouping=grouping,

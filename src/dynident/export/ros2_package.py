@@ -112,7 +112,13 @@ def _pack(folder: str, files: Mapping[str, bytes]) -> bytes:
 
 
 def unpack_files(content: bytes) -> dict[str, bytes]:
-    """Return the files of an exported package by their paths, `package/folder/file`."""
+    """Return the files of an exported package by their paths, `package/folder/file`.
+
+    Parameters
+    ----------
+    content : bytes
+        The zip file.
+    """
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
         return {name: packed.read(name) for name in packed.namelist()}
 

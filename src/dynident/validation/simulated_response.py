@@ -87,10 +87,7 @@ class Drift:
 
     @property
     def worst_share(self) -> float:
-        """Largest share until `judged_until`; infinite where a simulation diverged, nan where none is that long.
-
-        After two seconds most arms have left the motion, whatever the model: they are unstable without a controller.
-        """
+        """Largest share until `judged_until`; infinite where a simulation diverged, nan where none is that long."""
         short = self.share[np.array(self.after) <= self.judged_until]
         return float(np.nanmax(short)) if not np.isnan(short).all() else np.nan
 
@@ -137,7 +134,6 @@ def compute_open_loop_drift(
         Where no robot can have the identified parameters, or no recording has a motion to follow.
     """
     after = tuple(sorted(set(horizons)))
-    # Built once for all starts: its equation of motion does not change.
     simulator = build_simulator(identification.model, identification.values)
     motions = [piece for recording in recordings for piece in read_pieces(recording, identification.preprocessing)]
     drift = _simulate_from_many_starts(simulator, motions, after, progress)
@@ -176,6 +172,19 @@ def simulate_open_loop(
     The arrays (k, h, n) are the differences of the simulated from the recorded positions and velocities, and the ways
     of the recorded joints, for each start and horizon. A simulation that diverged is infinitely far off; nan marks a
     horizon that its motion does not reach.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        A robot with the identified parameters.
+    motions : sequence of RecordedMotion
+        Recorded motions with their torque.
+    horizons : tuple of float
+        Seconds of simulation after which the drift is given.
+    most : int
+        Most starts.
+    progress : Progress
+        Called with the fraction done and a message.
     """
     starts = choose_drift_starts(motions, horizons, most)
     outcomes: list[tuple[FloatArray, FloatArray, FloatArray]] = []
@@ -193,7 +202,6 @@ def choose_drift_starts(
 ) -> list[tuple[RecordedMotion, int]]:
     """Return at most `most` motions and samples of them that simulations start from, spread over all motions."""
     starts = [(motion, start) for motion in motions for start in _list_starts(motion, horizons)]
-    # Spread in proportion to the motions' lengths.
     chosen = np.unique(np.linspace(0, len(starts) - 1, min(len(starts), most)).astype(int)) if starts else ()
     return [starts[index] for index in chosen]
 
@@ -228,7 +236,6 @@ def _simulate_without_control(
     signals = robot.dynamics.signals
     # Presliding friction and backlash depend on the path before the start, so their states are carried along up to it.
     memory = MemoryStates(signals.memory_signals).push(signals.robot.positions(whole.q[: start + 1]))[-1]
-    # A simulation that diverges overflows. That is a result, infinite drift, and no error.
     with np.errstate(all="ignore"):
         q, dq = robot.move_freely(rest, tau, _STEP, memory=memory, run=motion.label)
     rows = np.rint(after / _STEP).astype(np.intp)
@@ -244,10 +251,8 @@ def _simulate_without_control(
 
 def _compute_rms(values: FloatArray) -> FloatArray:
     """Return the root mean square (h, n) over the starts (k, h, n) that reach so far; nan where none does."""
-    # Infinite distances stay in the mean, so that one diverged start shows.
     there = ~np.isnan(values)
     counts = there.sum(axis=0)
-    # A diverged velocity may be finite and so large that its square is not.
     with np.errstate(over="ignore"):
         squares = np.where(there, values, 0.0) ** 2
         return np.where(counts > 0, np.sqrt(squares.sum(axis=0) / np.maximum(counts, 1)), np.nan)
@@ -311,7 +316,6 @@ def _judge_drift(drift: Drift) -> ValidationOutcome:
     if np.isnan(drift.worst_share):
         reason = f"No segment of the recordings is {drift.judged_until:g} s long."
         return ValidationOutcome("not_evaluated", reason)
-    # Written so that an infinite drift is too large.
     if not drift.worst_share <= LARGEST_DRIFT:
         until = "half a second" if drift.judged_until == _JUDGED_UNTIL else f"{drift.judged_until:g} s"
         complaint = (
