@@ -76,13 +76,13 @@ def find_base_columns(names: Sequence[str], metadata: RecordingMetadata) -> dict
                 component = dict(zip("012", "xyz", strict=True)).get(match[1], match[1])
                 groups.setdefault((rank, words[: match.start()] + prefix), {})[f"{prefix}{component}"] = name
                 break
-    found: dict[str, str] = {}
+    pose: dict[str, str] = {}
     for _, group in sorted(groups.items(), key=lambda item: item[0][0], reverse=True):
         # The most usual name is put last, so that it stands where several would do; half a group says nothing.
         if len(group) == (4 if "base_qx" in group else 3):
-            found |= group
+            pose |= group
     stated = {ours: source for ours, source in metadata.columns.items() if ours in (*POSITION, *QUATERNION)}
-    return {**found, **stated}
+    return {**pose, **stated}
 
 
 class BasePoseSource(FileSource):
