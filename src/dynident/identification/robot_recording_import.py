@@ -65,8 +65,8 @@ def build_recorded_joints(robot: Robot) -> RecordedJoints:
     def project_contacts(q: FloatArray, tau: FloatArray) -> FloatArray:
         out = np.full(tau.shape, np.nan)
         # Rows without a number, as before an estimator runs, stay without one.
-        known = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
-        out[known] = np.einsum("mij,mj->mi", compute_contact_projection(robot, q[known]), tau[known])
+        finite = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
+        out[finite] = np.einsum("mij,mj->mi", compute_contact_projection(robot, q[finite]), tau[finite])
         return out
 
     return replace(joints, project_contacts=project_contacts)

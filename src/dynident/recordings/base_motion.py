@@ -76,13 +76,13 @@ def find_base_columns(names: Sequence[str], metadata: RecordingMetadata) -> dict
                 component = dict(zip("012", "xyz", strict=True)).get(match[1], match[1])
                 groups.setdefault((rank, words[: match.start()] + prefix), {})[f"{prefix}{component}"] = name
                 break
-    found: dict[str, str] = {}
+    pose: dict[str, str] = {}
     for _, group in sorted(groups.items(), key=lambda item: item[0][0], reverse=True):
         # The most usual name is put last, so that it stands where several would do; half a group says nothing.
         if len(group) == (4 if "base_qx" in group else 3):
-            found |= group
+            pose |= group
     stated = {ours: source for ours, source in metadata.columns.items() if ours in (*POSITION, *QUATERNION)}
-    return {**found, **stated}
+    return {**pose, **stated}
 
 
 class BasePoseSource(FileSource):
@@ -152,13 +152,13 @@ def _unwrap(angles: FloatArray, last: FloatArray) -> FloatArray:
     """Return angles (m, k) without jumps of a turn, going on from `last` (k,), which becomes the last angle."""
     out = angles.copy()
     for k in range(angles.shape[1]):
-        known = np.flatnonzero(np.isfinite(angles[:, k]))
-        if not len(known):
+        finite = np.flatnonzero(np.isfinite(angles[:, k]))
+        if not len(finite):
             continue
-        values = angles[known, k]
+        values = angles[finite, k]
         before = values[:1] if np.isnan(last[k]) else last[k : k + 1]
-        out[known, k] = np.unwrap(np.concatenate([before, values]))[1:]
-        last[k] = out[known[-1], k]
+        out[finite, k] = np.unwrap(np.concatenate([before, values]))[1:]
+        last[k] = out[finite[-1], k]
     return out
 
 
@@ -244,9 +244,9 @@ def find_reactions(names: Sequence[str], joints: RecordedJoints, metadata: Recor
         return ()
     reactions = []
     for link in joints.links:
-        called = ("base", link) if link == joints.links[0] else (link,)
+        names_of_link = ("base", link) if link == joints.links[0] else (link,)
         for in_world in (False, True):
-            for name in called:
+            for name in names_of_link:
                 ours = [f"{'world_' if in_world else ''}{name}_{component}" for component in COMPONENTS]
                 sources = [metadata.columns.get(column, column if column in names else None) for column in ours]
                 absent = [column for column, source in zip(ours, sources, strict=True) if source is None]
