@@ -362,9 +362,8 @@ def _get_friction(identification: Identification, joint: str, role: Role) -> tup
     for column, value, deviation in zip(identification.model.kept, identification.values, deviations, strict=True):
         if column.link == joint and get_role(column) == role and not column.runs:
             return float(value), NORMAL_95 * float(deviation)
-    raise DynidentError(
-        f"a model has no {'Coulomb' if role == 'dry' else 'viscous'} friction of {joint}", pointer="uncompensated"
-    )
+    kind = "Coulomb friction" if role == "dry" else "damping"
+    raise DynidentError(f"a model has no {kind} of {joint}", pointer="uncompensated")
 
 
 def _write_file(

@@ -123,7 +123,20 @@ def compute_contact_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def compute_contact_projection(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return P = 1 - J⁺J (m, n, n) at positions q (m, n); the identity without contacts."""
+    """Return the projection P = 1 - J⁺J that takes the forces of a robot's contacts away.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; without contacts P is the identity.
+    q : ndarray (m, n)
+        Positions of the driven joints, rad or m.
+
+    Returns
+    -------
+    ndarray (m, n, n)
+        P at each position.
+    """
     if not robot.contacts:
         return np.broadcast_to(np.eye(robot.n), (len(q), robot.n, robot.n))
     jacobian = compute_contact_jacobian(robot, q)
