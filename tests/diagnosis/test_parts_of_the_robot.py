@@ -51,9 +51,9 @@ def test_a_torque_over_the_position_is_told_as_that_and_the_part_is_asked_for():
     assert question in diagnosis.summary
     assert HARDWARE[SPRING] in question
     assert diagnosis.find_question(choice) == question
-    console = Console(file=StringIO(), width=200)
-    show_diagnosis(console, diagnosis, ROBOT, "")
-    assert f"--has {SPRING} or --has-not {SPRING}" in console.file.getvalue()
+    printed = StringIO()
+    show_diagnosis(Console(file=printed, width=200), diagnosis, ROBOT, "")
+    assert f"--has {SPRING} or --has-not {SPRING}" in printed.getvalue()
 
 
 def test_a_part_that_is_there_is_named():
