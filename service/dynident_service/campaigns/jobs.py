@@ -20,10 +20,13 @@ from dynident.advice import (
     start_campaign,
 )
 from dynident.array_types import FloatArray
+from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
 from dynident.excitation.criteria.prediction_region import collect_region
 from dynident.identification import Identification, IdentificationChoices, to_bytes
+from dynident.identification.shape_search import check_choices
 from dynident.progress import scale_progress
+from dynident.robot import Robot
 from dynident_service.campaigns.wire_types import (
     CampaignDecision,
     CampaignOutcome,
@@ -42,6 +45,7 @@ from dynident_service.shared.stored_inputs import load_stored_model, load_stored
 from dynident_service.shared.wire_types import to_plain_json
 from dynident_service.storage.repository_values import Resource, find_mesh_files
 
+_PLACES = {"/minutes": "/budget/robot_time", "/choices/effects": "/effects", "/design": "/trajectory/joints"}
 MOST_STEPS = 500
 """Steps of a campaign that are looked through."""
 
@@ -59,6 +63,18 @@ def build_campaign_request(body: CampaignRequest) -> RequestedCampaign:
         choices=choices,
         design=to_request(body, DesignRequest),
     )
+
+
+def check_request(body: CampaignRequest, robot: Robot) -> None:
+    """Raise `DynidentError` with its place in the body where no campaign of this robot can be started."""
+    requested = build_campaign_request(body)
+    check_choices(requested.choices.effects, robot)
+    try:
+        start_campaign(robot, requested)
+    except DynidentError as error:
+        # The library points into its own request.
+        error.pointer = _PLACES.get(error.pointer, error.pointer)
+        raise
 
 
 def design_next_run(task: Task) -> Outcome:
