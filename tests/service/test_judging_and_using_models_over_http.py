@@ -80,6 +80,21 @@ def test_what_was_put_right_is_listed_and_can_be_undone(client: TestClient, robo
         assert undone.json()["conditioning"] == []
 
 
+def test_what_was_put_right_names_the_joint_whose_whole_name_the_column_has(client: TestClient) -> None:
+    names = ["arm", "left_arm"]
+    joints = [{**joint, "name": name} for joint, name in zip(TWO_JOINTS["joints"], names, strict=True)]
+    description = {"format": "modified_dh", "content": {"joints": joints}}
+    robot = client.post("/v1/robots", json={"name": "two arms", "description": description}).json()
+    columns = {
+        name if name == "t" else f"{name[:-1]}_{names[int(name[-1]) - 1]}": value for name, value in sound().items()
+    }
+    columns["q_left_arm"][700] += 0.9
+    stored = upload(client, robot, as_csv(columns))
+    assert stored.status_code == 201, stored.text
+    (correction,) = stored.json()["conditioning"]
+    assert correction["subject"] == {"recording": "run", "column": "q_left_arm", "joint": "left_arm"}
+
+
 def test_a_use_without_data_is_neither_fit_nor_unfit(client: TestClient, model: str) -> None:
     uses = client.get(f"/v1/identifications/{model}/verdict").json()["uses"]
     assert {use["fit"] for use in uses if use["state"] == "not_judged"} == {None}

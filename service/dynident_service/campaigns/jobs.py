@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -115,7 +116,8 @@ def take_in_recordings(task: Task) -> Outcome:
     told_ids = subject.get_dependencies("told")
     for number, identifier in enumerate(told_ids):
         progress = scale_progress(task.progress, number / len(told_ids), (number + 1) / len(told_ids))
-        state = add_run(state, open_recording_by_id(task, identifier), planned, progress)
+        with _point_to_measurement():
+            state = add_run(state, open_recording_by_id(task, identifier), planned, progress)
     model = state.identification
     assert model is not None
     task.memory.put(Identification, subject.id, model)
@@ -141,6 +143,16 @@ def take_in_recordings(task: Task) -> Outcome:
         # With what the diagnosis added: the model can be identified again from its request alone.
         request={"effects": effects},
     )
+
+
+@contextmanager
+def _point_to_measurement() -> Iterator[None]:
+    try:
+        yield
+    except DynidentError as error:
+        if error.pointer == "recording":
+            error.pointer = "/measurement_id"
+        raise
 
 
 def _list_models(task: Task, campaign: Resource, before: str | None) -> list[Resource]:

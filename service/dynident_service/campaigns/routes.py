@@ -205,6 +205,8 @@ def _new_model(
             *(Dependency(identifier, "measurement", "training", pointer) for identifier in request.measurement_ids),
             *(Dependency(identifier, "measurement", "told", pointer) for identifier in recording_ids),
             *(() if design is None else (Dependency(design.id, "design", "design", "/design_id"),)),
+            # Models are deleted from the last one on: the campaign's runs are those of all of them.
+            *(Dependency(model.id, "identification", "before", "/") for model in steps.models[-1:]),
         ),
         job=TELL,
         siblings=Siblings(campaign.id, tuple(model.id for model in steps.tellings)),
