@@ -137,3 +137,12 @@ def test_rows_that_do_not_fit_are_refused(
     answer = client.post(f"/v1/identifications/{model}/predictions", json=body)
     assert answer.status_code == 422, answer.text
     assert [error["pointer"] for error in answer.json()["errors"]] == [pointer]
+
+
+def test_a_format_that_there_is_not_is_named_by_its_parameter(client: TestClient, model: str) -> None:
+    refused = client.get(f"/v1/identifications/{model}/exports/word")
+    assert refused.status_code == 422
+    (error,) = refused.json()["errors"]
+    assert error["pointer"] == "format"
+    assert "'urdf'" in error["detail"]
+    assert "'cpp'" in error["detail"]
