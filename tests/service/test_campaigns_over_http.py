@@ -110,6 +110,12 @@ def test_a_request_that_is_sent_twice_counts_once(live: Client) -> None:
         assert len({answer.json()["id"] for answer in asked}) == 1
 
 
+def test_a_campaign_may_have_the_longest_name(live: Client) -> None:
+    design = live.campaigns.ask(begin(live, name="n" * 200))
+    assert len(design["name"]) == 200
+    assert design["name"].endswith("n: run 1")
+
+
 def test_what_no_motion_can_be_designed_for_is_refused_at_once(live: Client) -> None:
     for more, place in (
         ({"effects": [{"effect": "coulomb", "joints": ["none"]}]}, "/effects/0"),

@@ -35,7 +35,7 @@ from dynident_service.shared.resource_routes import (
     replay_response,
     resource_path,
 )
-from dynident_service.shared.wire_types import Page, Progress, to_plain_json
+from dynident_service.shared.wire_types import LONGEST_NAME, Page, Progress, to_plain_json
 from dynident_service.storage.repository_values import Dependency, NewJob, NewResource, Resource, Siblings
 from dynident_service.storage.resource_repository import SiblingsCame
 from dynident_service.storage_and_engine import Services, ServicesDep
@@ -119,7 +119,7 @@ def ask_for_motion(campaign_id: str, services: ServicesDep, retry: RetryKeyDep, 
     request = DesignRequest.model_validate(
         {
             **body.model_dump(include={"robot_id", "trajectory", "limits"}),
-            "name": f"{campaign.name or 'campaign'}: run {len(told_ids) + 1}",
+            "name": _name_step(campaign, f"run {len(told_ids) + 1}"),
             "earlier_ids": told_ids,
             "identification_id": model_id,
         }
@@ -198,7 +198,7 @@ def _new_model(
     return NewResource(
         "identification",
         to_plain_json(request),
-        name=f"{campaign.name or 'campaign'}: {len(earlier) + len(recording_ids)} runs",
+        name=_name_step(campaign, f"{len(earlier) + len(recording_ids)} runs"),
         rests_on=(
             _depend_on_campaign(campaign),
             Dependency(body.robot_id, "robot", "robot", "/robot_id"),
@@ -211,6 +211,11 @@ def _new_model(
         job=TELL,
         siblings=Siblings(campaign.id, tuple(model.id for model in steps.tellings)),
     )
+
+
+def _name_step(campaign: Resource, words: str) -> str:
+    """Return the name of a motion or a model, which is as long as a name may be where the campaign's is."""
+    return f"{(campaign.name or 'campaign')[: LONGEST_NAME - len(words) - 2]}: {words}"
 
 
 def _depend_on_campaign(campaign: Resource) -> Dependency:
