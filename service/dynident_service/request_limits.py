@@ -32,7 +32,7 @@ from dynident_service.storage.repository_values import Kind, NewResource
 
 UPLOADS = frozenset({"/v1/measurements", "/v1/imports"})
 MESHES = re.compile("/v1/robots/[^/]+/meshes")
-TRAJECTORIES = frozenset({"/v1/simulations"})
+TRAJECTORIES = re.compile("/v1/simulations|/v1/identifications/[^/]+/predictions")
 MOST_VALUES = 200_000
 """Upper limit for the weight of the values of a JSON body."""
 MOST_SAMPLES = 4_000_000
@@ -81,7 +81,7 @@ def get_allowance(scope: Scope, settings: Settings) -> Allowance:
     is_form = Headers(scope=scope).get("content-type", "").lower().startswith("multipart/")
     if is_form and is_upload(scope):
         return Allowance(settings.max_upload_bytes, None, "DYNIDENT_MAX_UPLOAD_BYTES")
-    values = MOST_SAMPLES if scope["path"].rstrip("/") in TRAJECTORIES else MOST_VALUES
+    values = MOST_SAMPLES if TRAJECTORIES.fullmatch(scope["path"].rstrip("/")) else MOST_VALUES
     return Allowance(settings.max_body_bytes, values, "DYNIDENT_MAX_BODY_BYTES")
 
 

@@ -21,6 +21,7 @@ from dynident.presentation.diagnosis_tables import (
     build_candidate_table,
     build_diagnosis_tables,
     build_limit_table,
+    build_limits_by_joint_table,
     build_series_tables,
     describe_rivals,
 )
@@ -144,11 +145,13 @@ def show_diagnosis(
     extend_command: str,
     questions: Sequence[tuple[str, str]] = (),
     n_open: int = 0,
+    each_limit: bool = False,
 ) -> None:
     """Print a diagnosis, and the command that adds what it recommends.
 
     `questions` are effects and joints for which the reason is printed, with "" for the best place; `n_open` is the
-    number of open questions for which no experiment was looked for.
+    number of open questions for which no experiment was looked for; `each_limit` prints detection limits joint by
+    joint.
     """
     from dynident.advice import AdvisedDiagnosis
 
@@ -163,7 +166,9 @@ def show_diagnosis(
         place = f" on {joint}" if joint else ""
         console.print(f"  {get_effect_title(effect)}{place}: {diagnosis.why_not(effect, joint)}")
     if diagnosis.detection_limits:
-        print_tables(console, [build_limit_table(diagnosis.detection_limits, robot.joint_names)])
+        limits = diagnosis.detection_limits
+        own = build_limits_by_joint_table(limits) if each_limit else build_limit_table(limits, robot.joint_names)
+        print_tables(console, [own])
     elif diagnosis.not_visible:
         console.print(f"  These data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
     if diagnosis.recommended:

@@ -55,5 +55,6 @@ def test_contacts_are_named_in_text_and_kept_with_the_robot(tmp_path: Path) -> N
         dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["foot"])
     with pytest.raises(DynidentError, match="floating base, but walker has a fixed one"):
         dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), contacts=["shin"])
-    with pytest.raises(DynidentError, match="names no point; write three numbers"):
-        parse_contact("shin@0,0")
+    for wrong in ("shin@0,0", "shin@0,0,nan", "shin@inf,0,0", "shin@1e300,0,0"):
+        with pytest.raises(DynidentError, match="names no point; write three numbers"):
+            parse_contact(wrong)

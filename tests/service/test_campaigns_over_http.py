@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import httpx2
 import pytest
 
 from dynident.robot import library_table
@@ -17,7 +19,7 @@ MOTION = {"trajectory": {"duration": 6.0, "harmonics": 3, "sampling_rate": 100.0
 
 def begin(live: Client, **more: Any) -> Any:
     robot = live.robots.create("scara", modified_dh=library_table("scara"))
-    return live.campaigns.create(robot, goal={"error": 0.05}, budget={"robot_time": 120.0}, **MOTION, **more)
+    return live.campaigns.create(robot, goal={"error": 0.05}, budget={"robot_time": 120.0}, **{**MOTION, **more})
 
 
 def run(live: Client, campaign: Any, seed: int) -> Any:
@@ -32,12 +34,13 @@ def run(live: Client, campaign: Any, seed: int) -> Any:
 def test_a_campaign_is_asked_and_told_until_its_goal_is_reached(live: Client) -> None:
     campaign = begin(live, name="cell 4")
     assert (campaign.state, campaign.steps) == ("asking", [])
-    told = []
+    told, models = [], []
     for number in range(1, 6):
         recording = run(live, campaign, number)
         assert live.campaigns.get(campaign).state == "waiting"
         model = live.campaigns.tell(campaign, recording).wait()
         told.append(recording.id)
+        models.append(model)
         campaign = live.campaigns.get(campaign)
         assert campaign.identification_id == model.id
         if campaign.state != "asking":
@@ -57,6 +60,9 @@ def test_a_campaign_is_asked_and_told_until_its_goal_is_reached(live: Client) ->
         live.campaigns.ask(campaign)
     with pytest.raises(ProblemError, match="need"):
         live.campaigns.delete(campaign)
+    # Without one in between, the runs that are listed would not be those of the last model.
+    with pytest.raises(ProblemError, match="need"):
+        live.identifications.delete(models[0])
 
 
 def test_what_does_not_fit_is_refused_with_its_place(live: Client) -> None:
@@ -78,3 +84,45 @@ def test_what_does_not_fit_is_refused_with_its_place(live: Client) -> None:
     assert again.state == "estimating"
     with pytest.raises(ProblemError, match="takes in a recording"):
         live.campaigns.ask(again)
+
+
+def test_a_request_that_is_sent_twice_counts_once(live: Client) -> None:
+    campaign = begin(live)
+    recording = run(live, campaign, 1)
+    with ThreadPoolExecutor(4) as threads, httpx2.Client(base_url=live._transport._http.base_url) as http:
+
+        def send(path: str, body: dict[str, Any], **headers: str) -> list[httpx2.Response]:
+            return list(threads.map(lambda _: http.post(path, json=body, headers=headers), range(4)))
+
+        address = f"/v1/campaigns/{campaign.id}"
+        # Without a key all but one are refused; while one motion waits, it is the answer to each.
+        assert {answer.headers["location"] for answer in send(f"{address}/ask", {})} == {
+            f"/v1/designs/{live.campaigns.get(campaign).design_id}"
+        }
+        told = send(f"{address}/tell", {"measurement_id": recording.id})
+        assert sorted(answer.status_code for answer in told) == [202, 409, 409, 409]
+        body = {"robot_id": campaign["request"]["robot_id"], "measurement_ids": [recording.id], **MOTION}
+        begun = send("/v1/campaigns", body, **{"Idempotency-Key": "begin"})
+        (begun_id,) = {answer.json()["id"] for answer in begun}
+        (step,) = live.campaigns.get(begun_id).steps
+        live.identifications.get(step["identification_id"]).wait()
+        asked = send(f"/v1/campaigns/{begun_id}/ask", {})
+        assert len({answer.json()["id"] for answer in asked}) == 1
+
+
+def test_a_campaign_may_have_the_longest_name(live: Client) -> None:
+    design = live.campaigns.ask(begin(live, name="n" * 200))
+    assert len(design["name"]) == 200
+    assert design["name"].endswith("n: run 1")
+
+
+def test_what_no_motion_can_be_designed_for_is_refused_at_once(live: Client) -> None:
+    for more, place in (
+        ({"effects": [{"effect": "coulomb", "joints": ["none"]}]}, "/effects/0"),
+        ({"effects": [{"effect": "temperature_friction"}]}, "/effects"),
+        ({"trajectory": {"joints": ["elbow"]}}, "/trajectory/joints"),
+        ({"trajectory": {"duration": 600.0}}, "/budget/robot_time"),
+    ):
+        with pytest.raises(ProblemError) as caught:
+            begin(live, **more)
+        assert caught.value.errors[0]["pointer"] == place

@@ -50,6 +50,12 @@ def test_a_model_of_joints_without_torque_goes_the_whole_way(live: Client, tmp_p
     diagnosis = live.diagnoses.create(model).wait()
     assert not [one for one in diagnosis.result["recommended"] if one["joints"] == [silent]]
     better = live.identifications.extend(model, [{"effect": "offset"}]).wait()
+    # It has no equation of that joint: that is not a torque of zero.
+    state = [[0.1] * len(given[0].robot.joint_names)]
+    predicted = live.identifications.predict(better, state, state, state, interval=0.95)
+    for rows in (predicted["torque"], predicted["lower"], predicted["model_upper"]):
+        assert rows is not None
+        assert [joint for joint, value in enumerate(rows[0]) if value is None] == [SILENT]
     comparison = live.comparisons.create(better, runs[1]).wait()
     assert comparison.result["over_noise"][SILENT] in (None, 0.0)
     assert live.comparisons.series(comparison, silent)["t"]

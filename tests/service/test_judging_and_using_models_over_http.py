@@ -75,9 +75,23 @@ def test_what_was_put_right_is_listed_and_can_be_undone(client: TestClient, robo
     assert check["remedy"] == {"field": "skip", "value": ["corrupted_samples"]}
     assert (check["values"]["column"], check["values"]["row"]) == ("q2", 701)
     undone = client.post(f"/v1/measurements/{stored.json()['id']}/revisions", json=correction["undo"])
-    assert undone.status_code in (201, 422), undone.text
-    if undone.status_code == 201:
-        assert undone.json()["conditioning"] == []
+    assert undone.status_code == 201, undone.text
+    assert undone.json()["conditioning"] == []
+
+
+def test_what_was_put_right_names_the_joint_whose_whole_name_the_column_has(client: TestClient) -> None:
+    names = ["arm", "left_arm"]
+    joints = [{**joint, "name": name} for joint, name in zip(TWO_JOINTS["joints"], names, strict=True)]
+    description = {"format": "modified_dh", "content": {"joints": joints}}
+    robot = client.post("/v1/robots", json={"name": "two arms", "description": description}).json()
+    columns = {
+        name if name == "t" else f"{name[:-1]}_{names[int(name[-1]) - 1]}": value for name, value in sound().items()
+    }
+    columns["q_left_arm"][700] += 0.9
+    stored = upload(client, robot, as_csv(columns))
+    assert stored.status_code == 201, stored.text
+    (correction,) = stored.json()["conditioning"]
+    assert correction["subject"] == {"recording": "run", "column": "q_left_arm", "joint": "left_arm"}
 
 
 def test_a_use_without_data_is_neither_fit_nor_unfit(client: TestClient, model: str) -> None:
@@ -123,3 +137,12 @@ def test_rows_that_do_not_fit_are_refused(
     answer = client.post(f"/v1/identifications/{model}/predictions", json=body)
     assert answer.status_code == 422, answer.text
     assert [error["pointer"] for error in answer.json()["errors"]] == [pointer]
+
+
+def test_a_format_that_there_is_not_is_named_by_its_parameter(client: TestClient, model: str) -> None:
+    refused = client.get(f"/v1/identifications/{model}/exports/word")
+    assert refused.status_code == 422
+    (error,) = refused.json()["errors"]
+    assert error["pointer"] == "format"
+    assert "'urdf'" in error["detail"]
+    assert "'cpp'" in error["detail"]

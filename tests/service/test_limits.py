@@ -91,6 +91,12 @@ def test_a_body_of_too_many_values_is_refused_before_it_is_parsed(client: TestCl
     assert "values" in answer.json()["detail"]
 
 
+def test_torque_is_predicted_along_as_many_rows_as_the_contract_names(client: TestClient) -> None:
+    row = [0.0] * 6
+    body = {"q": [row] * 100_000, "dq": [row] * 100_000, "ddq": [row] * 100_000, "t": [0.0] * 100_000}
+    assert client.post("/v1/identifications/idn_none/predictions", json=body).status_code == 404
+
+
 def test_a_trajectory_that_is_wrong_throughout_gets_a_short_answer(client: TestClient) -> None:
     body: dict[str, Any] = {"robot_id": "rob_x", "trajectory": {"t": [0, 1], "q": ["wrong"] * 300_000}}
     answer = client.post("/v1/simulations", json=body)

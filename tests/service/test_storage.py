@@ -3,6 +3,8 @@ from __future__ import annotations
 import hashlib
 import io
 import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,7 +18,8 @@ from dynident_service.storage.database import WRITES, Database, build_alembic_co
 from dynident_service.storage.database_tables import KeyRow
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.object_store import ObjectStore
-from dynident_service.storage.repository_values import create_identifier
+from dynident_service.storage.repository_values import Dependency, NewResource, Retry, Siblings, create_identifier
+from dynident_service.storage.resource_repository import Resources, SiblingsCame
 
 
 @pytest.fixture
@@ -123,3 +126,34 @@ def test_identifiers_grow_though_the_clock_is_set_back(monkeypatch: pytest.Monke
     first = create_identifier("robot")
     monkeypatch.setattr("time.time_ns", lambda: 1_000_000)
     assert first < create_identifier("robot") < create_identifier("robot")
+
+
+def test_of_resources_that_follow_the_same_one_at_the_same_time_one_is_stored(
+    new_database: Database, objects: ObjectStore
+) -> None:
+    migrate(new_database)
+    resources = Resources(new_database, objects)
+    campaign = resources.create(NewResource("campaign", {}))
+    retry = Retry("POST /tell", "key", "of the body")
+    model = NewResource(
+        "identification",
+        {},
+        rests_on=(Dependency(campaign.id, "campaign", "campaign", "/"),),
+        siblings=Siblings(campaign.id, ()),
+        retry=retry,
+    )
+
+    def store(number: int) -> str | None:
+        try:
+            # Two of them are tries of one request.
+            return resources.create(model if number < 2 else replace(model, retry=None)).id
+        except SiblingsCame:
+            return None
+
+    with ThreadPoolExecutor(6) as threads:
+        stored = [identifier for identifier in threads.map(store, range(6)) if identifier is not None]
+    (first,) = set(stored)
+    # What was seen does not stand in the way, nor what is of another kind.
+    seen = Siblings(campaign.id, (first,))
+    assert resources.create(replace(model, retry=None, siblings=seen)).id != first
+    assert resources.create(replace(model, kind="design", retry=None))

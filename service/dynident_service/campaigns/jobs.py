@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,10 +21,13 @@ from dynident.advice import (
     start_campaign,
 )
 from dynident.array_types import FloatArray
+from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
 from dynident.excitation.criteria.prediction_region import collect_region
 from dynident.identification import Identification, IdentificationChoices, to_bytes
+from dynident.identification.shape_search import check_choices
 from dynident.progress import scale_progress
+from dynident.robot import Robot
 from dynident_service.campaigns.wire_types import (
     CampaignDecision,
     CampaignOutcome,
@@ -42,6 +46,7 @@ from dynident_service.shared.stored_inputs import load_stored_model, load_stored
 from dynident_service.shared.wire_types import to_plain_json
 from dynident_service.storage.repository_values import Resource, find_mesh_files
 
+_PLACES = {"/minutes": "/budget/robot_time", "/choices/effects": "/effects", "/design": "/trajectory/joints"}
 MOST_STEPS = 500
 """Steps of a campaign that are looked through."""
 
@@ -59,6 +64,18 @@ def build_campaign_request(body: CampaignRequest) -> RequestedCampaign:
         choices=choices,
         design=to_request(body, DesignRequest),
     )
+
+
+def check_request(body: CampaignRequest, robot: Robot) -> None:
+    """Raise `DynidentError` with its place in the body where no campaign of this robot can be started."""
+    requested = build_campaign_request(body)
+    check_choices(requested.choices.effects, robot)
+    try:
+        start_campaign(robot, requested)
+    except DynidentError as error:
+        # The library points into its own request.
+        error.pointer = _PLACES.get(error.pointer, error.pointer)
+        raise
 
 
 def design_next_run(task: Task) -> Outcome:
@@ -99,7 +116,8 @@ def take_in_recordings(task: Task) -> Outcome:
     told_ids = subject.get_dependencies("told")
     for number, identifier in enumerate(told_ids):
         progress = scale_progress(task.progress, number / len(told_ids), (number + 1) / len(told_ids))
-        state = add_run(state, open_recording_by_id(task, identifier), planned, progress)
+        with _point_to_measurement():
+            state = add_run(state, open_recording_by_id(task, identifier), planned, progress)
     model = state.identification
     assert model is not None
     task.memory.put(Identification, subject.id, model)
@@ -125,6 +143,16 @@ def take_in_recordings(task: Task) -> Outcome:
         # With what the diagnosis added: the model can be identified again from its request alone.
         request={"effects": effects},
     )
+
+
+@contextmanager
+def _point_to_measurement() -> Iterator[None]:
+    try:
+        yield
+    except DynidentError as error:
+        if error.pointer == "recording":
+            error.pointer = "/measurement_id"
+        raise
 
 
 def _list_models(task: Task, campaign: Resource, before: str | None) -> list[Resource]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Literal
 
@@ -31,15 +32,20 @@ from dynident_service.shared.resource_routes import (
     PagesDep,
     RetryKeyDep,
     create_or_replay,
+    replay_response,
+    resource_path,
 )
-from dynident_service.shared.wire_types import Page, Progress, to_plain_json
-from dynident_service.storage.repository_values import Dependency, NewJob, NewResource, Resource
+from dynident_service.shared.wire_types import LONGEST_NAME, Page, Progress, to_plain_json
+from dynident_service.storage.repository_values import Dependency, NewJob, NewResource, Resource, Siblings
+from dynident_service.storage.resource_repository import SiblingsCame
 from dynident_service.storage_and_engine import Services, ServicesDep
 
 router = APIRouter(prefix="/v1/campaigns", tags=["campaigns"])
 
 MOST_STEPS = 500
 """Motions, and models, of a campaign that are shown."""
+MOST_RECORDINGS = 100
+"""Recordings that a model may be identified from."""
 ASK = NewJob("design", "dynident_service.campaigns.jobs:design_next_run")
 TELL = NewJob("identification", "dynident_service.campaigns.jobs:take_in_recordings")
 State = Literal["asking", "designing", "waiting", "estimating", "reached", "unreachable", "stopped"]
@@ -52,8 +58,7 @@ def create_campaign(
 ) -> CampaignView:
     """Begin a campaign: ask, move the robot, tell, until the goal is reached or cannot be."""
     with hold_import_lock():
-        from dynident.advice import start_campaign
-        from dynident_service.campaigns.jobs import build_campaign_request
+        from dynident_service.campaigns.jobs import check_request
         from dynident_service.robots.adapters import restore_robot
 
     robot = require_robot(services, body.robot_id)
@@ -63,13 +68,16 @@ def create_campaign(
         *require_measurements(services, robot, body.measurement_ids, "measurement", "/measurement_ids"),
     )
     # Refused at once, what would fail when the first motion is designed.
-    start_campaign(restore_robot(robot.request), build_campaign_request(body))
+    check_request(body, restore_robot(robot.request))
     bound = retry.bind_to_body(body)
     new = NewResource("campaign", to_plain_json(body), name=body.name, rests_on=needs, retry=bound)
-    is_new = services.resources.find_retried(bound) is None
     campaign = create_or_replay(services, new, response)
-    if body.measurement_ids and is_new:
-        services.resources.create(_new_model(services, campaign, body.measurement_ids, None))
+    steps = _Steps(services, campaign)
+    # Also where an earlier try of the same request ended before it came to this.
+    if body.measurement_ids and not steps.tellings:
+        # Another try of the same request may just have stored it.
+        with suppress(SiblingsCame):
+            services.resources.create(_new_model(services, campaign, steps, body.measurement_ids, None))
         services.engine.wake()
     return show_campaign(services, campaign)
 
@@ -97,18 +105,21 @@ def ask_for_motion(campaign_id: str, services: ServicesDep, retry: RetryKeyDep, 
     """Design the next motion; its result has what it promises. While one is waiting to be made, give that one."""
     campaign = services.resources.get("campaign", campaign_id)
     body = CampaignRequest.model_validate(campaign.request)
+    existing = services.resources.find_retried(bound := retry.bind_to_body(body, campaign_id))
+    if existing is not None:
+        return DesignView.show(replay_response(existing, response))
     steps = _Steps(services, campaign)
     steps.check_can_go_on(campaign)
     waiting = steps.find_waiting_design()
     if waiting is not None:
-        return DesignView.show(waiting)
+        return _show_waiting(waiting, response)
     told_ids = [identifier for model in steps.models for identifier in model.get_dependencies("told")]
     model_id = steps.models[-1].id if steps.models else None
     # What the job decides (effects, criterion, limits of the first run) it writes into the stored request.
     request = DesignRequest.model_validate(
         {
             **body.model_dump(include={"robot_id", "trajectory", "limits"}),
-            "name": f"{campaign.name or 'campaign'}: run {len(told_ids) + 1}",
+            "name": _name_step(campaign, f"run {len(told_ids) + 1}"),
             "earlier_ids": told_ids,
             "identification_id": model_id,
         }
@@ -119,9 +130,22 @@ def ask_for_motion(campaign_id: str, services: ServicesDep, retry: RetryKeyDep, 
         name=request.name,
         rests_on=(_depend_on_campaign(campaign), Dependency(body.robot_id, "robot", "robot", "/robot_id")),
         job=ASK,
-        retry=retry.bind_to_body(body, campaign_id),
+        retry=bound,
+        siblings=Siblings(campaign.id, tuple(design.id for design in steps.designs)),
     )
-    return DesignView.show(create_or_replay(services, new, response))
+    try:
+        return DesignView.show(create_or_replay(services, new, response))
+    except SiblingsCame:
+        # Asked twice at the same time: one motion is enough.
+        waiting = _Steps(services, campaign).find_waiting_design()
+        if waiting is None:
+            raise
+        return _show_waiting(waiting, response)
+
+
+def _show_waiting(design: Resource, response: Response) -> DesignView:
+    response.headers["Location"] = resource_path(design.kind, design.id)
+    return DesignView.show(design)
 
 
 @router.post("/{campaign_id}/tell", status_code=202)
@@ -131,7 +155,7 @@ def tell_recording(
     """Take in the recording of a run: identify and diagnose the model from all recordings so far, and decide."""
     existing = services.resources.find_retried(bound := retry.bind_to_body(body, campaign_id))
     if existing is not None:
-        return show_identification(existing)
+        return show_identification(replay_response(existing, response))
     campaign = services.resources.get("campaign", campaign_id)
     steps = _Steps(services, campaign)
     steps.check_can_go_on(campaign)
@@ -142,13 +166,14 @@ def tell_recording(
             raise make_unusable(f"the design {body.design_id!r} is none of this campaign's", "/design_id")
     if design is not None and (design.job is None or design.job.state != "succeeded"):
         design = None
-    new = _new_model(services, campaign, [body.measurement_id], design, "/measurement_id")
+    new = _new_model(services, campaign, steps, [body.measurement_id], design, "/measurement_id")
     return show_identification(create_or_replay(services, replace(new, retry=bound), response))
 
 
 def _new_model(
     services: Services,
     campaign: Resource,
+    steps: _Steps,
     recording_ids: list[str],
     design: Resource | None,
     pointer: str = "/measurement_ids",
@@ -157,9 +182,10 @@ def _new_model(
     body = CampaignRequest.model_validate(campaign.request)
     robot = require_robot(services, body.robot_id)
     require_measurements(services, robot, recording_ids, "told", pointer)
-    earlier = [
-        identifier for model in _Steps(services, campaign).models for identifier in model.get_dependencies("told")
-    ]
+    earlier = [identifier for model in steps.models for identifier in model.get_dependencies("told")]
+    if len(earlier) + len(recording_ids) > MOST_RECORDINGS:
+        detail = f"a campaign takes in {MOST_RECORDINGS} recordings at most; begin another one with some of them"
+        raise make_unusable(detail, pointer, title="Too many recordings")
     for identifier in recording_ids:
         if identifier in earlier:
             raise make_unusable(f"{identifier} is a run of this campaign already", pointer, title="Told twice")
@@ -172,16 +198,24 @@ def _new_model(
     return NewResource(
         "identification",
         to_plain_json(request),
-        name=f"{campaign.name or 'campaign'}: {len(earlier) + len(recording_ids)} runs",
+        name=_name_step(campaign, f"{len(earlier) + len(recording_ids)} runs"),
         rests_on=(
             _depend_on_campaign(campaign),
             Dependency(body.robot_id, "robot", "robot", "/robot_id"),
             *(Dependency(identifier, "measurement", "training", pointer) for identifier in request.measurement_ids),
             *(Dependency(identifier, "measurement", "told", pointer) for identifier in recording_ids),
             *(() if design is None else (Dependency(design.id, "design", "design", "/design_id"),)),
+            # Models are deleted from the last one on: the campaign's runs are those of all of them.
+            *(Dependency(model.id, "identification", "before", "/") for model in steps.models[-1:]),
         ),
         job=TELL,
+        siblings=Siblings(campaign.id, tuple(model.id for model in steps.tellings)),
     )
+
+
+def _name_step(campaign: Resource, words: str) -> str:
+    """Return the name of a motion or a model, which is as long as a name may be where the campaign's is."""
+    return f"{(campaign.name or 'campaign')[: LONGEST_NAME - len(words) - 2]}: {words}"
 
 
 def _depend_on_campaign(campaign: Resource) -> Dependency:

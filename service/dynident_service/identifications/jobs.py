@@ -12,7 +12,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from dynident.array_types import FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.export import ExportedFile, ExportFormat, compute_held_out_error, export_model
 from dynident.export.export_request import FORMATS
@@ -214,11 +214,21 @@ def predict_torque(model: str, request: Mapping[str, object]) -> dict[str, objec
             "model_lower": predicted.torque - predicted.mean_half_width,
             "model_upper": predicted.torque + predicted.mean_half_width,
         }
+    robot = identification.model.robot
     return {
-        "joints": list(identification.model.robot.joint_names),
-        "torque": predicted.torque.tolist(),
-        **{name: rows.tolist() for name, rows in intervals.items()},
+        "joints": list(robot.joint_names),
+        **{
+            name: _show_rows(rows, robot.has_torque) for name, rows in {"torque": predicted.torque, **intervals}.items()
+        },
     }
+
+
+def _show_rows(rows: FloatArray, has_torque: BoolArray) -> list[list[float | None]]:
+    """Return rows with None for joints that the model has no equation of: it predicts nothing, and not zero."""
+    if has_torque.all():
+        listed: list[list[float | None]] = rows.tolist()
+        return listed
+    return [[value if known else None for value, known in zip(row, has_torque, strict=True)] for row in rows.tolist()]
 
 
 def _to_rows(name: str, rows: Sequence[Sequence[float]]) -> FloatArray:

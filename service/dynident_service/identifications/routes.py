@@ -257,7 +257,7 @@ SHORT_NAMES: Mapping[str, ExportFormat] = {"cpp": "cpp_header", "franka": "frank
 @router.get("/{identification_id}/exports/{format}", response_class=Response, responses={200: EXPORTED})
 async def get_export(
     identification_id: str,
-    format: ExportFormat | Literal["cpp", "franka", "kuka"],
+    format: Literal[ExportFormat, "cpp", "franka", "kuka"],
     request: Request,
     services: ServicesDep,
     nearest: bool = False,

@@ -274,16 +274,18 @@ class PredictionRequest(RequestModel):
 
 
 class PredictedTorqueView(ViewModel):
-    """Predicted torque, [sample][joint] in N m or N."""
+    """Predicted torque, [sample][joint] in N m or N; null for a joint whose torque was not recorded."""
 
     joints: list[str]
-    torque: list[list[float]]
-    lower: list[list[float]] | None = Field(default=None, description="Of what is measured; null without `interval`")
-    upper: list[list[float]] | None = None
-    model_lower: list[list[float]] | None = Field(
+    torque: list[list[float | None]]
+    lower: list[list[float | None]] | None = Field(
+        default=None, description="Of what is measured; null without `interval`"
+    )
+    upper: list[list[float | None]] | None = None
+    model_lower: list[list[float | None]] | None = Field(
         default=None, description="Interval of the model's own torque, from the covariance of its parameters"
     )
-    model_upper: list[list[float]] | None = None
+    model_upper: list[list[float | None]] | None = None
 
 
 class CorrelationView(ViewModel):

@@ -214,10 +214,13 @@ def _find_joint(column: str, columns: Mapping[str, str], joints: Sequence[str]) 
     """Return the joint of a column of the file: standard names end with its number or its name."""
     name = next((ours for ours, theirs in columns.items() if theirs == column), column)
     stem = name.rstrip("0123456789")
-    for number, joint in enumerate(joints, start=1):
-        if name.endswith(f"_{joint}") or (stem and name == f"{stem}{number}"):
-            return joint
-    return None
+    found = [
+        joint
+        for number, joint in enumerate(joints, start=1)
+        if name.endswith(f"_{joint}") or (stem and name == f"{stem}{number}")
+    ]
+    # The name of a joint may end with that of another: the longest is the whole name.
+    return max(found, key=len, default=None)
 
 
 def show_measurement(resource: Resource) -> MeasurementView:

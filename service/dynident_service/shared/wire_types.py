@@ -39,7 +39,8 @@ MOST_EFFECTS = 200
 _HAS_RANGE = "dynident_range"
 _SIZED = frozenset({"list", "set", "frozenset", "dict"})
 
-Name = Annotated[str, Field(min_length=1, max_length=200)]
+LONGEST_NAME = 200
+Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME)]
 Identifier = Annotated[str, Field(min_length=1, max_length=40)]
 
 

@@ -165,6 +165,14 @@ class Retry:
 
 
 @dataclass(frozen=True)
+class Siblings:
+    """Resources of a kind that depend on the same one, as a request saw them when it decided what to store."""
+
+    on_id: str
+    ids: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class NewResource:
     """Resource to be stored, with all that belongs to it, in one transaction."""
 
@@ -176,6 +184,8 @@ class NewResource:
     objects: tuple[OwnedObject, ...] = ()
     job: NewJob | None = None
     retry: Retry | None = None
+    siblings: Siblings | None = None
+    """It is stored only if no others of its kind have come since."""
 
 
 @dataclass(frozen=True)

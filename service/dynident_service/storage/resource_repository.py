@@ -32,7 +32,16 @@ from dynident_service.storage.quotas import (
     get_account,
     lock_account,
 )
-from dynident_service.storage.repository_values import FINAL, Kind, NewResource, OwnedObject, Page, Resource, Retry
+from dynident_service.storage.repository_values import (
+    FINAL,
+    Kind,
+    NewResource,
+    OwnedObject,
+    Page,
+    Resource,
+    Retry,
+    Siblings,
+)
 from dynident_service.storage.resource_rows import (
     WITH_JOBS,
     complete_resources,
@@ -45,6 +54,10 @@ from dynident_service.storage.resource_rows import (
 
 MOST_DEPENDENTS = 20
 """Upper limit for the dependents that an error lists."""
+
+
+class SiblingsCame(ProblemError):
+    """Raised where another request was faster to store a resource that depends on the same one."""
 
 
 class Resources:
@@ -63,11 +76,16 @@ class Resources:
         """Store a resource with its dependencies, objects and job, all or nothing.
 
         A retry (same `Idempotency-Key`, same request) returns the resource of the first request. Raise `ObjectGone` if
-        an object was swept away since it was put, `QuotaExceeded` if the account would exceed a limit.
+        an object was swept away since it was put, `QuotaExceeded` if the account would exceed a limit, `SiblingsCame`
+        if there are others than the siblings that it names.
         """
-        return self._create(
-            new.retry, [new], lambda session, owner: insert_resource(session, self._objects, new, owner)
-        )
+
+        def insert(session: Session, owner: str | None) -> Resource:
+            if new.siblings is not None:
+                _refuse_beside_others(session, new.kind, new.siblings)
+            return insert_resource(session, self._objects, new, owner)
+
+        return self._create(new.retry, [new], insert)
 
     def create_together(self, several: Sequence[NewResource], last: Callable[[list[str]], NewResource]) -> Resource:
         """Store many resources and a last one that is made from their ids, in one transaction.
@@ -252,7 +270,7 @@ class Resources:
                 lock_account(session, account)
                 check_quota(session, account, several)
                 return inserted(session, None if account is None else account.name)
-        except (IntegrityError, QuotaExceeded):
+        except (IntegrityError, QuotaExceeded, SiblingsCame):
             # Another request with the same key was faster: its resource is the answer.
             known = self.find_retried(retry)
             if known is None:
@@ -272,6 +290,22 @@ class Resources:
         """Put bytes or a file into the object store, and return them as an object with a role."""
         stored = self.put(content)
         return OwnedObject(role, stored.key, stored.size, media_type)
+
+
+def _refuse_beside_others(session: Session, kind: Kind, siblings: Siblings) -> None:
+    # The row stays locked: of two requests at the same time, the second finds what the first stored.
+    session.get(ResourceRow, siblings.on_id, with_for_update=True)
+    query = (
+        select(ResourceRow.id)
+        .join(DependencyRow, DependencyRow.dependent_id == ResourceRow.id)
+        .where(DependencyRow.on_id == siblings.on_id, ResourceRow.kind == kind)
+        .order_by(ResourceRow.id.desc())
+        .limit(len(siblings.ids) or 1)
+    )
+    others = set(session.scalars(query)) - set(siblings.ids)
+    if others:
+        detail = f"Another request has just made the {kind} {min(others)}; look at it, and try again."
+        raise SiblingsCame(409, detail, title="Made at the same time")
 
 
 def _refuse_while_needed(session: Session, row: ResourceRow) -> None:

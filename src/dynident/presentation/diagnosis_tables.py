@@ -346,6 +346,25 @@ def build_limit_table(limits: Sequence[DetectionLimit], joints: Sequence[str]) -
     return ReportedTable("What these data would have shown", columns, tuple(rows), name="limits")
 
 
+def build_limits_by_joint_table(limits: Sequence[DetectionLimit]) -> ReportedTable:
+    """Return a table of detection limits with one row for each effect on each joint."""
+    rows = tuple(
+        (
+            *make_text_cells(
+                get_effect_title(limit.effect), ", ".join(limit.joints) or "the whole robot", limit.parameter
+            ),
+            make_number_cell(
+                limit.size if math.isfinite(limit.size) else None, unit="" if limit.unit == "-" else limit.unit
+            ),
+            Cell(format_share(limit.share), limit.share if math.isfinite(limit.share) else None),
+        )
+        for limit in limits
+    )
+    columns = ("effect", "joint", "parameter", "would have shown from", "of the usual size")
+    title = "What these data would have shown in 95 of 100 cases"
+    return ReportedTable(title, columns, rows, numbers_from=3, name="limits_by_joint")
+
+
 def _build_limit_map(limits: Sequence[DetectionLimit], joints: Sequence[str]) -> ReportedTable:
     """Return the detection limits as a map of effects and joints, in shares of the usual size."""
     places = [joint for joint in joints if any(joint in limit.joints for limit in limits)]

@@ -18,6 +18,8 @@ from dynident.robot.joint import Contact
 from dynident.robot.robot_model import Robot
 
 _TITLE = "Unusable contact"
+_FARTHEST = 1e4
+"""Largest coordinate of a contact in the frame of its link, m."""
 _RANK = 1e-8
 """Share of the largest singular value of J below which a direction counts as none: two feet that cannot move apart."""
 
@@ -28,13 +30,16 @@ def parse_contact(text: str) -> Contact:
     Raises
     ------
     DynidentError
-        For a point that is not three numbers.
+        For a point that is not three numbers, or farther away than 10 km.
     """
     link, sign, place = text.partition("@")
     if not sign:
         return Contact(text.strip())
     try:
         x, y, z = (float(number) for number in place.split(","))
+        # Python reads "nan" and "inf" as numbers, too.
+        if not all(abs(value) <= _FARTHEST for value in (x, y, z)):
+            raise ValueError(place)
     except ValueError:
         raise DynidentError(
             f"The contact {text!r} names no point; write three numbers in m behind the @: calf@0,0,-0.21.",

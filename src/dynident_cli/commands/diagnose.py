@@ -140,6 +140,14 @@ def diagnose(
             show_default=False,
         ),
     ] = None,
+    limits: Annotated[
+        bool,
+        typer.Option(
+            "--limits",
+            help="Print for each effect on each joint the smallest size that would have shown.",
+            show_default=False,
+        ),
+    ] = False,
 ) -> None:
     """Name the physical effects that a model lacks.
 
@@ -172,7 +180,9 @@ def diagnose(
         result,
         "diagnosis",
         lambda: contract_documents.describe_diagnosis(diagnosis, robot),
-        lambda console: printed_results.show_diagnosis(console, diagnosis, robot, extend_command, questions, n_open),
+        lambda console: printed_results.show_diagnosis(
+            console, diagnosis, robot, extend_command, questions, n_open, limits
+        ),
     )
 
 

@@ -300,16 +300,16 @@ class ParameterView(TypedDict):
 
 
 class PredictedTorqueView(TypedDict):
-    """Predicted torque, [sample][joint] in N m or N."""
+    """Predicted torque, [sample][joint] in N m or N; null for a joint whose torque was not recorded."""
 
     joints: list[str]
-    lower: list[list[float]] | None
+    lower: list[list[float | None]] | None
     """Of what is measured; null without `interval`"""
-    model_lower: list[list[float]] | None
+    model_lower: list[list[float | None]] | None
     """Interval of the model's own torque, from the covariance of its parameters"""
-    model_upper: list[list[float]] | None
-    torque: list[list[float]]
-    upper: list[list[float]] | None
+    model_upper: list[list[float | None]] | None
+    torque: list[list[float | None]]
+    upper: list[list[float | None]] | None
 
 
 class ReportResult(TypedDict):

@@ -72,7 +72,9 @@ function worstPlaces(model) {
   const { diagnosis } = model;
   const table = diagnosis?.result && byName(diagnosis).worst_places;
   if (!table) return null;
-  const wrap = { 0: (content, k) => h("button", { type: "button", class: "plain", onclick: () => model.chooseJoint(diagnosis.result.failure_map[k].joint) }, content) };
-  const rows = (from, to) => ({ ...table, rows: table.rows.slice(from, to) });
-  return [shownTable(rows(0, SPOTS), { id: "failure-map" }, { wrap }), table.rows.length > SPOTS ? h("details", {}, h("summary", {}, `${table.rows.length - SPOTS} more`), shownTable(rows(SPOTS), {}, { wrap })) : null];
+  const places = diagnosis.result.failure_map;
+  const shown = (from, to, id) => shownTable({ ...table, rows: table.rows.slice(from, to) }, { id }, {
+    wrap: { 0: (content, k) => h("button", { type: "button", class: "plain", onclick: () => model.chooseJoint(places[from + k].joint) }, content) },
+  });
+  return [shown(0, SPOTS, "failure-map"), table.rows.length > SPOTS ? h("details", {}, h("summary", {}, `${table.rows.length - SPOTS} more`), shown(SPOTS, undefined, "more-places")) : null];
 }
