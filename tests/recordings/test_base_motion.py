@@ -106,6 +106,16 @@ def test_a_log_is_read_with_the_joints_counted_from_one(tmp_path: Path, pose: tu
     assert any("act on trunk (link frame), as measured" in check.detail for check in recording.checks)
 
 
+def test_a_wrench_on_a_root_link_that_is_called_base_counts_once(tmp_path: Path) -> None:
+    (tmp_path / "robot.urdf").write_text(WALKER.replace('"trunk"', '"base"'))
+    robot, motion = dy.set_base(dy.load_robot(tmp_path / "robot.urdf"), "floating"), draw_motion(4, 4.0)
+    torque, wrench = compute_motor_torque(motion)
+    log = write_log(tmp_path / "log.csv", motion, torque, {"base": wrench})
+    (recording,) = dy.read_recordings(log, robot=robot)
+    rows = next(recording.recording.source.rows(0, 800, 800))
+    assert rows.tau[:, 2].mean() == pytest.approx(12.7 * 9.81, rel=0.05)
+
+
 def test_a_turn_of_the_base_has_no_jump_and_millimetres_are_told_of_the_base_alone(tmp_path: Path) -> None:
     robot, motion = walker(tmp_path), draw_motion(4, 6.0)
     for k, t in enumerate(motion.t):

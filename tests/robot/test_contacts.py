@@ -57,3 +57,5 @@ def test_contacts_are_named_in_text_and_kept_with_the_robot(tmp_path: Path) -> N
         dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), contacts=["shin"])
     with pytest.raises(DynidentError, match="names no point; write three numbers"):
         parse_contact("shin@0,0")
+    with pytest.raises(DynidentError, match="names no point; write three numbers"):
+        parse_contact("shin@0,nan,0")

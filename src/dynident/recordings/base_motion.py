@@ -244,7 +244,8 @@ def find_reactions(names: Sequence[str], joints: RecordedJoints, metadata: Recor
         return ()
     reactions = []
     for link in joints.links:
-        names_of_link = ("base", link) if link == joints.links[0] else (link,)
+        # A root link that is called base itself has these columns once, not twice.
+        names_of_link = {"base": None, link: None} if link == joints.links[0] else {link: None}
         for in_world in (False, True):
             for name in names_of_link:
                 ours = [f"{'world_' if in_world else ''}{name}_{component}" for component in COMPONENTS]

@@ -8,6 +8,7 @@ air too, whose force is zero: that costs information, but makes no error.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 
 import numpy as np
 
@@ -28,13 +29,15 @@ def parse_contact(text: str) -> Contact:
     Raises
     ------
     DynidentError
-        For a point that is not three numbers.
+        For a point that is not three finite numbers.
     """
     link, sign, place = text.partition("@")
     if not sign:
         return Contact(text.strip())
     try:
         x, y, z = (float(number) for number in place.split(","))
+        if not all(map(isfinite, (x, y, z))):
+            raise ValueError
     except ValueError:
         raise DynidentError(
             f"The contact {text!r} names no point; write three numbers in m behind the @: calf@0,0,-0.21.",
