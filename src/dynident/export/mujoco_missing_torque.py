@@ -17,7 +17,7 @@ from dynident.effects import get_effect, get_role
 from dynident.effects.friction import REFERENCE_TEMPERATURE
 from dynident.errors import DynidentError
 from dynident.export.feasible_completion import complete_parameters
-from dynident.export.feasible_links_and_joints import FeasibleLinks, check_is_tree
+from dynident.export.feasible_links_and_joints import FeasibleLinks, check_base, check_is_tree
 from dynident.export.mjcf import HELD_ROLES, write_mjcf
 from dynident.expressions import Program
 from dynident.identification import Identification
@@ -52,6 +52,7 @@ def to_mujoco(identification: Identification, *, nearest: bool = False) -> mujoc
     DynidentError
         As `to_mjcf` does; or if joints of the robot follow others.
     """
+    check_base(identification)
     check_is_tree(identification, "MuJoCo with all effects")
     standard = complete_parameters(identification, nearest=nearest)
     links = FeasibleLinks(identification, identification, standard, HELD_ROLES)
