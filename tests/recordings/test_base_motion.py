@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from support.floating_robots import WALKER, build_model, compute_motor_torque, draw_motion, write_log
+from support.floating_robots import WALKER, build_model, compute_motor_torque, draw_motion, stand_on_shin, write_log
 
 import dynident as dy
 from dynident.errors import DynidentError
@@ -114,6 +114,17 @@ def test_a_wrench_on_a_root_link_that_is_called_base_counts_once(tmp_path: Path)
     (recording,) = dy.read_recordings(log, robot=robot)
     rows = next(recording.recording.source.rows(0, 800, 800))
     assert rows.tau[:, 2].mean() == pytest.approx(12.7 * 9.81, rel=0.05)
+
+
+def test_a_joint_that_stands_on_a_contact_needs_its_torque(tmp_path: Path) -> None:
+    motion = draw_motion(4, 4.0)
+    torque, _ = stand_on_shin(motion)
+    log = write_log(tmp_path / "log.csv", motion, torque)
+    robot = dy.set_base(walker(tmp_path), "floating", ["shin"])
+    with pytest.raises(DynidentError, match="no torque of knee, but it holds the robot on its contacts"):
+        dy.read_recordings(log, robot=robot, columns={"tau2": "none"})
+    (recording,) = dy.read_recordings(log, robot=robot, columns={"tau3": "none"})
+    assert recording.recording.joints_without_torque == ("shoulder",)
 
 
 def test_a_turn_of_the_base_has_no_jump_and_millimetres_are_told_of_the_base_alone(tmp_path: Path) -> None:
