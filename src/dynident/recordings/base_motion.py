@@ -246,8 +246,9 @@ def find_reactions(names: Sequence[str], joints: RecordedJoints, metadata: Recor
         return ()
     reactions = []
     for link in joints.links:
-        # A root link that is called base itself has these columns once, not twice.
-        names_of_link = {"base": None, link: None} if link == joints.links[0] else {link: None}
+        # The root link is called base, too: once, and unless another link has that name.
+        is_base = link == joints.links[0] and "base" not in joints.links
+        names_of_link = ("base", link) if is_base else (link,)
         for in_world in (False, True):
             for name in names_of_link:
                 ours = [f"{'world_' if in_world else ''}{name}_{component}" for component in COMPONENTS]
