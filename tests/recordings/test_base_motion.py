@@ -146,6 +146,18 @@ def test_a_turn_of_the_base_has_no_jump_and_millimetres_are_told_of_the_base_alo
     np.testing.assert_allclose(next(again.recording.source.rows(0, 9, 9)).q[:, 0], motion.q[:9, 0] / 1e3, atol=1e-8)
 
 
+def test_a_base_may_walk_and_turn_far(tmp_path: Path) -> None:
+    robot, motion = walker(tmp_path), draw_motion(4, 12.0)
+    for k, t in enumerate(motion.t):
+        turn = pin.Quaternion(motion.q[k, 3:7])
+        motion.q[k, 3:7] = (pin.Quaternion(pin.rpy.rpyToMatrix(0, 0, 3.0 * t)) * turn).coeffs()
+    motion.q[:, 0] += 2.5 * motion.t
+    torque, wrench = compute_motor_torque(motion)
+    log = write_log(tmp_path / "far.csv", motion, torque, {"base": wrench})
+    (recording,) = dy.read_recordings(log, robot=robot)
+    assert not [check for check in recording.checks if check.name == "position_unit" and check.status != "ok"]
+
+
 def test_what_is_missing_is_said(tmp_path: Path) -> None:
     robot, motion = walker(tmp_path), draw_motion(4, 4.0)
     torque, wrench = compute_motor_torque(motion)
