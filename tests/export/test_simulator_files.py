@@ -320,6 +320,12 @@ def test_the_callback_leaves_other_models_and_the_process_as_they_were() -> None
         MissingTorque(other, model)
 
 
+def test_temperatures_are_as_many_as_joints() -> None:
+    model = identified(ARM)
+    with pytest.raises(DynidentError, match=r"temperature has the shape \(2,\); give 4 numbers"):
+        MissingTorque(to_mujoco(model), model, temperature=np.array([20.0, 30.0]))
+
+
 def test_a_joint_that_friction_holds_stands_still_in_mujoco() -> None:
     model = identified(ARM, (*PLAIN, "stribeck"))
     simulated = to_mujoco(model)
