@@ -139,6 +139,13 @@ def test_the_rest_of_the_users_urdf_stays_as_it_was() -> None:
     assert_same(torque_of_urdf(text, robot.gravity, motion), predicted(model, motion))
 
 
+def test_a_link_may_be_called_as_mujocos_world() -> None:
+    robot = robot_from_urdf("mine", OWN.replace('"world"', '"root"').replace('"fore"', '"world"'))
+    model, motion = identified(robot), path(robot)
+    found, rows = torque_of_mjcf(to_mjcf(model).content.decode(), motion), moving(motion)
+    assert_same(found[rows], predicted(model, motion)[rows])
+
+
 def test_every_joint_of_a_differential_has_a_rotor_of_its_own() -> None:
     several = '<joint name="shoulder"/><joint name="elbow"/><actuator name="m1"/><actuator name="m2"/>'
     robot = robot_from_urdf("mine", OWN.replace('<joint name="shoulder"/></trans', f"{several}</trans"))
