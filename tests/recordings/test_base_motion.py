@@ -116,6 +116,16 @@ def test_a_wrench_on_a_root_link_that_is_called_base_counts_once(tmp_path: Path)
     assert rows.tau[:, 2].mean() == pytest.approx(12.7 * 9.81, rel=0.05)
 
 
+def test_two_wrenches_on_one_link_are_doubtful(tmp_path: Path) -> None:
+    motion = draw_motion(4, 4.0)
+    torque, wrench = compute_motor_torque(motion)
+    log = write_log(tmp_path / "log.csv", motion, torque, {"base": wrench, "trunk": wrench})
+    (recording,) = dy.read_recordings(log, robot=walker(tmp_path))
+    [check] = [check for check in recording.checks if check.name == "base_forces"]
+    assert check.status == "warning"
+    assert "several wrenches on trunk, and their sum is taken" in check.detail
+
+
 def test_a_joint_that_stands_on_a_contact_needs_its_torque(tmp_path: Path) -> None:
     motion = draw_motion(4, 4.0)
     torque, _ = stand_on_shin(motion)

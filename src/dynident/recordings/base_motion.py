@@ -356,6 +356,12 @@ def report_base(joints: RecordedJoints, reactions: Sequence[Reaction]) -> tuple[
         )
         return (Check("base_forces", "ok", detail),)
     parts = (f"{reaction.link} ({'world' if reaction.in_world else 'link'} frame)" for reaction in reactions)
-    return (
-        Check("base_forces", "ok", f"The surroundings act on {', '.join(parts)}, as measured, and on nothing else."),
-    )
+    sentence = f"The surroundings act on {', '.join(parts)}, as measured, and on nothing else."
+    links = [reaction.link for reaction in reactions]
+    twice = sorted({link for link in links if links.count(link) > 1})
+    if twice:
+        sentence += (
+            f" The file has several wrenches on {', '.join(twice)}, and their sum is taken: if they are the same one, "
+            "such as in another frame, leave it out."
+        )
+    return (Check("base_forces", "warning" if twice else "ok", sentence),)
