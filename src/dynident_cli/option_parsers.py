@@ -14,7 +14,7 @@ from dynident.errors import DynidentError
 from dynident.file_output import check_folder_exists
 from dynident.known_robots import list_library_arms, locate_robot
 from dynident.recordings.file_names_and_digests import split_path
-from dynident.robot.joint import BASE_JOINTS, BaseKind
+from dynident.robot.description_formats import BASE_JOINTS, BaseKind
 
 if TYPE_CHECKING:
     from dynident.recordings import Filters

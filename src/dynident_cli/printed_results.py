@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from dynident.diagnosis.diagnosis_summary import group_patterns
+from dynident.effects import get_effect
 from dynident.identification import Identification
 from dynident.identification.identified_models.correlated_and_essential_parameters import (
     EssentialPath,
@@ -157,6 +158,7 @@ def show_diagnosis(
     for item in diagnosis.candidates:
         if item.significant:
             console.print(f"  {item.rank}. {item.evidence}")
+    _print_how_to_answer(console, diagnosis)
     for effect, joint in questions:
         place = f" on {joint}" if joint else ""
         console.print(f"  {get_effect_title(effect)}{place}: {diagnosis.why_not(effect, joint)}")
@@ -177,6 +179,13 @@ def show_diagnosis(
         console.print(f"  Next experiment: {diagnosis.next_experiment.reason}")
         for step in diagnosis.next_experiment.instructions:
             console.print(f"    - {step}")
+
+
+def _print_how_to_answer(console: Console, diagnosis: Diagnosis) -> None:
+    """Print the options that answer whether the robot has the parts that recommended effects are of."""
+    effects = [get_effect(choice.effect) for choice in diagnosis.recommended if diagnosis.find_question(choice)]
+    for part in dict.fromkeys(effect.hardware for effect in effects):
+        console.print(f"  Answer once whether the robot has it: --has {part} or --has-not {part}.")
 
 
 def show_changes(console: Console, diagnosis: Diagnosis, robot: Robot) -> None:

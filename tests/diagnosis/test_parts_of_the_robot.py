@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from io import StringIO
 
 import numpy as np
 import pytest
+from rich.console import Console
 from support.hidden_effects import NAMES, ROBOT, WITH_OFFSET, Experiment, experiment, on_joint
 
 import dynident as dy
@@ -16,6 +18,7 @@ from dynident.errors import DynidentError
 from dynident.identification import identify
 from dynident.robot.description_and_json import robot_from_document, robot_to_document
 from dynident.robot.limits_and_drives import HARDWARE, check_hardware
+from dynident_cli.printed_results import show_diagnosis
 
 SPRING = "gravity_compensator"
 
@@ -47,8 +50,10 @@ def test_a_torque_over_the_position_is_told_as_that_and_the_part_is_asked_for():
     (question,) = diagnosis.questions
     assert question in diagnosis.summary
     assert HARDWARE[SPRING] in question
-    assert f"has_not {SPRING}" in question
     assert diagnosis.find_question(choice) == question
+    printed = StringIO()
+    show_diagnosis(Console(file=printed, width=200), diagnosis, ROBOT, "")
+    assert f"--has {SPRING} or --has-not {SPRING}" in printed.getvalue()
 
 
 def test_a_part_that_is_there_is_named():

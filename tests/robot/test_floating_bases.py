@@ -16,7 +16,7 @@ from dynident.regressors.model_structure import find_inertial_base_parameters
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot import Description, Robot, robot_from_description
 from dynident.robot.description_and_json import robot_from_document, robot_to_document, set_base
-from dynident.robot.joint import BASE_JOINTS
+from dynident.robot.description_formats import BASE_JOINTS
 from dynident.robot.pinocchio_conversion import compute_described_torque, from_dynamic_parameters
 
 TREE = f"""<robot name="walker"><link name="trunk">{INERTIAL}</link><link name="thigh">{INERTIAL}</link>

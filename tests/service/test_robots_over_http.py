@@ -10,7 +10,7 @@ from support.closed_loop_robots import machine, mjcf
 from support.floating_robots import WALKER
 
 from dynident.robot import library_names, robot_from_library
-from dynident.robot.joint import BASE_JOINTS
+from dynident.robot.description_formats import BASE_JOINTS
 
 BODY: dict[str, Any] = {
     "name": "arm",

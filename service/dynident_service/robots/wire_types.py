@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from dynident.robot import limits_and_drives as stated
-from dynident.robot.description_formats import FORMATS, DescriptionFormat
-from dynident.robot.joint import BaseKind
+from dynident.robot.description_formats import FORMATS, BaseKind, DescriptionFormat
 from dynident.robot.limits_and_drives import HARDWARE
 from dynident_service.shared.request_bodies import derive_body, describe_choices
 from dynident_service.shared.wire_types import Labelled, LabelsRequest, Name, RequestModel, ViewModel

@@ -17,7 +17,7 @@ from dynident.identification import IdentificationChoices
 from dynident.identification.methods.base_classes import Estimator
 from dynident.recordings import RecordingMetadata
 from dynident.robot import Drive, Limits, Robot
-from dynident.robot.joint import BASE_JOINTS
+from dynident.robot.description_formats import BASE_JOINTS
 
 _LONGEST = 60
 _TITLE = "Unusable argument"

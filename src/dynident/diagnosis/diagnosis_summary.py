@@ -45,10 +45,7 @@ def word_question(effect: str, has: Collection[str]) -> str:
     part = get_effect(effect).hardware
     if part in ("", *has):
         return ""
-    return (
-        f"Does the robot have {HARDWARE[part]}? The residual looks like that of one. Answer once, with the robot: has "
-        f"or has_not {part}."
-    )
+    return f"Does the robot have {HARDWARE[part]}? The residual looks like that of one."
 
 
 def rank_findings(

@@ -8,9 +8,8 @@ from typing import NotRequired, Protocol, TypedDict
 
 from dynident.errors import DynidentError
 from dynident.robot.contacts import read_contacts
-from dynident.robot.description_formats import FORMATS, DescriptionFormat
+from dynident.robot.description_formats import BASE_JOINTS, FORMATS, BaseKind, DescriptionFormat
 from dynident.robot.dh_text import robot_from_dh_text
-from dynident.robot.joint import BASE_JOINTS, BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits_and_drives import Drive, Limits, check_hardware
 from dynident.robot.mjcf_reader import robot_from_mjcf

@@ -1,4 +1,4 @@
-"""Names of the formats of robot descriptions; loads no reader."""
+"""Names of the formats of robot descriptions, and kinds of bases with their coordinates; loads no reader."""
 
 from __future__ import annotations
 
@@ -14,3 +14,15 @@ FORMATS = OneOf(
     Choice("dh", "Denavit-Hartenberg table, classical or modified (text)"),
 )
 """All of them, the most usual first."""
+
+BaseKind = Literal["fixed", "floating", "planar"]
+"""How the root link of a robot moves: not at all, with six degrees of freedom, or in the horizontal plane."""
+
+BASE_JOINTS: dict[BaseKind, tuple[str, ...]] = {
+    "fixed": (),
+    "floating": ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll"),
+    "planar": ("base_x", "base_y", "base_yaw"),
+}
+"""Coordinates of the base, as joints in front of the robot's own: position of its frame in the world (m) and its angles
+(rad), R = Rz(yaw) Ry(pitch) Rx(roll). They have no motor: their "torque" is what acts on the base from outside, as a
+generalised force. The angles are singular at a pitch of ±90°."""

@@ -1,4 +1,4 @@
-"""`Joint`: kind, parent, axis, limits, and from which range on these limit nothing; coordinates of a moving base."""
+"""`Joint`: kind, parent, axis, limits, and from which range on these limit nothing; contacts."""
 
 from __future__ import annotations
 
@@ -12,18 +12,6 @@ from dynident.robot.limits_and_drives import Limits
 from dynident.text_encoding import escape_surrogates
 
 JointKind = Literal["revolute", "prismatic"]
-
-BaseKind = Literal["fixed", "floating", "planar"]
-"""How the root link of a robot moves: not at all, with six degrees of freedom, or in the horizontal plane."""
-
-BASE_JOINTS: dict[BaseKind, tuple[str, ...]] = {
-    "fixed": (),
-    "floating": ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll"),
-    "planar": ("base_x", "base_y", "base_yaw"),
-}
-"""Coordinates of the base, as joints in front of the robot's own: position of its frame in the world (m) and its angles
-(rad), R = Rz(yaw) Ry(pitch) Rx(roll). They have no motor: their "torque" is what acts on the base from outside, as a
-generalised force. The angles are singular at a pitch of ±90°."""
 
 
 @dataclass(frozen=True)

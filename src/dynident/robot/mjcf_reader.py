@@ -16,7 +16,7 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot.cut_joint import FrameOnJoint, Loop, LoopKind
-from dynident.robot.joint import BASE_JOINTS, BaseKind
+from dynident.robot.description_formats import BASE_JOINTS, BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.linkage import LoopCuts, link_joints, lock_followers

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from dynident.errors import DynidentError
-from dynident.robot.joint import BaseKind
+from dynident.robot.description_formats import BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.xml_text import Element, parse_xml
 

@@ -17,7 +17,8 @@ import pinocchio as pin
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.joint import BASE_JOINTS, BaseKind, Joint, JointKind
+from dynident.robot.description_formats import BASE_JOINTS, BaseKind
+from dynident.robot.joint import Joint, JointKind
 from dynident.robot.json_fields import check_name
 from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.robot_model import Description, Robot

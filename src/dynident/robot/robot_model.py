@@ -10,8 +10,8 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.description_formats import DescriptionFormat
-from dynident.robot.joint import BASE_JOINTS, BaseKind, Contact, Joint
+from dynident.robot.description_formats import BASE_JOINTS, BaseKind, DescriptionFormat
+from dynident.robot.joint import Contact, Joint
 from dynident.robot.limits_and_drives import Drive
 from dynident.text_and_html_tables import join_html, render_paragraph, render_table
 from dynident.text_encoding import escape_surrogates

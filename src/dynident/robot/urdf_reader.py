@@ -9,7 +9,7 @@ from dataclasses import replace
 import pinocchio as pin
 
 from dynident.errors import DynidentError
-from dynident.robot.joint import BASE_JOINTS, BaseKind
+from dynident.robot.description_formats import BASE_JOINTS, BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.linkage import link_joints, lock_followers

@@ -86,7 +86,10 @@ def export(
     ] = "",
     as_json: Json = False,
 ) -> None:
-    """Write a model as URDF, MJCF, C, C++, CasADi, JSON or a ROS 2 package; an --out without ending is a folder."""
+    """Write a model as URDF, SDF, MJCF, USD, C, C++ and more.
+
+    The ending of --out tells the format; an --out without an ending is the folder of a ROS 2 package.
+    """
     from dynident.api.model_identification import load_model
     from dynident.errors import DynidentError
     from dynident.export import export_model, unpack_files

@@ -116,7 +116,7 @@ function partQuestions(model, result, run) {
       await patch(`/robots/${robot.id}`, { [key]: [...robot[key], part] });
       await run(post("/diagnoses", { identification_id: model.id }));
     }, (error) => put(said, problemBox(error)));
-    return h("p", { class: "actions", "data-part": part }, question.split(" Answer once")[0], " ",
+    return h("p", { class: "actions", "data-part": part }, question, " ",
       h("button", { type: "button", class: "small", onclick: answer("has") }, "Yes"), " ",
       h("button", { type: "button", class: "small", onclick: answer("has_not") }, "No"), said);
   });
