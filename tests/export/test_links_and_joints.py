@@ -139,6 +139,29 @@ def test_the_rest_of_the_users_urdf_stays_as_it_was() -> None:
     assert_same(torque_of_urdf(text, robot.gravity, motion), predicted(model, motion))
 
 
+def test_a_link_may_be_called_as_mujocos_world() -> None:
+    robot = robot_from_urdf("mine", OWN.replace('"world"', '"root"').replace('"fore"', '"world"'))
+    model, motion = identified(robot), path(robot)
+    found, rows = torque_of_mjcf(to_mjcf(model).content.decode(), motion), moving(motion)
+    assert_same(found[rows], predicted(model, motion)[rows])
+
+
+def test_every_joint_of_a_differential_has_a_rotor_of_its_own() -> None:
+    several = '<joint name="shoulder"/><joint name="elbow"/><actuator name="m1"/><actuator name="m2"/>'
+    robot = robot_from_urdf("mine", OWN.replace('<joint name="shoulder"/></trans', f"{several}</trans"))
+    root = ElementTree.fromstring(to_urdf(identified(robot)).content.decode())
+    own = {}
+    for transmission in root.findall("transmission"):
+        named = [joint.get("name") for joint in transmission.findall("joint")]
+        values = [child.get("value") for child in transmission.iter("{http://drake.mit.edu}rotor_inertia")]
+        assert len(values) == (1 if len(named) == 1 else 0)
+        own |= dict(zip(named, values, strict=False))
+    rotors = {joint.get("name"): joint.find(ROTOR_TAG) for joint in root.findall("joint")}
+    assert {name: float(value) for name, value in own.items()} == {
+        name: 0.0 if rotors[name] is None else float(rotors[name].get("inertia")) for name in robot.joint_names
+    }
+
+
 @pytest.mark.parametrize("locked", [{"elbow": 0.7}, {"shoulder": -0.4, "grip": 0.01}, {"shoulder": 1.1, "elbow": 2.5}])
 def test_joints_are_fixed_where_they_were_locked(locked: dict[str, float]) -> None:
     robot = robot_from_urdf("mine", OWN, locked_joints=locked, gravity=[1.0, -2.0, -9.0])

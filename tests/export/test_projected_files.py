@@ -9,7 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 from support.exported_robots import moving, torque_of_mjcf, torque_of_urdf
-from support.models_with_chosen_parameters import PLAIN, FloatArray, measured
+from support.floating_robots import WALKER
+from support.models_with_chosen_parameters import PLAIN, FloatArray, from_standard, measured
 from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
@@ -18,6 +19,8 @@ from dynident.export import ExportedFile, export_model, to_mjcf, to_urdf
 from dynident.export.feasible_links_and_joints import MOST_FREE_ERROR_RATIO, predicts_as_well
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
+from dynident.robot import robot_from_urdf
+from dynident.robot.description_and_json import set_base
 
 ROBOT = arm("scara")
 CURVED = EffectChoice("viscous_nonlinear", shape=(("p", 2.0),))
@@ -99,3 +102,10 @@ def test_bodies_that_can_exist_are_free_where_they_predict_held_out_data_as_well
 def test_without_held_out_data_nobody_knows_what_feasibility_costs() -> None:
     with pytest.raises(DynidentError, match="not physically feasible"):
         to_urdf(measured("ur10", noise=2.0))
+
+
+@pytest.mark.parametrize("write", [to_urdf, to_mjcf])
+def test_files_of_links_are_refused_for_a_base_that_moves(write: Callable[..., ExportedFile]) -> None:
+    robot = set_base(robot_from_urdf("walker", WALKER), "floating")
+    with pytest.raises(DynidentError, match="no export of links and joints for a base that moves"):
+        write(from_standard(robot))

@@ -122,6 +122,12 @@ def test_the_disturbance_is_measured_as_it_is(model: Identification, runs: list[
     np.testing.assert_allclose(correlation, np.exp(-0.59 / LACKING.time), atol=0.06)
 
 
+def test_recordings_that_are_too_short_say_so(model: Identification) -> None:
+    for recordings in ([], [record_arm(6, 0.9)]):
+        with pytest.raises(DynidentError, match="no segment of the recordings is"):
+            measure_disturbance(model, recordings, nearest=True)
+
+
 @pytest.mark.slow
 def test_recorded_drift_is_covered_as_often_as_stated(
     model: Identification, distribution: ModelDistribution, runs: list[Recording]
@@ -148,6 +154,9 @@ def test_the_file_is_read_again_and_other_files_are_refused(model: Identificatio
     read.save(tmp_path / "again.npz")
     assert ModelDistribution.load(tmp_path / "again.npz").joint_names == ROBOT.joint_names
     (tmp_path / "other.npz").write_bytes(b"no archive")
-    for other in ("other.npz", "missing.npz"):
+    (tmp_path / "half.npz").write_bytes(place.read_bytes()[:1000])
+    (tmp_path / "empty.npz").write_bytes(b"")
+    np.save(tmp_path / "array.npy", np.eye(2))
+    for other in ("other.npz", "missing.npz", "half.npz", "empty.npz", "array.npy"):
         with pytest.raises(DynidentError, match="no randomisation file"):
             ModelDistribution.load(tmp_path / other)

@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 import yaml
 from support.exported_programs import MODELS
-from support.models_with_chosen_parameters import path, predicted
+from support.models_with_chosen_parameters import from_standard, path, predicted
+from support.one_joint_robots import one_joint_urdf
 
 from dynident.errors import DynidentError
 from dynident.export import to_ros2_package, unpack_files
 from dynident.file_output import write_atomically
+from dynident.robot import robot_from_urdf
 
 STRICT = ("-std=c++17", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic")
 EIGEN = Path(casadi.__file__).parent / "include" / "eigen3"
@@ -118,6 +120,16 @@ def test_the_plug_in_fits_the_published_interface(tmp_path: Path) -> None:
         (tmp_path / place).write_text(content, encoding="utf-8")
     includes = ("-I", str(package / "include"), "-I", str(tmp_path), "-isystem", str(EIGEN))
     compile_strictly("g++", *includes, "-c", str(package / "src" / "solver.cpp"), "-o", str(tmp_path / "solver.o"))
+
+
+def test_a_name_like_a_placeholder_stays_a_name() -> None:
+    """Filled one after the other, the description would end the string of the name, and the rest would be code."""
+    text = one_joint_urdf("pendulum").replace('name="axis"', 'name="@ABOUT@"')
+    robot = robot_from_urdf('x"}; } int inserted() { return 0; } //', text)
+    files = unpack_files(to_ros2_package(from_standard(robot)).content)
+    [core] = [content.decode() for place, content in files.items() if place.endswith("dynamics.hpp")]
+    assert 'return {"@ABOUT@"};' in core
+    assert "int inserted" not in core
 
 
 def test_the_descriptions_are_well_formed_and_name_each_other(tmp_path: Path) -> None:

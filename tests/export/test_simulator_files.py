@@ -143,6 +143,31 @@ def test_drake_computes_the_identified_torque_but_for_coulomb_friction(robot: Ro
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
+def named(first: str, second: str) -> Robot:
+    """An arm of two joints with these names."""
+    text = crooked_urdf(2, 0, (1,), (-1, 0)).replace('"j0"', f'"{first}"').replace('"j1"', f'"{second}"')
+    return robot_from_urdf("named", text)
+
+
+@pytest.mark.parametrize(
+    ("names", "called"),
+    [
+        (("base", "base_mount"), ("base", "base_mount")),
+        (("arm::turn", "__slide__"), ("arm_turn", "slide")),
+        (("world", " a b"), ("world_", "a b")),
+    ],
+)
+def test_drake_reads_joints_whose_names_sdf_reserves(names: tuple[str, str], called: tuple[str, str]) -> None:
+    robot = named(*names)
+    model, motion = identified(robot), path(robot, 20)
+    file = to_sdf(model)
+    found = torque_in_drake(file.content.decode(), robot.gravity, motion, called, "sdf")
+    expected = torque_in_drake(to_sdf(identified(named("j0", "j1"))).content.decode(), robot.gravity, motion,
+                               ("j0", "j1"), "sdf")  # fmt: skip
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    assert any("SDF does not allow the names" in note for note in file.notes) == (names != called)
+
+
 @pytest.mark.parametrize("kind", ["sdf", "urdf"])
 def test_the_error_that_a_file_states_for_drake_is_what_drake_finds(kind: str) -> None:
     file = export_model(measured_model(), kind)
@@ -295,6 +320,12 @@ def test_the_callback_leaves_other_models_and_the_process_as_they_were() -> None
         MissingTorque(other, model)
 
 
+def test_temperatures_are_as_many_as_joints() -> None:
+    model = identified(ARM)
+    with pytest.raises(DynidentError, match=r"temperature has the shape \(2,\); give 4 numbers"):
+        MissingTorque(to_mujoco(model), model, temperature=np.array([20.0, 30.0]))
+
+
 def test_a_joint_that_friction_holds_stands_still_in_mujoco() -> None:
     model = identified(ARM, (*PLAIN, "stribeck"))
     simulated = to_mujoco(model)
@@ -341,7 +372,10 @@ class Fmu:
     def begin(self, **values: float) -> None:
         self.slave.enterInitializationMode()
         self.set(**values)
+        # Other programs read outputs here already.
+        asked = self.get("ddq", 1)
         self.slave.exitInitializationMode()
+        np.testing.assert_array_equal(self.get("ddq", 1), asked)
 
     def set(self, **values: float) -> None:
         self.slave.setFloat64([self.names[name] for name in values], list(values.values()))
@@ -474,8 +508,17 @@ def test_actuators_of_mjlab_give_the_joints_of_the_mjcf(monkeypatch: pytest.Monk
         assert actuator.armature == whole.dof_armature[joint]
         assert actuator.frictionloss == whole.dof_frictionloss[joint]
         assert actuator.viscous_damping == whole.dof_damping[joint, ...].flat[0]
-    gains = dict.fromkeys(space["JOINTS"], 10.0)
+    gains = dict.fromkeys(ARM.joint_names, 10.0)
     assert all(actuator.stiffness == 10.0 for actuator in space["position_actuators"](gains, gains))
+
+
+def test_gains_of_mjlab_are_by_the_joints_own_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("arm-1.turn", "slide (z)")
+    space = run_actuators(export_model(identified(named(*names)), "mjlab"), "mjlab.actuator", monkeypatch)
+    gains = dict(zip(names, (1.0, 2.0), strict=True))
+    for actuator, name in zip(space["position_actuators"](gains, gains), names, strict=True):
+        assert actuator.stiffness == gains[name]
+        assert re.fullmatch(actuator.target_names_expr[0], name)
 
 
 def test_actuators_of_isaac_lab_have_the_joints_of_the_usd(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from support.floating_robots import WALKER, build_model, compute_motor_torque, draw_motion, write_log
+from support.floating_robots import WALKER, build_model, compute_motor_torque, draw_motion, stand_on_shin, write_log
 
 import dynident as dy
 from dynident.errors import DynidentError
@@ -106,6 +106,37 @@ def test_a_log_is_read_with_the_joints_counted_from_one(tmp_path: Path, pose: tu
     assert any("act on trunk (link frame), as measured" in check.detail for check in recording.checks)
 
 
+def test_a_wrench_on_a_root_link_that_is_called_base_counts_once(tmp_path: Path) -> None:
+    (tmp_path / "robot.urdf").write_text(WALKER.replace('"trunk"', '"base"'))
+    robot, motion = dy.set_base(dy.load_robot(tmp_path / "robot.urdf"), "floating"), draw_motion(4, 4.0)
+    torque, wrench = compute_motor_torque(motion)
+    log = write_log(tmp_path / "log.csv", motion, torque, {"base": wrench})
+    (recording,) = dy.read_recordings(log, robot=robot)
+    rows = next(recording.recording.source.rows(0, 800, 800))
+    assert rows.tau[:, 2].mean() == pytest.approx(12.7 * 9.81, rel=0.05)
+
+
+def test_two_wrenches_on_one_link_are_doubtful(tmp_path: Path) -> None:
+    motion = draw_motion(4, 4.0)
+    torque, wrench = compute_motor_torque(motion)
+    log = write_log(tmp_path / "log.csv", motion, torque, {"base": wrench, "trunk": wrench})
+    (recording,) = dy.read_recordings(log, robot=walker(tmp_path))
+    [check] = [check for check in recording.checks if check.name == "base_forces"]
+    assert check.status == "warning"
+    assert "several wrenches on trunk, and their sum is taken" in check.detail
+
+
+def test_a_joint_that_stands_on_a_contact_needs_its_torque(tmp_path: Path) -> None:
+    motion = draw_motion(4, 4.0)
+    torque, _ = stand_on_shin(motion)
+    log = write_log(tmp_path / "log.csv", motion, torque)
+    robot = dy.set_base(walker(tmp_path), "floating", ["shin"])
+    with pytest.raises(DynidentError, match="no torque of knee, but it holds the robot on its contacts"):
+        dy.read_recordings(log, robot=robot, columns={"tau2": "none"})
+    (recording,) = dy.read_recordings(log, robot=robot, columns={"tau3": "none"})
+    assert recording.recording.joints_without_torque == ("shoulder",)
+
+
 def test_a_turn_of_the_base_has_no_jump_and_millimetres_are_told_of_the_base_alone(tmp_path: Path) -> None:
     robot, motion = walker(tmp_path), draw_motion(4, 6.0)
     for k, t in enumerate(motion.t):
@@ -123,6 +154,18 @@ def test_a_turn_of_the_base_has_no_jump_and_millimetres_are_told_of_the_base_alo
         dy.read_recordings(log, robot=robot)
     (again,) = dy.read_recordings(log, robot=robot, units={"base_x": "mm", "base_y": "mm", "base_z": "mm"})
     np.testing.assert_allclose(next(again.recording.source.rows(0, 9, 9)).q[:, 0], motion.q[:9, 0] / 1e3, atol=1e-8)
+
+
+def test_a_base_may_walk_and_turn_far(tmp_path: Path) -> None:
+    robot, motion = walker(tmp_path), draw_motion(4, 12.0)
+    for k, t in enumerate(motion.t):
+        turn = pin.Quaternion(motion.q[k, 3:7])
+        motion.q[k, 3:7] = (pin.Quaternion(pin.rpy.rpyToMatrix(0, 0, 3.0 * t)) * turn).coeffs()
+    motion.q[:, 0] += 2.5 * motion.t
+    torque, wrench = compute_motor_torque(motion)
+    log = write_log(tmp_path / "far.csv", motion, torque, {"base": wrench})
+    (recording,) = dy.read_recordings(log, robot=robot)
+    assert not [check for check in recording.checks if check.name == "position_unit" and check.status != "ok"]
 
 
 def test_what_is_missing_is_said(tmp_path: Path) -> None:

@@ -193,3 +193,6 @@ def test_what_cannot_be_is_refused_with_a_sentence() -> None:
     two = MJCF.replace("</worldbody>", '<body name="ball"><freejoint/><geom size="1"/></body></worldbody>')
     with pytest.raises(DynidentError, match="The bodies trunk, ball all hang on the world"):
         robot_from_description("leg", Description("mjcf", two.format(joint="<freejoint/>", key="")))
+    tilted = MJCF.format(joint="", key="")  # by 11°
+    with pytest.raises(DynidentError, match="Body 'trunk' is tilted, but the z axis of a planar base is vertical"):
+        set_base(robot_from_description("leg", Description("mjcf", tilted)), "planar")

@@ -204,9 +204,9 @@ class ModelResults:
         Returns
         -------
         array of the shape of q, or PredictedTorque
-            Torque in N m, or N. With `interval` an object with `torque`, and `lower` and `upper` of what would be
-            measured: the covariance of the parameters and the variance of the residual. `mean_half_width` belongs to
-            the model's own torque, without the residual.
+            Torque in N m, or N; projected as its equations are, if the robot has contacts. With `interval` an object
+            with `torque`, and `lower` and `upper` of what would be measured: the covariance of the parameters and the
+            variance of the residual. `mean_half_width` belongs to the model's own torque, without the residual.
 
         Raises
         ------
@@ -383,6 +383,7 @@ class ModelResults:
         return Table(columns, units, self._names, "parameter", title)
 
     def _compute(self, function: Callable[..., FloatArray], motion: Motion) -> FloatArray:
+        self.robot.require_no_contacts("term of its equations alone")
         result = function(self._estimate, *motion.arrays)
         return np.asarray(result[0]) if motion.is_single else result
 

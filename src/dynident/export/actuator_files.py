@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 
 from dynident.export.comments_and_names import SIGNS, describe_identification, describe_origin, make_slug
@@ -102,8 +101,7 @@ def _list_values(links: FeasibleLinks, fields: tuple[str, str, str, str]) -> dic
 
 
 def _write_table(values: Mapping[str, Mapping[str, float]]) -> str:
-    # Both programs take the names of joints as regular expressions.
-    rows = "".join(f"    {re.escape(name)!r}: {dict(row)!r},\n" for name, row in values.items())
+    rows = "".join(f"    {name!r}: {dict(row)!r},\n" for name, row in values.items())
     return f"{{\n{rows}}}"
 
 
@@ -115,6 +113,8 @@ def _write_file(identification: Identification, ending: str, notes: Sequence[str
 
 
 _MJLAB = '''\
+import re
+
 import mujoco
 from mjlab.actuator import BuiltinMotorActuatorCfg, BuiltinPdActuatorCfg
 
@@ -132,13 +132,17 @@ def load_spec(path):
 
 def torque_actuators():
     """Return one motor a joint, whose command is its torque."""
-    return tuple(BuiltinMotorActuatorCfg(target_names_expr=(name,), **joint) for name, joint in JOINTS.items())
+    return tuple(
+        BuiltinMotorActuatorCfg(target_names_expr=(re.escape(name),), **joint) for name, joint in JOINTS.items()
+    )
 
 
 def position_actuators(stiffness, damping):
     """Return one position controller a joint, with gains (dictionaries by joint) of your controller."""
     return tuple(
-        BuiltinPdActuatorCfg(target_names_expr=(name,), stiffness=stiffness[name], damping=damping[name], **joint)
+        BuiltinPdActuatorCfg(
+            target_names_expr=(re.escape(name),), stiffness=stiffness[name], damping=damping[name], **joint
+        )
         for name, joint in JOINTS.items()
     )
 '''

@@ -116,7 +116,8 @@ def to_casadi(identification: Identification) -> ca.Function:
 
 
 def build_function(formula: TorqueFormula) -> ca.Function:
-    """Return the formula as a CasADi function."""
+    """Return the formula as a CasADi function; it raises a DynidentError for a robot with contacts."""
+    formula.robot.require_no_contacts("whole torque to export")
     outputs, names = [formula.torque], ["tau"]
     if formula.memory:
         outputs.append(formula.z_next)

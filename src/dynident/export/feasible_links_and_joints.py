@@ -47,6 +47,11 @@ def check_is_tree(identification: Identification, format_name: str) -> None:
         )
 
 
+def check_base(identification: Identification) -> None:
+    """Raise a DynidentError if the base moves, whose coordinates no file of links and joints has."""
+    identification.model.robot.require_fixed_base("export of links and joints")
+
+
 def project_model(identification: Identification, held: Collection[Role]) -> Identification:
     """Return a model with only the effects that a format can hold, fitted to the same data again.
 
@@ -211,6 +216,7 @@ class FeasibleLinks:
         It raises an error as `complete_parameters` does, unless the nearest feasible bodies predict as well or
         `nearest` is set.
         """
+        check_base(identification)
         projected = project_model(identification, held)
         try:
             standard = complete_parameters(projected, rotors_in_links=rotors_in_links)

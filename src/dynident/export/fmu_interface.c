@@ -224,19 +224,26 @@ FMI_EXPORT fmi3Status fmi3EnterInitializationMode(
     return fmi3OK;
 }
 
-FMI_EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
+/* The accelerations at the start, of what is set so far: those of a step that is not made */
+static fmi3Status compute_start(instance *m)
 {
-    instance *m = c;
     variables tried;
     set_payload(m);
     fmu_start(&m->now.state);
     fmu_advance(&m->now.state, m->now.q);
-    /* The first accelerations are those of a step that is not made. */
+    memset(m->now.ddq, 0, sizeof m->now.ddq);
     tried = m->now;
     if (!advance(&tried, &m->parameters, 1e-6)) return fail(m, "The mass matrix is not positive definite.");
     memcpy(m->now.ddq, tried.ddq, sizeof tried.ddq);
-    m->initialized = true;
     return fmi3OK;
+}
+
+FMI_EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
+{
+    instance *m = c;
+    const fmi3Status status = compute_start(m);
+    m->initialized = status == fmi3OK;
+    return status;
 }
 
 FMI_EXPORT fmi3Status fmi3Terminate(fmi3Instance m)
@@ -256,8 +263,14 @@ FMI_EXPORT fmi3Status fmi3GetFloat64(
 {
     instance *m = c;
     size_t k;
+    bool started = m->initialized;
     if (n != n_values) return fail(m, "There are as many values as references.");
     for (k = 0; k < n; k++) {
+        /* Masters may ask for accelerations before the initialization ends. */
+        if (!started && references[k] / 1000 * 1000 == DDQ) {
+            if (compute_start(m) != fmi3OK) return fmi3Error;
+            started = true;
+        }
         const double *place = find(&m->now, references[k]);
         if (!place) return fail(m, "There is no variable with this reference.");
         values[k] = *place;

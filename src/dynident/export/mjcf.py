@@ -159,7 +159,8 @@ def write_mjcf(links: FeasibleLinks) -> str:
     identification, robot = links.identification, links.robot
     springs = _read_springs(links)
     tree = robot.tree
-    names = name_links(tree)
+    # MuJoCo has a body of its own that is called world.
+    names = [name if name != "world" else f"{name}_link" for name in name_links(tree)]
     bodies: list[Element] = []
     for j, joint in enumerate(tree.joints):
         if not np.any(links.standard.inertias[j]):

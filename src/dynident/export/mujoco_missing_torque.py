@@ -17,7 +17,7 @@ from dynident.effects import get_effect, get_role
 from dynident.effects.friction import REFERENCE_TEMPERATURE
 from dynident.errors import DynidentError
 from dynident.export.feasible_completion import complete_parameters
-from dynident.export.feasible_links_and_joints import FeasibleLinks, check_is_tree
+from dynident.export.feasible_links_and_joints import FeasibleLinks, check_base, check_is_tree
 from dynident.export.mjcf import HELD_ROLES, write_mjcf
 from dynident.expressions import Program
 from dynident.identification import Identification
@@ -52,6 +52,7 @@ def to_mujoco(identification: Identification, *, nearest: bool = False) -> mujoc
     DynidentError
         As `to_mjcf` does; or if joints of the robot follow others.
     """
+    check_base(identification)
     check_is_tree(identification, "MuJoCo with all effects")
     standard = complete_parameters(identification, nearest=nearest)
     links = FeasibleLinks(identification, identification, standard, HELD_ROLES)
@@ -82,8 +83,8 @@ class MissingTorque:
     Raises
     ------
     DynidentError
-        If the MuJoCo model lacks joints of the robot or space for the state, or an effect needs derivatives of the
-        acceleration.
+        If the MuJoCo model lacks joints of the robot or space for the state, an effect needs derivatives of the
+        acceleration, or there is another number of temperatures or runs.
 
     Notes
     -----
@@ -131,8 +132,8 @@ class MissingTorque:
         n_runs = len(identification.model.observation.runs)
         self._constants = {
             "period": np.array([mujoco_model.opt.timestep]),
-            "temperature": np.full(n, REFERENCE_TEMPERATURE) if temperature is None else np.asarray(temperature),
-            "runs": np.zeros(n_runs) if runs is None else np.asarray(runs),
+            "temperature": _read_vector("temperature", temperature, np.full(n, REFERENCE_TEMPERATURE)),
+            "runs": _read_vector("runs", runs, np.zeros(n_runs)),
         }
         self._before: object = None
 
@@ -173,6 +174,16 @@ class MissingTorque:
             # Constraints of bodies that move independently are solved from a copy, which is made already.
             rows = data.iefc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
             data.iefc_frictionloss[rows] = limits[data.iefc_id[rows]]
+
+
+def _read_vector(name: str, values: FloatArray | None, default: FloatArray) -> FloatArray:
+    """Return values of the default's shape; an error inside a callback of MuJoCo would end the simulation."""
+    if values is None:
+        return default
+    vector = np.asarray(values, dtype=np.float64)
+    if vector.shape != default.shape:
+        raise DynidentError(f"{name} has the shape {vector.shape}; give {len(default)} numbers", pointer=name)
+    return vector
 
 
 class _State:

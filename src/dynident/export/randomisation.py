@@ -21,6 +21,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -232,7 +233,7 @@ class ModelDistribution:
             rest: dict[str, Any] = {
                 f.name: arrays[f.name] for f in fields(cls) if f.name not in (*names, "disturbance")
             }
-        except (OSError, ValueError, KeyError) as error:
+        except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
             raise DynidentError(f"{path} is no randomisation file of dynident ({error})", pointer=str(path)) from error
         return cls(**names, **rest, disturbance=disturbance)
 

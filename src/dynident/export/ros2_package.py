@@ -7,6 +7,7 @@ ros2_control load. The package consists of a core class, which knows no ROS, and
 from __future__ import annotations
 
 import io
+import re
 import zipfile
 from collections.abc import Mapping
 from pathlib import PurePosixPath
@@ -98,9 +99,8 @@ def _quote(name: str) -> str:
 
 
 def _fill(text: str, values: Mapping[str, str]) -> str:
-    for place, value in values.items():
-        text = text.replace(place, value)
-    return text
+    # In one pass: a name of the user's may look like a placeholder.
+    return re.sub("@[A-Z]+@", lambda match: values[match[0]], text)
 
 
 def _pack(folder: str, files: Mapping[str, bytes]) -> bytes:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
@@ -24,6 +26,7 @@ from dynident.export.urdf import DRAKE_NAMESPACE
 from dynident.identification import Identification
 from dynident.robot.joint import Joint
 from dynident.robot.pinocchio_conversion import to_dynamic_parameters
+from dynident.robot.robot_model import Robot
 from dynident.robot.urdf_writer import name_links
 from dynident.robot.xml_text import format_numbers
 from dynident.text_encoding import encode_text
@@ -57,21 +60,19 @@ def to_sdf(identification: Identification, *, nearest: bool = False) -> Exported
     """
     check_is_tree(identification, "SDF")
     links = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest, rotors_in_links=True)
-    robot = links.robot
-    notes = (*_write_notes(links), *links.notes)
+    robot, names = links.robot, _Names.from_robot(links.robot)
+    notes = (*_write_notes(links, names), *links.notes)
     lines = [f"Identified model, {describe_origin()}.", *describe_identification(identification), SIGNS, *notes]
     comment = "\n".join(f"  {escape_xml_comment(line)}" for line in lines)
-    # Names of links and joints are in one namespace: a link that is called like a joint gets another name.
-    names = [name if name not in robot.joint_names else f"{name}_link" for name in name_links(robot)]
     parts = "\n".join(
         f"    {line}" for j, joint in enumerate(robot.joints) for line in _write_link_and_joint(links, j, joint, names)
     )
     text = (
         f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n'
         f'<sdf version="{_VERSION}" xmlns:drake="{DRAKE_NAMESPACE}">\n'
-        f"  <model name={quoteattr(replace_unprintable(robot.name) or 'robot')}>\n"
-        f'    <link name="{_BASE}"/>\n'
-        f'    <joint name="{_BASE}_mount" type="fixed"><parent>world</parent><child>{_BASE}</child></joint>\n'
+        f"  <model name={quoteattr(names.model)}>\n"
+        f'    <link name="{names.base}"/>\n'
+        f'    <joint name="{names.mount}" type="fixed"><parent>world</parent><child>{names.base}</child></joint>\n'
         f"{parts}\n  </model>\n</sdf>\n"
     )
     return ExportedFile(
@@ -79,8 +80,43 @@ def to_sdf(identification: Identification, *, nearest: bool = False) -> Exported
     )
 
 
-def _write_notes(links: FeasibleLinks) -> list[str]:
-    notes = [f"Drake has no Coulomb friction of joints. {links.describe_loss('<friction>', 'dry')}"]
+@dataclass(frozen=True)
+class _Names:
+    """Names in the file: unique, since links and joints share a namespace, and such as the format allows."""
+
+    model: str
+    joints: tuple[str, ...]
+    links: tuple[str, ...]
+    base: str
+    mount: str
+
+    @classmethod
+    def from_robot(cls, robot: Robot) -> _Names:
+        """Return the names of a robot; joints keep theirs where the format allows them."""
+        [model] = _make_names([robot.name or "robot"])
+        first = [*robot.joint_names, _BASE, f"{_BASE}_mount", *name_links(robot)]
+        names, n = _make_names(first), robot.n
+        return cls(model, tuple(names[:n]), tuple(names[n + 2 :]), *names[n : n + 2])
+
+
+def _make_names(names: Sequence[str]) -> list[str]:
+    """Return unique names without blanks at the ends, without `::`, and other than SDF's own: world, __model__."""
+    unique: list[str] = []
+    for name in names:
+        plain = re.sub(":{2,}", "_", replace_unprintable(name).strip())
+        if plain.startswith("__") and plain.endswith("__"):
+            plain = plain.strip("_")
+        plain = plain or "_"
+        while plain in (*unique, "world"):
+            plain += "_"
+        unique.append(plain)
+    return unique
+
+
+def _write_notes(links: FeasibleLinks, names: _Names) -> list[str]:
+    renamed = [f"{old} is {new}" for old, new in zip(links.robot.joint_names, names.joints, strict=True) if old != new]
+    notes = [f"SDF does not allow the names of some joints: {', '.join(renamed)}."] if renamed else []
+    notes += [f"Drake has no Coulomb friction of joints. {links.describe_loss('<friction>', 'dry')}"]
     if np.any(links.standard.rotors > 0):
         notes += [
             "SDF has no rotor inertia. It is in <drake:rotor_inertia>, unless the link has it already.",
@@ -92,8 +128,8 @@ def _write_notes(links: FeasibleLinks) -> list[str]:
     return notes
 
 
-def _write_link_and_joint(links: FeasibleLinks, j: int, joint: Joint, names: list[str]) -> Iterator[str]:
-    parent = _BASE if joint.parent < 0 else names[joint.parent]
+def _write_link_and_joint(links: FeasibleLinks, j: int, joint: Joint, names: _Names) -> Iterator[str]:
+    parent, link, own = names.base if joint.parent < 0 else names.links[joint.parent], names.links[j], names.joints[j]
     if links.standard.inertias[j, 9] <= 0:
         raise DynidentError(
             f"the model has no mass on {joint.name}, and an SDF needs one; choose rigid_body on all joints, or export "
@@ -101,12 +137,12 @@ def _write_link_and_joint(links: FeasibleLinks, j: int, joint: Joint, names: lis
             pointer="/format",
             title="Not expressible in SDF",
         )
-    yield f"<link name={quoteattr(names[j])}>"
-    yield f"  <pose relative_to={quoteattr(joint.name)}>0 0 0 0 0 0</pose>"
+    yield f"<link name={quoteattr(link)}>"
+    yield f"  <pose relative_to={quoteattr(own)}>0 0 0 0 0 0</pose>"
     yield f"  {_write_inertial(links.standard.inertias[j])}"
     yield "</link>"
-    yield f"<joint name={quoteattr(joint.name)} type={quoteattr(joint.kind)}>"
-    yield f"  <parent>{escape(parent)}</parent><child>{escape(names[j])}</child>"
+    yield f"<joint name={quoteattr(own)} type={quoteattr(joint.kind)}>"
+    yield f"  <parent>{escape(parent)}</parent><child>{escape(link)}</child>"
     rotation = pin.rpy.matrixToRpy(joint.placement[:3, :3])
     place = format_numbers(*joint.placement[:3, 3], *rotation)
     yield f"  <pose relative_to={quoteattr(parent)}>{place}</pose>"

@@ -59,7 +59,7 @@ def measure_disturbance(
     Raises
     ------
     DynidentError
-        As `build_distribution` does, or where no row of a recording is left after filtering.
+        As `build_distribution` does, where no row of a recording is left after filtering, or no segment lasts 1 s.
     """
     # The residual of what draws consist of, which lacks the model's other effects.
     projected = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest).projected
@@ -87,6 +87,10 @@ def _compute_block_variance(comparisons: Sequence[Comparison], length: float) ->
             count = len(t) // per_block
             blocks = residual[: count * per_block].reshape(count, per_block, residual.shape[1])
             squares.append(blocks.mean(axis=1) ** 2)
+    if not sum(map(len, squares)):
+        raise DynidentError(
+            f"no segment of the recordings is {length:g} s long", pointer="recordings", title="Too short"
+        )
     return np.asarray(np.concatenate(squares).mean(axis=0))
 
 
@@ -100,7 +104,7 @@ def compute_drift_coverage(
     nearest: bool = False,
     progress: Progress = ignore_progress,
 ) -> FloatArray:
-    """Return how often (h, n) the central 90 % of simulated drift contain the recorded one.
+    """Return how often (h, n) the central 90 % of simulated drift contain the recorded one; NaN where none is as long.
 
     Drawn models with a drawn disturbance start from recorded states and move under the recorded torque, as in
     `validation.compute_open_loop_drift`.
@@ -124,7 +128,8 @@ def compute_drift_coverage(
     ratios = _simulate_drift(distribution, links, recordings, horizons, progress)
     missing = np.isnan(ratios)
     inside = np.where(missing, 0.0, ratios <= NORMAL_90).sum(axis=0)
-    return np.asarray(inside / np.maximum((~missing).sum(axis=0), 1))
+    count = (~missing).sum(axis=0)
+    return np.asarray(np.where(count > 0, inside / np.maximum(count, 1), np.nan))
 
 
 def _simulate_drift(

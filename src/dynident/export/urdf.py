@@ -160,7 +160,8 @@ class _EditedUrdf:
         transmissions = [
             element
             for element in self._list_children(self._root, "transmission")
-            if any(child.getAttribute("name") == joint for child in self._list_children(element, "joint"))
+            # One of several joints, as in a differential wrist, has no rotor of its own there, and Drake ignores it.
+            if [child.getAttribute("name") for child in self._list_children(element, "joint")] == [joint]
         ]
         actuators = [actuator for element in transmissions for actuator in self._list_children(element, "actuator")]
         for actuator in actuators:

@@ -29,6 +29,8 @@ STEEPEST = 75.0 * pi / 180.0
 """Pitch of the base (rad) from which on rows are left out: the rates of yaw and roll are four times the angular
 velocity there, and so is their noise."""
 
+_MIXED = 1e-9
+"""Share of a joint's torque in the projected equations of others from which on they count as mixed."""
 _ANGLES = ("base_yaw", "base_pitch", "base_roll")
 POSITION = ("base_x", "base_y", "base_z")
 QUATERNION = ("base_qx", "base_qy", "base_qz", "base_qw")
@@ -244,7 +246,9 @@ def find_reactions(names: Sequence[str], joints: RecordedJoints, metadata: Recor
         return ()
     reactions = []
     for link in joints.links:
-        names_of_link = ("base", link) if link == joints.links[0] else (link,)
+        # The root link is called base, too: once, and unless another link has that name.
+        is_base = link == joints.links[0] and "base" not in joints.links
+        names_of_link = ("base", link) if is_base else (link,)
         for in_world in (False, True):
             for name in names_of_link:
                 ours = [f"{'world_' if in_world else ''}{name}_{component}" for component in COMPONENTS]
@@ -318,8 +322,24 @@ class ReactionSource:
                 wrench = rows.values[:, width + 6 * k : width + 6 * k + 6]
                 values[:, tau] += project(reaction.link, values[:, q], wrench, reaction.in_world)
             if without_contacts is not None:
+                self._check_torques(layout, values[:, q])
                 values[:, tau] = without_contacts(values[:, q], values[:, tau])
             yield rows._replace(values=values)
+
+    def _check_torques(self, layout: Layout, q: FloatArray) -> None:
+        """Refuse joints without a torque between contacts and the base: the projection needs the torques of all."""
+        project = self._joints.project_contacts
+        for joint in layout.without_torque:
+            alone = np.zeros((len(q), self._joints.n))
+            alone[:, joint] = 1.0
+            if project is not None and (np.abs(project(q, alone) - alone) > _MIXED).any():
+                raise RecordingError(
+                    f"There is no torque of {self._joints.names[joint]}, but it holds the robot on its contacts: "
+                    "unknown forces there are eliminated by the torques of all joints that move these links. Give the "
+                    "torque, or the wrenches on the links in place of contacts.",
+                    pointer=f"/columns/tau{joint + 1 - self._joints.n_base}",
+                    title="Missing column",
+                )
 
 
 def report_base(joints: RecordedJoints, reactions: Sequence[Reaction]) -> tuple[Check, ...]:
@@ -336,6 +356,12 @@ def report_base(joints: RecordedJoints, reactions: Sequence[Reaction]) -> tuple[
         )
         return (Check("base_forces", "ok", detail),)
     parts = (f"{reaction.link} ({'world' if reaction.in_world else 'link'} frame)" for reaction in reactions)
-    return (
-        Check("base_forces", "ok", f"The surroundings act on {', '.join(parts)}, as measured, and on nothing else."),
-    )
+    sentence = f"The surroundings act on {', '.join(parts)}, as measured, and on nothing else."
+    links = [reaction.link for reaction in reactions]
+    twice = sorted({link for link in links if links.count(link) > 1})
+    if twice:
+        sentence += (
+            f" The file has several wrenches on {', '.join(twice)}, and their sum is taken: if they are the same one, "
+            "such as in another frame, leave it out."
+        )
+    return (Check("base_forces", "warning" if twice else "ok", sentence),)

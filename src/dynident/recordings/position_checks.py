@@ -5,6 +5,7 @@ Holds their thresholds, such as the fewest encoder steps (100).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import pi
 
 import numpy as np
@@ -219,6 +220,8 @@ def _check_position_unit(
     # Not the maximum: a single corrupted sample would make any joint too fast.
     fastest = np.percentile(np.abs(speed[inner]), 99.0, axis=0) if inner.any() else np.zeros(recording.n)
     doubtful: Check | None = None
+    # A base walks, drives and turns as far as it likes: only its speed tells the unit.
+    roaming = [k for k in range(layout.n_base) if recording.joint_names[k] not in ("base_pitch", "base_roll")]
     for joint, limit in enumerate(limits):
         column = layout.q[joint].source
         row = int(np.abs(positions.q[:, joint]).argmax())
@@ -238,12 +241,12 @@ def _check_position_unit(
                 *where,
                 remedies=(remedy,),
             )
-        if has_other_unit(limit, low, high, rate, small):
+        if has_other_unit(limit, low, high, rate, small, roams=joint in roaming):
             # Of whole numbers a unit that fits is not enough to be taken unasked.
             counts = limit.kind == "revolute" and bool(
                 (positions.q[:, joint] == np.rint(positions.q[:, joint])).mean() > WHOLE
             )
-            same, unclear = _split_by_unit(positions, limits, limit, fastest, small)
+            same, unclear = _split_by_unit(positions, limits, limit, fastest, small, roaming)
             keys = {k: _name_unit(k, layout, recording) for k in same}
             same_kind = _unit_of_same_kind("q", unit, limit, limits[layout.n_base :])
             if joint < layout.n_base:
@@ -298,6 +301,7 @@ def _split_by_unit(
     limit: JointLimits,
     fastest: FloatArray,
     small: float,
+    roaming: Sequence[int],
 ) -> tuple[list[int], list[int]]:
     """Return the joints of one kind that are in the smaller unit, and those that make sense in either."""
     same, unclear = [], []
@@ -305,7 +309,7 @@ def _split_by_unit(
         low, high = float(positions.low[joint]), float(positions.high[joint])
         if other.kind != limit.kind:
             continue
-        if has_other_unit(other, low, high, float(fastest[joint]), small):
+        if has_other_unit(other, low, high, float(fastest[joint]), small, roams=joint in roaming):
             same.append(joint)
         elif other.kind == "revolute" and high - low > SURELY_MOVED and max(abs(low), abs(high)) < 2.0 * pi:
             unclear.append(joint)
@@ -323,7 +327,9 @@ def _unit_of_same_kind(kind: str, unit: str, limit: JointLimits, limits: tuple[J
     return {f"{kind}{k + 1}": unit for k, other in enumerate(limits) if other.kind == limit.kind}
 
 
-def has_other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
+def has_other_unit(
+    limit: JointLimits, low: float, high: float, rate: float, small: float, *, roams: bool = False
+) -> bool:
     """Return whether a position makes sense in degrees (millimetres), and none in radians (metres).
 
     Parameters
@@ -336,6 +342,8 @@ def has_other_unit(limit: JointLimits, low: float, high: float, rate: float, sma
         Speed that the position reaches, in its unit per second.
     small : float
         Radians in a degree, or metres in a millimetre.
+    roams : bool
+        Whether any position makes sense, and only the speed tells.
 
     Returns
     -------
@@ -353,7 +361,7 @@ def has_other_unit(limit: JointLimits, low: float, high: float, rate: float, sma
     # Without limits: a speed that no joint has, or a range of several turns (of 20 m) that is really moved through.
     fastest = 3.0 * limit.velocity if limit.velocity is not None else (FASTEST if limit.kind == "revolute" else 20.0)
     widest = 8.0 * pi if limit.kind == "revolute" else 20.0
-    return rate > fastest or (max(abs(low), abs(high)) > widest and high - low > widest)
+    return rate > fastest or (not roams and max(abs(low), abs(high)) > widest and high - low > widest)
 
 
 def _is_counted(limit: JointLimits, low: float, high: float) -> bool:

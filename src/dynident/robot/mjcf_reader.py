@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 # MuJoCo's numbers: of kinds of equalities, and of a site, a joint in a tendon's path and a transmission by a tendon.
 _CONNECT, _WELD, _JOINT, _TENDON = 0, 1, 2, 3
 _FREE = 0
+# Cosine of the angle between the vertical and the z axis of a body that stands upright; quaternions are rounded.
+_UPRIGHT = 1.0 - 1e-6
 _SITE, _WRAPPED_JOINT, _THROUGH_TENDON = 6, 1, 3
 
 
@@ -356,6 +358,12 @@ def _build_tree(compiled: mujoco.MjModel, name: str, kind: BaseKind, pointer: st
         joint, before = carried[compiled.body_parentid[body]]
         place = before * _to_placement(compiled.body_pos[body], compiled.body_quat[body])
         if body == root:
+            if kind == "planar" and place.rotation[2, 2] < _UPRIGHT:
+                raise make_mjcf_error(
+                    f"Body '{compiled.body(root).name}' is tilted, but the z axis of a planar base is vertical.",
+                    None,
+                    pointer,
+                )
             # The frame of the base is that of its body, wherever the file puts it at the start.
             joint, place = carrier, pin.SE3.Identity()
         for j in range(compiled.body_jntadr[body], compiled.body_jntadr[body] + compiled.body_jntnum[body]):

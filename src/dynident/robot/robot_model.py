@@ -191,6 +191,21 @@ class Robot:
                 title="Not for a base that moves",
             )
 
+    def require_no_contacts(self, purpose: str) -> None:
+        """Raise where contacts are eliminated: the whole torque, and `purpose` with it, is not known then.
+
+        Raises
+        ------
+        DynidentError
+        """
+        if self.contacts:
+            raise DynidentError(
+                f"{self.name} has contacts, whose unknown forces are eliminated. Nothing is known of the mass of a "
+                f"link that stands, so that there is no {purpose}; JSON and predictions have the projected torque.",
+                pointer="/robot",
+                title="Not with contacts",
+            )
+
     @property
     def n_massless(self) -> int:
         """Number of leading joints that carry no link: all coordinates of the base but its last one."""

@@ -152,8 +152,14 @@ def build_equation_of_motion(estimate: Estimate) -> EquationOfMotion:
     -------
     EquationOfMotion
         The terms, as expressions.
+
+    Raises
+    ------
+    DynidentError
+        For a robot with contacts, whose projected equations are none of its own motion.
     """
     model = estimate.model
+    model.robot.require_no_contacts("equation of its motion")
     robot, signals, observation = model.robot, model.signals, model.observation
     n = robot.n
     base, payload = ca.SX.sym("base", len(observation.columns)), ca.SX.sym("payload", _TEN)

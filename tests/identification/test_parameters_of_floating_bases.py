@@ -105,6 +105,13 @@ def test_unknown_forces_of_the_ground_are_eliminated(tmp_path: Path) -> None:
         assert rows[f"Fc{7 + k}"].value == pytest.approx(COULOMB[k], rel=0.03)
         assert rows[f"Ia{7 + k}"].value == pytest.approx(ROTOR[k], rel=0.05)
     assert all(row.held_out < 0.02 for row in model.errors)
+    # What is left without the projection lacks the link that stands: it is no torque of any robot.
+    rest = np.zeros(robot.n)
+    with pytest.raises(DynidentError, match="Nothing is known of the mass of a link that stands"):
+        model.mass_matrix(rest)
+    with pytest.raises(DynidentError, match="Nothing is known of the mass of a link that stands"):
+        model.export(tmp_path / "walker.c")
+    model.export(tmp_path / "walker.json")
     with pytest.raises(DynidentError, match="walker has contacts, whose unknown forces are eliminated"):
         dy.identify(robot, recordings[:2], choices=dy.IdentificationChoices(model="power"))
 
