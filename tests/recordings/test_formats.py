@@ -243,6 +243,13 @@ def test_lines_with_labelled_numbers_behind_the_level_of_a_log_are_a_table(tmp_p
     assert (list(sample.names), len(sample.values)) == (["t", "q1", "tau1"], 200)
 
 
+def test_rows_of_numbers_below_names_with_values_are_a_table(tmp_path):
+    head = "Channel: A\nUnit: rad\nChannel: B\nUnit: Nm\n  t, q1, tau1\n"
+    rows = "".join(f"  {0.01 * k:.2f}, {k}, {2 * k}\n" for k in range(200))
+    sample = _write_and_read(tmp_path / "run.csv", head + rows)
+    assert (list(sample.names), sample.values.shape) == (["t", "q1", "tau1"], (200, 3))
+
+
 def test_printed_dictionaries_may_have_arrays_over_several_lines_with_whole_numbers(tmp_path):
     rows = np.linspace(-1.0, 1.0, 60)[:, None] * np.arange(12)
     records = [{"t": 0.01 * k, "arm1.q": np.round(row, 5), "tau": np.arange(3.0)} for k, row in enumerate(rows)]

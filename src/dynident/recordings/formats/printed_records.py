@@ -58,7 +58,8 @@ def find_printed_kind(content: TextContent) -> Kind | None:
         return None
     entries = [_ENTRY.match(line.removeprefix(_ITEM).lstrip() if is_list else line) for line in lines]
     names = [entry["name"] for entry in entries if entry is not None]
-    is_inside = [line[:1].isspace() or line.startswith("-") for line in lines]
+    # Rows of a table are no part of a record, however far they are indented: names stand above them.
+    is_inside = [(line[:1].isspace() or line.startswith("-")) and not _is_table_row(line) for line in lines]
     # All lines have this form, the first name comes again, and others stand between.
     is_printout = (
         all(entry or inside for entry, inside in zip(entries, is_inside, strict=True))
@@ -252,6 +253,11 @@ _NO_NUMBERS = {"nan": float("nan"), "inf": float("inf"), "-inf": float("-inf")}
 _BETWEEN = re.compile(r"[\s,;]+")
 _LONGEST_WHOLE = 20
 """Digits of a number that is read without rounding, as nanoseconds since 1970 need."""
+
+
+def _is_table_row(line: str) -> bool:
+    cells = _BETWEEN.split(line.strip())
+    return len(cells) > 1 and all(_NUMBER.match(cell) for cell in cells if cell)
 
 
 def _is_scalar(text: str) -> bool:
