@@ -361,9 +361,13 @@ def test_drive_gains_answer_what_numbers_called_torques_are(arm: str, seed: int,
     columns = given.columns(tau=given.tau / gains)
     (question,) = guess(given.robot, columns).questions
     assert question.field == "units/tau"
-    told = guess(set_drive_gains(given.robot, gains.tolist()), columns)
-    assert told.questions == ()
-    assert told.effort_kind == "motor_torque"
+    arm_with_gains = set_drive_gains(given.robot, gains.tolist())
+    # Without limits of effort, the size of the numbers alone would make them mA.
+    free = [replace(joint, limits=replace(joint.limits, effort=None)) for joint in arm_with_gains.joints]
+    for robot in (arm_with_gains, replace(arm_with_gains, joints=tuple(free))):
+        told = guess(robot, columns)
+        assert told.questions == ()
+        assert (told.effort_kind, told.units.get("current", "A")) == ("motor_torque", "A")
     assert [name for name in told.columns if name.startswith("current")] == [f"current{j + 1}" for j in range(6)]
 
 

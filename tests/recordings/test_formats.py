@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from support.recording_data import JOINTS, motion
 
-from dynident.recordings import RecordedJoints, RecordingError, RecordingMetadata, import_recording
+from dynident.identification.column_inference.file_inspection import read_sample
+from dynident.recordings import (
+    RecordedJoints,
+    RecordingError,
+    RecordingMetadata,
+    cells_without_numbers,
+    import_recording,
+)
 from dynident.recordings.formats import open_source
 from dynident.recordings.formats.multiple_files import JoinedFiles
 from dynident.text_encoding import decode_unmarked_text
@@ -215,3 +224,113 @@ def test_joined_files_are_named_without_folders_where_that_is_enough(tmp_path, n
 )
 def test_text_of_older_code_pages_is_decoded_by_its_words(text, encoding):
     assert decode_unmarked_text(text.encode(encoding)) == (text, encoding)
+
+
+def write_columns(path: Path, names: list[str], values: np.ndarray) -> Path:
+    np.savetxt(path, values, "%.9g", ",", header=",".join(names), comments="")
+    return path
+
+
+def _write_and_read(path, text: str):
+    path.write_text(text)
+    return read_sample(path)
+
+
+def test_lines_with_labelled_numbers_behind_the_level_of_a_log_are_a_table(tmp_path):
+    levels = ["WARN" if row % 50 == 7 else "INFO" for row in range(200)]
+    text = "".join(f"{level}: t={0.01 * row:.2f} q1={row} tau1={2 * row}\n" for row, level in enumerate(levels))
+    sample = _write_and_read(tmp_path / "run.log", text)
+    assert (list(sample.names), len(sample.values)) == (["t", "q1", "tau1"], 200)
+
+
+def test_rows_of_numbers_below_names_with_values_are_a_table(tmp_path):
+    head = "Channel: A\nUnit: rad\nChannel: B\nUnit: Nm\n  t, q1, tau1\n"
+    rows = "".join(f"  {0.01 * k:.2f}, {k}, {2 * k}\n" for k in range(200))
+    sample = _write_and_read(tmp_path / "run.csv", head + rows)
+    assert (list(sample.names), sample.values.shape) == (["t", "q1", "tau1"], (200, 3))
+
+
+def test_printed_dictionaries_may_have_arrays_over_several_lines_with_whole_numbers(tmp_path):
+    rows = np.linspace(-1.0, 1.0, 60)[:, None] * np.arange(12)
+    records = [{"t": 0.01 * k, "arm1.q": np.round(row, 5), "tau": np.arange(3.0)} for k, row in enumerate(rows)]
+    text = "".join(f"{record}\n" for record in records)
+    assert "\n  " in text
+    assert "0.," in text
+    sample = _write_and_read(tmp_path / "run.txt", text)
+    assert len(sample.values) == len(rows)
+    np.testing.assert_allclose(sample.values[:, sample.names.index("arm1.q12")], rows[:, 11], atol=1e-5)
+
+
+def test_a_bracket_within_a_text_opens_no_list(tmp_path):
+    text = "".join(
+        f"label: {'a[b' if k == 5 else 'ab'}\nt: {0.01 * k:.2f}\nq: [{k},\n  {2 * k}]\n---\n" for k in range(90)
+    )
+    sample = _write_and_read(tmp_path / "run.txt", text)
+    assert len(sample.values) == 90
+    assert {"t", "q1", "q2"} <= set(sample.names)
+
+
+@pytest.mark.parametrize("begin", [0.0, 3599.0], ids=["many", "within"])
+def test_minutes_and_seconds_go_on_with_hours(tmp_path, begin):
+    t = begin + 0.1 * np.arange(40_000)
+    stamps = [(f"{x // 3600:.0f}:{x % 3600 // 60:02.0f}" if x >= 3600 else f"{x // 60:.0f}") for x in t]
+    rows = [f"{stamp}:{x % 60:04.1f},{k}\n" for k, (stamp, x) in enumerate(zip(stamps, np.round(t, 1), strict=True))]
+    sample = _write_and_read(tmp_path / "run.csv", "time,q1\n" + "".join(rows))
+    source = open_source(tmp_path / "run.csv", None)
+    read = np.concatenate([np.asarray(batch.column(0)) for batch in source.batches(["time"])])
+    assert sample.names[0] == "time"
+    np.testing.assert_allclose(read, t, atol=1e-6)
+
+
+def test_rows_without_names_may_have_a_date_and_a_time_of_day_between_commas(tmp_path):
+    text = "".join(f"2025-05-06 10:20:{0.01 * k:06.3f},{k},{2 * k}\n" for k in range(300))
+    sample = _write_and_read(tmp_path / "run.csv", text)
+    assert sample.values.shape == (300, 3)
+    np.testing.assert_allclose(np.diff(sample.values[:, 0]), 0.01, atol=1e-6)
+
+
+def test_files_are_of_different_clocks_only_if_all_of_their_rows_are(tmp_path):
+    t, slow = 0.001 * np.arange(150_000), np.arange(1000.0)
+    waves = np.sin(np.outer(t, np.arange(1, 30)))
+    robot = write_columns(tmp_path / "robot.csv", ["t", *(f"q{k}" for k in range(1, 30))], np.column_stack([t, waves]))
+    files = {
+        "temperature.csv": np.column_stack([slow, 20.0 + slow]),
+        "later.csv": np.column_stack([t[::10] + 140.0, waves[::10, :1]]),
+        "milliseconds.csv": np.column_stack([1e3 * t, waves[:, :1]]),
+    }
+    for name, values in files.items():
+        other = write_columns(tmp_path / name, ["t", "own"], values)
+        joined = Path(f"{robot}+{other}")
+        if name == "milliseconds.csv":
+            with pytest.raises(RecordingError, match="different units"):
+                open_source(joined, None)
+        else:
+            assert "own" in open_source(joined, None).names
+
+
+def test_columns_beside_names_of_joints_are_read_once(tmp_path, monkeypatch):
+    calls = []
+    find = cells_without_numbers._find_running_columns
+    monkeypatch.setattr(
+        cells_without_numbers, "_find_running_columns", lambda *given: calls.append(given) or find(*given)
+    )
+    rows = "".join(f"{0.01 * (k // 2)},{'ab'[k % 2]},{k % 7},{k % 5},{k % 3}\n" for k in range(400))
+    sample = _write_and_read(tmp_path / "run.csv", "t,joint_name,position,velocity,effort\n" + rows)
+    assert "position_a" in sample.names
+    assert len(calls) <= 2
+
+
+def test_structures_with_one_label_do_not_take_the_place_of_each_other_or_of_a_variable(tmp_path):
+    scipy_io = pytest.importorskip("scipy.io")
+    t = 0.01 * np.arange(200)
+    values = {name: np.full((200, 1), float(k)) for k, name in enumerate(("q", "wanted", "left", "right", "tau"))}
+
+    def signal(label: str, name: str) -> dict:
+        return {"label": label, "values": values[name]}
+
+    scopes = {"A": signal("arm", "left"), "B": signal("arm", "right"), "C": signal("tau", "tau")}
+    scipy_io.savemat(tmp_path / "run.mat", {"t": t[:, None], "q": values["q"], "D": signal("q", "wanted"), **scopes})
+    source = open_source(tmp_path / "run.mat", None)
+    (batch,) = source.batches(list(source.names))
+    read = {name: batch.column(k)[0].as_py() for k, name in enumerate(source.names)}
+    assert read == {"t": 0.0, "q": 0.0, "D.values": 1.0, "A.values": 2.0, "B.values": 3.0, "tau": 4.0}

@@ -366,7 +366,8 @@ def _find_joint_rows(source: FileSource, texts: Mapping[str, Sequence[str]]) -> 
             for other in source.names
             if other not in (name, *source.texts) and not is_time_name(other) and not _OF_ROWS.search(other)
         ]
-        others = [other for other in others if other not in _find_running_columns(source, others)]
+        running = _find_running_columns(source, others)
+        others = [other for other in others if other not in running]
         # A row for each value has its number in one column; of several nobody knows which it is.
         if others and (is_of_joints or len(others) == 1):
             return [_NamedTable((name,), joints, {other: (other,) for other in others})]

@@ -359,11 +359,12 @@ def _format_name(field: str) -> str:
 
 def _is_data(text: str) -> bool:
     """Return whether a line holds numbers, and nothing else but dates and times of day."""
-    for delimiter in ";\t| ,":
-        fields = [cell for cell in _split_fields(text, delimiter) if cell and not _WRITTEN_TIME.match(cell)]
-        if fields and all(map(_NUMBER.match, fields)):
-            return True
-    return False
+    return any(_is_row(text, delimiter) for delimiter in ";\t| ,")
+
+
+def _is_row(text: str, delimiter: str) -> bool:
+    fields = [cell for cell in _split_fields(text, delimiter) if cell and not _WRITTEN_TIME.match(cell)]
+    return bool(fields) and all(map(_NUMBER.match, fields))
 
 
 def _is_counted(fields: Sequence[str]) -> bool:
@@ -423,11 +424,11 @@ def _is_aligned(lines: list[str]) -> bool:
 def _detect_number_format(lines: list[str]) -> tuple[str, bool]:
     """Return separator and decimal comma of a file of numbers alone."""
     text = lines[0]
-    # Separators that no number contains come first. A space is one only without commas behind cells; else the comma is.
+    # Separators that no number contains come first. A space is one only where it does more than end a comma, or a date.
     for delimiter in ";\t|":
         if delimiter in text:
             return delimiter, "," in text
-    if " " in text.strip() and ", " not in text:
+    if " " in text.strip() and ", " not in text and (_is_row(text, " ") or not _is_row(text, ",")):
         return " ", "," in text
     return ",", False
 

@@ -197,8 +197,9 @@ _COMPACT = (
     r"^\s*(\d{4})-?(\d{2})-?(\d{2})[T _-](\d{2})[-.h]?(\d{2})[-.m]?(\d{2})s?(?:[-.,:](\d+))?(Z|[+-]\d{2}:?\d{2})?\s*$"
 )
 """20250506T102030.005, 2025-05-06_10-20-30-005."""
-_MINUTES = r"^\s*(?P<minutes>\d{1,3}):(?P<seconds>[0-5]\d[.,]\d+)\s*$"
-"""12:05.250: a fraction stands behind seconds alone."""
+_MINUTES = r"^\s*(?P<minutes>\d{1,3}):(?P<seconds>[0-5]\d(?:[.,]\d+)?)\s*$"
+_TENTHS = r"^\s*\d{1,3}:[0-5]\d[.,]\d+\s*$"
+"""12:05.250: a fraction stands behind seconds alone, so 12:05 beside it is no time of day; 1:02:05.250 may follow."""
 _DURATION = r"^\s*(?P<value>[+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?P<unit>seconds|second|secs|sec|s|ms|us|ns|min)\s*$"
 """0.005 sec, as MATLAB writes the times of a timetable."""
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
@@ -214,15 +215,22 @@ def is_time_name(name: str) -> bool:
 def are_times(cells: Sequence[str]) -> bool:
     """Return whether all cells that are not empty are times."""
     filled = [cell for cell in cells if cell]
-    forms = (_CLOCK, _DURATION, _COMPACT, _MINUTES)
-    return bool(filled) and any(all(re.match(form, cell) for cell in filled) for form in forms)
+    forms: list[tuple[str, ...]] = [(_CLOCK,), (_DURATION,), (_COMPACT,)]
+    if any(re.match(_TENTHS, cell) for cell in filled):
+        forms = [(_MINUTES, _CLOCK)]
+    return bool(filled) and any(
+        all(any(re.match(form, cell) for form in together) for cell in filled) for together in forms
+    )
 
 
 def parse_seconds(column: pa.Array) -> pa.Array:
     """Return written times as float64: seconds, from 1970 if there is a date; what is no time is missing."""
-    short = pc.extract_regex(column, _MINUTES)
-    if short.null_count < len(short):
-        return from_numbers(60.0 * _parse_numbers(short, "minutes", np.nan) + _parse_numbers(short, "seconds", np.nan))
+    if pc.any(pc.match_substring_regex(column, _TENTHS)).as_py():
+        short = pc.extract_regex(column, _MINUTES)
+        seconds = 60.0 * _parse_numbers(short, "minutes", np.nan) + _parse_numbers(short, "seconds", np.nan)
+        # From the first hour on there are three parts.
+        longer = parse_seconds(pc.if_else(pc.is_valid(short), pa.scalar(None, column.type), column))
+        return from_numbers(np.where(np.isnan(seconds), to_floats(longer), seconds))
     clock = pc.extract_regex(pc.replace_substring_regex(column, _COMPACT, r"\1-\2-\3 \4:\5:\6.\70\8"), _CLOCK)
     # No cell is a time of day: they may be durations with a unit.
     if clock.null_count == len(clock):

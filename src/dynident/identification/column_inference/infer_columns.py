@@ -444,6 +444,9 @@ class _ColumnInference(WorkingProposal):
         unit_note = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
         self.add_guess("effort_kind", kind, by_data.confidence, f"{by_data.reason}{unit_note}")
         signal, kind, effort = self.assign_efforts(effort, kind, by_data.reason, known_gains=None not in gains)
+        if signal == "current" and named == "tau":
+            # Their size was compared as it is: no other unit of currents goes with the drive gains.
+            current = of_units.UnitGuess("A", by_data.confidence, by_data.reason)
         if effort.unit not in ("permille", "percent"):
             self.take_effort_unit(signal, torque if signal == "tau" else current, effort)
         in_si = signal == "tau" or None not in gains

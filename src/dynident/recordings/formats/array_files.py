@@ -188,12 +188,14 @@ _SLOWEST, _FASTEST = 1.0, 1e5
 class StoredArray:
     """One array of a file: its name, its shape (one or two axes), and the function that reads a part of it.
 
-    `read(first, last, axis)` takes the axis that the rows run along, and returns (rows, width) or (rows,).
+    `read(first, last, axis)` takes the axis that the rows run along, and returns (rows, width) or (rows,). `label` is
+    what the file says that the array is called, if it does.
     """
 
     name: str
     shape: tuple[int, ...]
     read: Callable[[int, int, int], FloatArray]
+    label: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
@@ -65,11 +66,17 @@ def open_matlab(path: Path) -> ArrayFileSource:
         For a file that cannot be read.
     """
     try:
-        return ArrayFileSource(list(_read_arrays(path.open("rb"))))
+        return ArrayFileSource(_name_by_labels(list(_read_arrays(path.open("rb")))))
     except RecordingError:
         raise
     except (ValueError, OSError, zlib.error) as error:
         raise RecordingError(f"The file cannot be read as MAT: {error}", title=TITLE) from error
+
+
+def _name_by_labels(arrays: Sequence[StoredArray]) -> list[StoredArray]:
+    """Return the arrays by their labels; of several that are called alike, each keeps the name of its place."""
+    called = Counter(name for array in arrays for name in {array.name, array.label or array.name})
+    return [replace(array, name=array.label) if called[array.label] == 1 else array for array in arrays]
 
 
 def _read_arrays(file: IO[bytes]) -> Iterator[StoredArray]:
@@ -215,7 +222,6 @@ class _MatrixReader:
             text[first : first + width].split(b"\0")[0].decode("latin-1") for first in range(0, names.size, width)
         ]
         at = names.following
-        labels: set[str] = set()
         for number in range(1, count + 1):
             elements: dict[str, _Element] = {}
             for field in fields:
@@ -223,11 +229,12 @@ class _MatrixReader:
                 at = elements[field].following
             whole = name if count == 1 else f"{name}{number}"
             label = next(filter(None, (self._read_text(elements[field]) for field in fields if field in _LABELS)), "")
-            is_known = bool(label) and label not in labels
-            labels.add(label)
             for field, element in elements.items():
-                own = label if is_known and field in _VALUES else f"{whole}.{field}"
-                yield from self.read_matrix(element, own, depth)
+                own = f"{whole}.{field}"
+                for array in self.read_matrix(element, own, depth):
+                    # What stands deeper keeps its own label, or none.
+                    is_labelled = bool(label) and array.name == own and field in _VALUES
+                    yield replace(array, label=label) if is_labelled else array
 
     def _read_text(self, element: _Element) -> str:
         """Return the text of a matrix of characters; "" where it is none, or a long one."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path, PurePosixPath
 from typing import IO
@@ -270,26 +270,41 @@ _APART = 100.0
 
 def _check_clocks(parts: Sequence[_FilePart]) -> None:
     """Refuse files whose times do not belong together: one since 1970, the other since its own start; ms beside s."""
-    for first, second in combinations(parts, 2):
-        (begin, end), (other_begin, other_end) = first.span, second.span
-        longest = max(end - begin, other_end - other_begin)
-        gap = max(begin - other_end, other_begin - end)
-        if longest > 0.0 and gap > _APART * longest:
-            raise RecordingError(
-                f"{first.name} begins at {begin:.10g} and {second.name} at {other_begin:.10g}: their clocks differ, so "
-                "they cannot be joined by time. Write both with one clock, subtracting from each the time at which the "
-                "recording began; or leave the time out of one, if their rows belong together one by one.",
-                title="Different clocks",
-            )
-        shortest = min(end - begin, other_end - other_begin)
-        ratio = longest / shortest if shortest > 0.0 else 1.0
-        steps = max(first.step, second.step) / max(min(first.step, second.step), 1e-300)
-        if ratio > _OTHER_UNIT and steps > _OTHER_UNIT:
-            raise RecordingError(
-                f"{first.name} is {end - begin:.4g} long by its time, and {second.name} {other_end - other_begin:.4g}: "
-                "their times seem to be in different units, such as s and ms. Write both in s.",
-                title="Different clocks",
-            )
+    for pair in combinations(parts, 2):
+        # The first block of a file with many columns is short: what its times seem by that is confirmed by all rows.
+        if _find_clash(*pair) and (clash := _find_clash(*map(_measure_whole_span, pair))):
+            raise RecordingError(clash, title="Different clocks")
+
+
+def _find_clash(first: _FilePart, second: _FilePart) -> str | None:
+    """Return why the times of two files do not belong together, by their spans; None where they may."""
+    (begin, end), (other_begin, other_end) = first.span, second.span
+    longest = max(end - begin, other_end - other_begin)
+    gap = max(begin - other_end, other_begin - end)
+    if longest > 0.0 and gap > _APART * longest:
+        return (
+            f"{first.name} begins at {begin:.10g} and {second.name} at {other_begin:.10g}: their clocks differ, so "
+            "they cannot be joined by time. Write both with one clock, subtracting from each the time at which the "
+            "recording began; or leave the time out of one, if their rows belong together one by one."
+        )
+    shortest = min(end - begin, other_end - other_begin)
+    ratio = longest / shortest if shortest > 0.0 else 1.0
+    steps = max(first.step, second.step) / max(min(first.step, second.step), 1e-300)
+    if ratio > _OTHER_UNIT and steps > _OTHER_UNIT:
+        return (
+            f"{first.name} is {end - begin:.4g} long by its time, and {second.name} {other_end - other_begin:.4g}: "
+            "their times seem to be in different units, such as s and ms. Write both in s."
+        )
+    return None
+
+
+def _measure_whole_span(part: _FilePart) -> _FilePart:
+    """Return the file with the first and the last time of all of its rows."""
+    begin, end = part.span
+    for t, _ in part.read_blocks(()):
+        known = t[np.isfinite(t)]
+        begin, end = min(begin, known.min(initial=begin)), max(end, known.max(initial=end))
+    return replace(part, span=(float(begin), float(end)))
 
 
 _OTHER_UNIT = 500.0

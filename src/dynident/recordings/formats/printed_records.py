@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import IO, Literal
 
 from dynident.recordings.file_size_limits import DEEPEST, LARGEST_MESSAGE, TITLE
-from dynident.recordings.formats.text_streams import ProducedStream, TextContent
+from dynident.recordings.formats.text_streams import ProducedStream, TextContent, has_labelled_numbers
 from dynident.recordings.recording_metadata import RecordingError
 
 Kind = Literal["python", "messages", "items"]
@@ -43,8 +43,11 @@ def find_printed_kind(content: TextContent) -> Kind | None:
     if _PYTHON.match(text):
         return "python"
     # The last line may be cut off.
-    lines = list(_join_brackets(iter(text.splitlines()[:-1])))
-    lines = [line.rstrip() for line in lines if line.strip()]
+    whole = text.splitlines()[:-1]
+    # A table whose numbers have words before them may begin with the level of the log: INFO: t=0.1 q=0.2.
+    if has_labelled_numbers(whole):
+        return None
+    lines = [line.rstrip() for line in _join_brackets(iter(whole)) if line.strip()]
     if lines and lines[0].startswith(_SEPARATOR):
         lines = lines[1:]
     if not lines:
@@ -55,7 +58,8 @@ def find_printed_kind(content: TextContent) -> Kind | None:
         return None
     entries = [_ENTRY.match(line.removeprefix(_ITEM).lstrip() if is_list else line) for line in lines]
     names = [entry["name"] for entry in entries if entry is not None]
-    is_inside = [line[:1].isspace() or line.startswith("-") for line in lines]
+    # Rows of a table are no part of a record, however far they are indented: names stand above them.
+    is_inside = [(line[:1].isspace() or line.startswith("-")) and not _is_table_row(line) for line in lines]
     # All lines have this form, the first name comes again, and others stand between.
     is_printout = (
         all(entry or inside for entry, inside in zip(entries, is_inside, strict=True))
@@ -85,7 +89,9 @@ class _JsonLines(ProducedStream):
         super().__init__()
         self._file: IO[bytes] = content.open()
         lines = _read_lines(io.TextIOWrapper(self._file, encoding="utf-8-sig", errors="replace"))
-        self._records = map(_rewrite_python, lines) if kind == "python" else _rewrite_entries(lines, kind)
+        self._records = (
+            map(_rewrite_python, _join_dictionaries(lines)) if kind == "python" else _rewrite_entries(lines, kind)
+        )
         self._waiting = bytearray()
 
     def read_part(self, size: int) -> bytes:
@@ -115,12 +121,27 @@ _CALL = re.compile(r"\b(?:np\.|numpy\.)?(?:array|float\d*|int\d*|bool_?)\(([^()]
 _WORDS = {"None": "null", "True": "true", "False": "false", "nan": "NaN", "inf": "Infinity"}
 _WORD = re.compile(r"(?<![\w'\"])(?:None|True|False|nan|inf)(?![\w'\"])")
 _STRING = re.compile(r"'([^'\"\\]*)'")
+_POINT_AT_END = re.compile(r"(?<![\w.])(\d+)\.(?=[eE][+-]?\d|[\s,)\]}]|$)")
+"""A whole number as NumPy prints it, 1., which JSON has not."""
+
+
+def _join_dictionaries(lines: Iterator[str]) -> Iterator[str]:
+    """Yield the lines, those joined that go on with a dictionary, as where an array of NumPy has a line break."""
+    parts: list[str] = []
+    size = 0
+    for line in lines:
+        if parts and (line.lstrip().startswith("{") or size > LARGEST_MESSAGE):
+            yield " ".join(parts)
+            parts, size = [], 0
+        parts.append(line)
+        size += len(line) + 1
+    yield " ".join(parts)
 
 
 def _rewrite_python(line: str) -> str:
     """Return a printed dictionary as JSON; what is none stays, and its reader says so."""
     text = _CALL.sub(r"\1", line)
-    text = _WORD.sub(lambda word: _WORDS[word[0]], text)
+    text = _POINT_AT_END.sub(r"\1", _WORD.sub(lambda word: _WORDS[word[0]], text))
     return _STRING.sub(r'"\1"', text).replace("(", "[").replace(")", "]")
 
 
@@ -159,8 +180,10 @@ def _join_brackets(lines: Iterator[str]) -> Iterator[str]:
     parts: list[str] = []
     n_open = size = 0
     for line in lines:
+        # Brackets within a text open no list.
+        if parts or line.partition("[")[0].rstrip()[-1:] in ("", ":", "-"):
+            n_open += line.count("[") - line.count("]")
         parts.append(line.strip() if parts else line)
-        n_open += line.count("[") - line.count("]")
         size += len(line)
         if n_open <= 0 or size > LARGEST_MESSAGE:
             yield " ".join(parts)
@@ -230,6 +253,11 @@ _NO_NUMBERS = {"nan": float("nan"), "inf": float("inf"), "-inf": float("-inf")}
 _BETWEEN = re.compile(r"[\s,;]+")
 _LONGEST_WHOLE = 20
 """Digits of a number that is read without rounding, as nanoseconds since 1970 need."""
+
+
+def _is_table_row(line: str) -> bool:
+    cells = _BETWEEN.split(line.strip())
+    return len(cells) > 1 and all(_NUMBER.match(cell) for cell in cells if cell)
 
 
 def _is_scalar(text: str) -> bool:
