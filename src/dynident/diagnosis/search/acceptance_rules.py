@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
+from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate, compute_least_t
 from dynident.diagnosis.decision_levels import RULES
@@ -101,6 +102,7 @@ def find_rejection(state: State, data: PhasedProducts, scored: ScoredCandidate) 
         _check_significance,
         _check_size,
         _check_reach,
+        _check_blur,
         _check_shadows,
         _check_each_joint,
         _check_runs,
@@ -135,24 +137,36 @@ def _check_size(state: State, data: PhasedProducts, scored: ScoredCandidate) -> 
 
 def _check_reach(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     # A column of which little is left needs a gain that is very sure.
-    least = state.rules.least_reach / max(scored.t, np.finfo(float).tiny)
+    return _check_share(scored, state.rules.least_reach / max(scored.t, np.finfo(float).tiny))
+
+
+def _check_blur(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+    # Without this rule a motor's saturation is named on a UR10e, and held-out data are predicted worse with it.
+    is_small = get_effect(scored.candidate.effect).first_order and scored.drop < state.rules.blurred_drop
+    return _check_share(scored, state.rules.blurred_separability) if is_small else None
+
+
+def _check_share(scored: ScoredCandidate, least: float) -> Reason | None:
     if scored.separability >= least:
         return None
     return Reason.build("not_determined", share=scored.separability, least=min(least, 1.0))
 
 
-def find_least_drops(separability: float, t: FloatArray) -> FloatArray:
+def find_least_drops(candidate: Candidate, separability: float, t: FloatArray) -> FloatArray:
     """Return (d,): the share of the squared error that a candidate has to remove; infinite where no share is enough.
 
     Parameters
     ----------
+    candidate : Candidate
+        The candidate.
     separability : float
         Share of its column that is left beside the model.
     t : (d,)
         t of its gain.
     """
     is_determined = (separability >= RULES.least_separability) & (separability * t >= RULES.least_reach)
-    return np.where(is_determined, RULES.least_drop, np.inf)
+    is_blurred = get_effect(candidate.effect).first_order and separability < RULES.blurred_separability
+    return np.where(is_determined, RULES.blurred_drop if is_blurred else RULES.least_drop, np.inf)
 
 
 def _check_shadows(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:

@@ -319,7 +319,7 @@ class _Batch:
         floor = np.array([each.floor for each in self.planted])[:, :, None]
         own_drops, own_removed = self._reduce_joints(drops), self._reduce_joints(removed / floor)
         for k, each in enumerate(self.planted):
-            least_drop = find_least_drops(each.separability, t[k])
+            least_drop = find_least_drops(each.candidate, each.separability, t[k])
             least_gain = get_least_gain(get_effect(each.candidate.effect))
             accepted[k] &= (t[k] >= each.levels.gains) | each.test_scores(shares[k])
             accepted[k] &= (t[k] >= each.least_t) & (own_drops[k] >= least_drop) & (own_removed[k] >= least_gain)
