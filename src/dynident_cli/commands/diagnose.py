@@ -143,7 +143,7 @@ def diagnose(
     limits: Annotated[
         bool,
         typer.Option(
-            "--limits",
+            "--limits/--no-limits",
             help="Print for each effect on each joint the smallest size that would have shown.",
             show_default=False,
         ),
