@@ -37,7 +37,7 @@ _DESCRIPTIONS = {
 """The same for descriptions of robots and recordings."""
 _STATED = _REQUESTS | _DESCRIPTIONS
 _ANSWERS = {
-    "comparisons": ("AutocorrelationView", "ComparisonResult", "ResidualMap", "Series", "Spectrum"),
+    "comparisons": ("ExportsView", "AutocorrelationView", "ComparisonResult", "ResidualMap", "Series", "Spectrum"),
     "designs": ("CampaignStep", "DesignClearances", "DesignResult", "SimulationResult"),
     "diagnoses": ("DetectionLimitOfJoint", "DiagnosisResult", "Evidence", "SeriesResult"),
     "identifications": (

@@ -224,6 +224,33 @@ class Identifications(LabelledCollection[Identification]):
         path = f"{self.path}/{get_identifier(identification)}/lineage"
         return self._transport.get(path, answers.Lineage, against=get_identifier(against))
 
+    def list_exports(self, identification: Record | str) -> answers.ExportsView:
+        """Read which formats the model can be written in, what each holds, and its error on held-out data."""
+        return self._transport.get(f"{self.path}/{get_identifier(identification)}/exports", answers.ExportsView)
+
+    def export_with_error(
+        self, identification: Record | str, format: str, *, nearest: bool = False, anyway: bool = False
+    ) -> tuple[bytes, float | None]:
+        """Read the model in a format, and the error that its reader computes on held-out data.
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+        format : str
+            A format of `list_exports`; also "cpp", "franka" and "kuka".
+        nearest, anyway : bool
+            As for `export`.
+
+        Returns
+        -------
+        tuple of (bytes, float or None)
+            The file, and the relative error; None without held-out data, or for a file that is no model of the torque.
+        """
+        path = f"{self.path}/{get_identifier(identification)}/exports/{format}"
+        content, error = self._transport.get_with_header(path, "X-Held-Out-Error", nearest=nearest, anyway=anyway)
+        return content, None if error is None else float(error)
+
     def export(
         self,
         identification: Record | str,

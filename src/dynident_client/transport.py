@@ -100,6 +100,11 @@ class Transport:
         """Read bytes."""
         return self._send("GET", path, params=params).content
 
+    def get_with_header(self, path: str, header: str, **params: Param) -> tuple[bytes, str | None]:
+        """Read bytes and a header of the answer, None where it has none."""
+        answer = self._send("GET", path, params=params)
+        return answer.content, answer.headers.get(header)
+
     def stream(self, path: str, **params: Param) -> Iterator[bytes]:
         """Yield bytes in pieces."""
         with self._http.stream("GET", path, params=_drop_missing(params)) as answer:

@@ -125,6 +125,7 @@ def test_every_operation_of_the_client_does_what_it_says(bench: Bench, robot: Ro
     kept_of_a_robot(bench, robot)
     runs = recorded(bench, robot)
     model, diagnosis = identified(bench.client, robot, runs)
+    campaigned(bench.client, robot, runs)
     told_by_currents(bench, robot)
     reported(bench, model, diagnosis)
     everything_is_listed_and_deleted(bench.client)
@@ -206,6 +207,14 @@ def identified(client: Client, robot: Robot, runs: list[Measurement]) -> tuple[R
     assert len(client.identifications.tables(better)[0]["rows"]) == len(better.result["parameters"])
     assert client.identifications.verdict(better)["uses"]
     assert json.loads(client.identifications.export(better))["result"]["parameters"]
+    assert client.diagnoses.why_not(diagnosis, "joint_spring", "turn")["code"] == "accepted"
+    assert client.diagnoses.detection_limits(diagnosis)
+    rest = [[0.1] * len(robot.joints)]
+    assert client.identifications.predict(better, rest, rest, rest)["torque"]
+    assert "urdf" in {one["format"] for one in client.identifications.list_exports(better)["items"]}
+    header, error = client.identifications.export_with_error(better, "cpp")
+    assert b"inverse_dynamics" in header
+    assert error is not None
     for archived in (True, False):
         assert client.identifications.label(better, archived=archived)["archived"] == archived
     comparison = client.comparisons.create(better, runs[1]).wait()
@@ -217,6 +226,13 @@ def identified(client: Client, robot: Robot, runs: list[Measurement]) -> tuple[R
     days = client.series.create(better, [[run] for run in runs], names=["mon", "tue"]).wait()
     assert client.series.figure(days).startswith(b"<svg")
     return better, diagnosis
+
+
+def campaigned(client: Client, robot: Robot, runs: list[Measurement]) -> None:
+    campaign = client.campaigns.create(robot, starts=1, random_trajectories=3, trajectory=QUICK)
+    assert client.campaigns.ask(campaign).wait().result["promised"] is None
+    model = client.campaigns.tell(campaign, runs[0]).wait()
+    assert client.campaigns.get(campaign).identification_id == model.id
 
 
 def told_by_currents(bench: Bench, robot: Robot) -> None:

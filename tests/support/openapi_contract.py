@@ -18,6 +18,7 @@ COLLECTIONS = (
     "imports",
     "measurements",
     "designs",
+    "campaigns",
     "simulations",
     "identifications",
     "comparisons",

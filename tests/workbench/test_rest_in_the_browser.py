@@ -60,7 +60,7 @@ def test_rest_is_drawn_as_what_friction_may_hold_and_every_effect_has_its_rung(
         page.locator("#torque-chart canvas").wait_for()
         page.screenshot(path=tmp_path / f"rest_{scheme}.png", full_page=True)
     moving = page.locator("#torque-title ~ *").last
-    expect(moving).to_contain_text("where they move")
+    expect(moving).to_contain_text("where the joint moves")
     page.get_by_role("tab", name="Missing").click()
     ladder = page.locator("#ladder-table tbody tr")
     expect(ladder).to_have_count(3)

@@ -3,6 +3,8 @@
 from dynident_client.answers.comparisons import (
     AutocorrelationView,
     ComparisonResult,
+    ExportsView,
+    ExportView,
     LackOfFit,
     PhasesView,
     RepeatedMotion,
@@ -185,6 +187,8 @@ __all__ = [
     "EssentialView",
     "Evidence",
     "ExpectedParameter",
+    "ExportView",
+    "ExportsView",
     "FailureSpot",
     "FilterTrialView",
     "FiltersView",

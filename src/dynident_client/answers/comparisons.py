@@ -59,6 +59,29 @@ class ComparisonResult(TypedDict):
     worst: list[WorstInterval]
 
 
+class ExportView(TypedDict):
+    """A format that a model can be written in."""
+
+    contains: str
+    """What a file of the format holds"""
+    format: str
+    held_out_error: float | None
+    """Relative error of the torque on held-out data, where joints move, of a program that reads all of the file; null
+    without such data, or if the file is no model of the torque"""
+    notes: list[str]
+    """What the file cannot hold, and what that costs"""
+    refusal: str | None
+    """Why this model cannot be written so; null if it can"""
+    title: str
+
+
+class ExportsView(TypedDict):
+    """The formats, and the error of the model itself."""
+
+    held_out_error: float | None
+    items: list[ExportView]
+
+
 class LackOfFit(TypedDict):
     """F test of the residual against the noise of repeated periods: near 1 if the model lacks nothing."""
 

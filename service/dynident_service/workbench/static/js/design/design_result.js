@@ -23,7 +23,7 @@ export async function designResult(target, design, robot, signal) {
 
 function worth({ notes, warnings = [] }, quality) {
   const others = notes.filter((one) => !warnings.includes(one));
-  return part(quality.title,
+  return part("What the motion shows",
     h("div", { class: "folded" }, shownTable(quality, { id: "design-quality" })), warnings.map((one) => h("p", { class: "box warning", role: "alert" }, one)),
     others.length ? h("details", {}, h("summary", {}, `Notes (${others.length})`), h("ul", {}, others.map((one) => h("li", {}, one)))) : null);
 }
