@@ -25,7 +25,7 @@ from dynident.diagnosis.candidates.significance import (
     ScoredCandidate,
     are_indistinguishable,
     combine_scores,
-    run_familywise_test,
+    compute_familywise_p,
     select_simplest,
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import (
@@ -49,11 +49,6 @@ CANDIDATES = tuple(
 )
 NOISE = np.array([0.5, 2.0])
 PER_STRETCH, STRETCHES = 30, 13
-
-
-def familywise_p(gains, scores):
-    """The p-values of the test alone."""
-    return run_familywise_test(gains, scores)[0]
 
 
 class Rows:
@@ -287,7 +282,7 @@ def test_the_best_of_many_candidates_that_explain_nothing_is_named_as_seldom_as_
         widths = rng.integers(1, 4, 60)
         given = [each[:, :k] for each, k in zip(scores, widths, strict=True)]
         gains = scores[:, :, 0] * np.abs(scores[:, :, 1])
-        hits += bool((familywise_p(gains, given) <= 0.05).any())
+        hits += bool((compute_familywise_p(gains, given) <= 0.05).any())
     assert stats.binomtest(hits, 200, 0.05, alternative="greater").pvalue > 0.01
 
 
@@ -314,7 +309,7 @@ def test_the_p_of_a_single_candidate_is_that_of_turning_signs():
     t = np.array([stats.ttest_1samp(turned, 0.0).statistic for turned in signs * roots])
     exact = float(np.mean(t >= stats.ttest_1samp(roots, 0.0).statistic - 1e-9))
     # Twice: there are two statistics, and the other one is silent.
-    assert familywise_p(gains[None], silent(gains[None]))[0] == pytest.approx(min(1.0, 2 * exact), abs=0.05)
+    assert compute_familywise_p(gains[None], silent(gains[None]))[0] == pytest.approx(min(1.0, 2 * exact), abs=0.05)
 
 
 def test_the_p_of_scores_is_that_of_turning_the_signs_of_whole_stretches():
@@ -323,17 +318,17 @@ def test_the_p_of_scores_is_that_of_turning_the_signs_of_whole_stretches():
     sums = ((signs @ scores) ** 2).sum(axis=1)
     exact = float(np.mean(sums >= sums[0] - 1e-9))
     assert 0.005 < exact < 0.5
-    assert familywise_p(np.zeros((1, 12)), [scores])[0] == pytest.approx(min(1.0, 2 * exact), abs=0.05)
+    assert compute_familywise_p(np.zeros((1, 12)), [scores])[0] == pytest.approx(min(1.0, 2 * exact), abs=0.05)
 
 
 def test_more_candidates_make_the_same_gain_less_sure():
     rng = np.random.default_rng(5)
     good, noise = rng.normal(0.55, 1, (1, 40)), rng.normal(size=(300, 40))
     many = np.vstack([good, noise])
-    assert familywise_p(good, silent(good))[0] < familywise_p(many, silent(many))[0]
+    assert compute_familywise_p(good, silent(good))[0] < compute_familywise_p(many, silent(many))[0]
     own, others = good.T + 0.2, [each[:, None] for each in noise]
     quiet = np.zeros_like(many)
-    assert familywise_p(quiet[:1], [own])[0] < familywise_p(quiet, [own, *others])[0]
+    assert compute_familywise_p(quiet[:1], [own])[0] < compute_familywise_p(quiet, [own, *others])[0]
 
 
 def test_small_effects_that_gains_do_not_show_are_seen_in_the_scores():
@@ -344,7 +339,7 @@ def test_small_effects_that_gains_do_not_show_are_seen_in_the_scores():
         x = rng.normal(size=(40, 60))
         score = (x * (0.1 * x + rng.normal(size=x.shape))).sum(axis=1)
         gains = 2 * 0.1 * score - 0.1**2 * (x**2).sum(axis=1)
-        p = [familywise_p(g[None], [s[:, None]])[0] for g, s in ((gains, 0 * score), (0 * gains, score))]
+        p = [compute_familywise_p(g[None], [s[:, None]])[0] for g, s in ((gains, 0 * score), (0 * gains, score))]
         said.append(np.array(p) <= 0.01)
     by_gains, by_scores = np.mean(said, axis=0)
     assert by_scores > by_gains + 0.3
@@ -352,7 +347,7 @@ def test_small_effects_that_gains_do_not_show_are_seen_in_the_scores():
 
 def judged_alone(before: np.ndarray, after: np.ndarray, joints=(0,)) -> ScoredCandidate:
     item = combine_scores([scored(before, after)] * 2, joints, np.ones(before.shape[1]))
-    return replace(item, p=float(familywise_p(item.gains[None], silent(item.gains[None]))[0]))
+    return replace(item, p=float(compute_familywise_p(item.gains[None], silent(item.gains[None]))[0]))
 
 
 def test_a_large_even_gain_passes_and_a_small_or_uneven_one_does_not():

@@ -79,6 +79,10 @@ class DecisionRules:
         "Difference of the gains, as a share, from which on a candidate beats a simpler one even if it gains "
         "unevenly over the blocks",
         "Candidates with more parameters gain something by these alone")
+    hardly_more: float = _declare_level(0.02, "-",
+        "Difference of the gains, as a share, below which a candidate does not beat a simpler one even if it "
+        "gains evenly over the blocks",
+        "Shape constants between the values of the grid change a gain as much")
     least_separability: float = _declare_level(0.02, "-",
         "Share of a candidate's column that must be independent of the model",
         "Below this, the data do not show the effect at all")
@@ -113,6 +117,12 @@ class DecisionRules:
     joint_t: float = _declare_level(2.0, "-",
         "t of the gain of a joint of a group",
         "One in forty by chance")
+    large_joint_drop: float = _declare_level(0.3, "-",
+        "Share of its error that a joint must gain for a smaller t to suffice",
+        "An effect that acts at few places exists all the same")
+    large_joint_t: float = _declare_level(1.5, "-",
+        "t of the gain of such a joint",
+        "One in fifteen by chance, and the gain is large")
     staying_t: float = _declare_level(1.0, "-",
         "t from which on a joint stays in a group that contains most joints",
         "Five of six such gains are not chance")
@@ -155,6 +165,9 @@ class DecisionRules:
     same_gain: float = _declare_level(0.01, "-",
         "Difference of two gains with finer constants, as a share, that counts as none",
         "Half a step of the constants costs up to half of this, and each is the best of many", "equal_terms")
+    apart_t: float = _declare_level(2.0, "-",
+        "t of the difference from which on the blocks distinguish two names",
+        "One in forty by chance", "equal_terms")
     harm: float = _declare_level(1.005, "-",
         "Ratio of the errors after and before, of a joint or of all, from which on an increase is noticed",
         "Half a per cent of the error")

@@ -50,6 +50,11 @@ class FamilywiseLevels:
     scores: float
 
 
+def compute_familywise_p(gains: FloatArray, scores: Sequence[FloatArray]) -> FloatArray:
+    """Return the p-values (c,) of `run_familywise_test`."""
+    return run_familywise_test(gains, scores)[0]
+
+
 def run_familywise_test(
     gains: FloatArray, scores: Sequence[FloatArray], level: float | None = None
 ) -> tuple[FloatArray, FamilywiseLevels]:
@@ -440,4 +445,8 @@ def has_larger_gain(best: ScoredCandidate, simpler: ScoredCandidate) -> bool:
     # Much more is decided by size alone; little more has to be large against what is left, and even over the blocks.
     if more >= RULES.much_more * best.total_gain:
         return True
-    return more >= RULES.least_drop * remaining and compute_t(difference) >= 2.0
+    return (
+        more >= RULES.least_drop * remaining
+        and more >= RULES.hardly_more * best.total_gain
+        and compute_t(difference) >= 2.0
+    )

@@ -110,6 +110,23 @@ def find_rejection(state: State, data: PhasedProducts, scored: ScoredCandidate) 
     return next((reason for rule in rules if (reason := rule(state, data, scored)) is not None), None)
 
 
+def is_too_small_for_runs(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
+    """Return whether a candidate would be a finding, were it not of some runs and too small for that.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
+    data : PhasedProducts
+        Products of all columns.
+    scored : ScoredCandidate
+        The candidate.
+    """
+    rejection = find_rejection(state, data, scored)
+    # The size in its runs is checked last: all other rules passed where that is what a candidate fails.
+    return rejection is not None and dict(rejection.values).get("measure") == "runs"
+
+
 def _check_visibility(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     if scored.separability >= state.rules.least_separability:
         return None
@@ -137,13 +154,17 @@ def _check_size(state: State, data: PhasedProducts, scored: ScoredCandidate) -> 
 
 def _check_reach(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
     # A column of which little is left needs a gain that is very sure.
-    return _check_share(scored, state.rules.least_reach / max(scored.t, np.finfo(float).tiny))
+    least = state.rules.least_reach / max(scored.t, np.finfo(float).tiny)
+    return _check_share(scored, least)
 
 
 def _check_blur(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
-    # Without this rule a motor's saturation is named on a UR10e, and held-out data are predicted worse with it.
-    is_small = get_effect(scored.candidate.effect).first_order and scored.drop < state.rules.blurred_drop
-    return _check_share(scored, state.rules.blurred_separability) if is_small else None
+    is_first_order = get_effect(scored.candidate.effect).first_order
+    return (
+        _check_share(scored, state.rules.blurred_separability)
+        if is_first_order and scored.drop < state.rules.blurred_drop
+        else None
+    )
 
 
 def _check_share(scored: ScoredCandidate, least: float) -> Reason | None:
@@ -164,9 +185,11 @@ def find_least_drops(candidate: Candidate, separability: float, t: FloatArray) -
     t : (d,)
         t of its gain.
     """
-    is_determined = (separability >= RULES.least_separability) & (separability * t >= RULES.least_reach)
+    if separability < RULES.least_separability:
+        return np.full_like(t, np.inf)
     is_blurred = get_effect(candidate.effect).first_order and separability < RULES.blurred_separability
-    return np.where(is_determined, RULES.blurred_drop if is_blurred else RULES.least_drop, np.inf)
+    least = RULES.blurred_drop if is_blurred else RULES.least_drop
+    return np.where(separability * t < RULES.least_reach, np.inf, least)
 
 
 def _check_shadows(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
@@ -198,6 +221,21 @@ def _check_runs(state: State, _data: PhasedProducts, scored: ScoredCandidate) ->
     return build_too_small("runs", scored.drop, least) if scored.drop < least else None
 
 
+def is_too_small(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
+    """Return whether a candidate removes less of the sensors' noise than its kind has to.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
+    data : PhasedProducts
+        Products of all columns.
+    scored : ScoredCandidate
+        The candidate.
+    """
+    return _check_size(state, data, scored) is not None
+
+
 def _compute_largest_gain(state: State, data: PhasedProducts, scored: ScoredCandidate) -> float:
     return max(compute_gain_over_floor(scored, j, state.floor, data) for j in scored.joints)
 
@@ -221,7 +259,11 @@ def has_gain_on_joint(state: State, data: PhasedProducts, scored: ScoredCandidat
     gain = before - scored.after[:, joint] / state.noise[joint] ** 2
     share = float(gain.sum()) / max(float(before.sum()), np.finfo(float).tiny)
     spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
-    even = float(gain.mean()) >= state.rules.joint_t * spread
+    # A large gain may be less even: an effect that shows at few places is there all the same.
+    even = (
+        float(gain.mean())
+        >= (state.rules.joint_t if share < state.rules.large_joint_drop else state.rules.large_joint_t) * spread
+    )
     large = compute_gain_over_floor(scored, joint, state.floor, data) >= get_least_gain(
         get_effect(scored.candidate.effect)
     )

@@ -324,8 +324,7 @@ def search_findings(
         if choice is None:
             break
         # The grid is coarse: before a name is settled, its rivals are tried with finer constants.
-        choice = compare_names(rows.model, pool, state, choice, judged, rows.gather_products)
-        chosen, equal = _prefer_usual_name(data, pool, state, *choice)
+        chosen, equal = compare_names(rows.model, pool, state, choice, judged, rows.gather_products)
         finding = Finding(chosen, equal, chosen.p, _list_neighbour_columns(pool, chosen.candidate, state.base))
         base = state.base + finding.columns
         if changes_prediction(chosen.candidate.choice):
@@ -362,35 +361,6 @@ def search_findings(
     record.dropped.update(dict.fromkeys(superfluous, Reason.build("superfluous")))
     record.findings, record.data = split_groups(data, pool, pruned).findings, data
     return record
-
-
-def _prefer_usual_name(
-    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, equal: tuple[ScoredCandidate, ...]
-) -> tuple[ScoredCandidate, tuple[ScoredCandidate, ...]]:
-    """Return, of names that the data cannot distinguish, one that other joints have, or that more arms have.
-
-    The gears of an arm are alike. Slow waves are left out: over a part of a turn they say what any curve says.
-    """
-    known = {finding.judged.candidate.effect for finding in state.findings}
-    place = chosen.candidate.joints, chosen.candidate.runs
-    mine = chosen.candidate.effect
-
-    def is_more_usual(effect: str) -> bool:
-        ranks = get_effect(effect).often_missed, get_effect(mine).often_missed
-        return effect in known or (ranks[0] is not None and ranks[1] is not None and ranks[0] < ranks[1])
-
-    usual = [
-        scored
-        for scored in equal
-        if (scored.candidate.joints, scored.candidate.runs) == place
-        and is_more_usual(scored.candidate.effect)
-        and not (get_effect(scored.candidate.effect).of_position and _is_slow_wave(scored.candidate))
-        and is_physically_possible(data, pool, state.base, state.noise, scored)
-    ]
-    if mine in known or not usual:
-        return chosen, equal
-    best = max(usual, key=lambda scored: scored.total_gain)
-    return replace(best, p=chosen.p), (chosen, *(scored for scored in equal if scored is not best))
 
 
 def _is_superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str]) -> bool:

@@ -187,7 +187,13 @@ def _select_members(
         # What a group's other days had, it may have lost to another finding since: then it cannot have become less.
         if pool.is_change(alone) and not is_physically_possible(data, pool, rest, state.noise, scored):
             base = rest
-        elif _has_gain(data, pool, state, scored, state.rules.joint_t):
+        elif _has_gain(
+            data,
+            pool,
+            state,
+            scored,
+            state.rules.joint_t if scored.drop < state.rules.large_joint_drop else state.rules.large_joint_t,
+        ):
             firm.append(joint)
         elif _has_gain(data, pool, state, scored, state.rules.staying_t):
             likely.append(joint)
