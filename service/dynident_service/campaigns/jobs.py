@@ -29,6 +29,7 @@ from dynident.identification.shape_search import check_choices
 from dynident.progress import scale_progress
 from dynident.robot import Robot
 from dynident_service.campaigns.wire_types import (
+    MOST_STEPS,
     CampaignDecision,
     CampaignOutcome,
     CampaignRequest,
@@ -47,8 +48,6 @@ from dynident_service.shared.wire_types import to_plain_json
 from dynident_service.storage.repository_values import Resource, find_mesh_files
 
 _PLACES = {"/minutes": "/budget/robot_time", "/choices/effects": "/effects", "/design": "/trajectory/joints"}
-MOST_STEPS = 500
-"""Steps of a campaign that are looked through."""
 
 
 def build_campaign_request(body: CampaignRequest) -> RequestedCampaign:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import Literal
 
 from fastapi import APIRouter, Response
 
 from dynident_service.campaigns.wire_types import (
+    MOST_STEPS,
     CampaignDecision,
     CampaignOutcome,
+    CampaignPhase,
     CampaignRequest,
     CampaignStep,
     CampaignView,
@@ -20,6 +21,7 @@ from dynident_service.campaigns.wire_types import (
 from dynident_service.designs.wire_types import DesignRequest, DesignResult, DesignView
 from dynident_service.identifications.routes import show_identification
 from dynident_service.identifications.wire_types import (
+    MOST_RECORDINGS,
     IdentificationResult,
     IdentificationView,
     StoredIdentification,
@@ -42,14 +44,9 @@ from dynident_service.storage_and_engine import Services, ServicesDep
 
 router = APIRouter(prefix="/v1/campaigns", tags=["campaigns"])
 
-MOST_STEPS = 500
-"""Motions, and models, of a campaign that are shown."""
-MOST_RECORDINGS = 100
-"""Recordings that a model may be identified from."""
 ASK = NewJob("design", "dynident_service.campaigns.jobs:design_next_run")
 TELL = NewJob("identification", "dynident_service.campaigns.jobs:take_in_recordings")
-State = Literal["asking", "designing", "waiting", "estimating", "reached", "unreachable", "stopped"]
-_ENDED: Mapping[str, State] = {"reached": "reached", "not_reachable": "unreachable", "out_of_time": "stopped"}
+_ENDED: Mapping[str, CampaignPhase] = {"reached": "reached", "not_reachable": "unreachable", "out_of_time": "stopped"}
 
 
 @router.post("", status_code=201)
@@ -297,7 +294,7 @@ def _by_time(resource: Resource) -> tuple[object, str]:
     return resource.created_at, resource.id
 
 
-def _find_state(steps: _Steps, outcome: CampaignOutcome | None, waiting: Resource | None) -> State:
+def _find_state(steps: _Steps, outcome: CampaignOutcome | None, waiting: Resource | None) -> CampaignPhase:
     if any(_get_state(model) in ("queued", "running") for model in steps.tellings):
         return "estimating"
     if outcome is not None and outcome.decision.code != "next_run":

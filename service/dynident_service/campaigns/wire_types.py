@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from dynident.advice.campaign_request import LONGEST_CAMPAIGN
 from dynident.advice.campaign_request import CampaignRequest as Requested
 from dynident.excitation.design_request import DesignRequest
 from dynident_service.problems import Problem
@@ -21,8 +22,13 @@ from dynident_service.shared.wire_types import (
     RequestModel,
     SourcePath,
     ViewModel,
-    WithTables,
 )
+
+MOST_STEPS = 500
+"""Motions, and models, of a campaign that are looked through."""
+CampaignPhase = Literal["asking", "designing", "waiting", "estimating", "reached", "unreachable", "stopped"]
+# The library counts minutes.
+_MINUTE = 60.0
 
 
 @derive_body(Requested, only=("error", "speed"))
@@ -43,9 +49,9 @@ class Budget(RequestModel):
     """What a campaign may cost."""
 
     robot_time: float = Field(
-        default=600.0,
+        default=_MINUTE * Requested().minutes,
         gt=0,
-        le=600_000,
+        le=_MINUTE * LONGEST_CAMPAIGN,
         description="Time of all runs together, in s",
         json_schema_extra={"x-unit": "s"},
     )
@@ -134,7 +140,7 @@ class CampaignStep(ViewModel):
     runs: list[CampaignRunView] = Field(default=[], description="What the recordings brought")
 
 
-class CampaignView(WithTables):
+class CampaignView(ViewModel):
     """A campaign."""
 
     id: str
@@ -142,7 +148,7 @@ class CampaignView(WithTables):
     created_at: datetime
     request: CampaignRequest
     joints: list[str]
-    state: Literal["asking", "designing", "waiting", "estimating", "reached", "unreachable", "stopped"] = Field(
+    state: CampaignPhase = Field(
         description="asking: ask for the next motion; waiting: make it and tell its recording; stopped: nothing is "
         "left of the budget"
     )

@@ -47,13 +47,17 @@ class Preprocessing(RequestModel):
     """Cut-off frequencies in Hz (null: no filter) and decimation; missing values are chosen from the data."""
 
 
+MOST_RECORDINGS = 100
+"""Recordings that a model may be identified from."""
+
+
 @derive_body(IdentificationChoices, "tolerance")
 class IdentificationRequest(NamedRequest):
     """What to identify, from which measurements, and how."""
 
     robot_id: Identifier
-    measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
-    validation_ids: list[Identifier] = Field(default=[], max_length=100)
+    measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=MOST_RECORDINGS)]
+    validation_ids: list[Identifier] = Field(default=[], max_length=MOST_RECORDINGS)
     effects: list[EffectChoice] = Field(
         default=[EffectChoice(effect=effect.effect) for effect in DEFAULT_EFFECTS], min_length=1, max_length=200
     )

@@ -13,6 +13,10 @@ DESIGN_SECONDS = 8.0
 """Time of the search for a motion, s, where neither it nor the number of starts is stated."""
 
 
+LONGEST_CAMPAIGN = 10_000
+"""Largest robot time of a campaign, min: a week."""
+
+
 @dataclass(frozen=True)
 class CampaignRequest(Request):
     """What a campaign is to reach, and what it may cost.
@@ -48,7 +52,9 @@ class CampaignRequest(Request):
         above=0,
         at_most=1,
     )
-    minutes: float = declare_field("Robot time of all runs together", default=10.0, unit="min", above=0, at_most=10_000)
+    minutes: float = declare_field(
+        "Robot time of all runs together", default=10.0, unit="min", above=0, at_most=LONGEST_CAMPAIGN
+    )
     runs: int = declare_field("Largest number of runs", default=100, at_least=1, at_most=10_000)
     first_speed: float = declare_field(
         "Share of the velocity limits that the first run keeps to", default=0.3, above=0, at_most=1

@@ -172,7 +172,8 @@ class ExportedFile:
         What the format could not hold, a sentence each.
     held_out_error : float or None
         Relative error of the torque on held-out data, where joints move, of a program that reads all of the file; None
-        where there are no such data, or the file is no model of the torque.
+        where there are no such data, or the file is no model of the torque. For formats that hold every effect,
+        `export_model` states it.
     """
 
     name: str
