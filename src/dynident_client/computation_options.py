@@ -66,7 +66,7 @@ class CampaignOptions(TypedDict, total=False):
     """Time limit of the optimisation; the best result until then is used, in s (above 0 to 604800)"""
     torque_margin: float
     """Share by which the torque may exceed the prediction; torque limits are reduced accordingly (0 to 100)"""
-    trajectory: TrajectoryRequest
+    trajectory: Trajectory
 
 
 class Criterion(TypedDict, total=False):
@@ -336,38 +336,6 @@ class TorqueGoal(TypedDict, total=False):
 
 class Trajectory(TypedDict, total=False):
     """The family of trajectories."""
-
-    amplitudes: Sequence[float] | None
-    """For reversals: lengths of the strokes, in rad or m (1e-06 to 1000)"""
-    duration: float
-    """Duration of one period; for a set, of about one run; for constant velocity, of the longest stroke; for a slow
-    sweep, of one direction; for point to point, it is a result, in s (0.01 to 86400)"""
-    dwell: tuple[float, float]
-    """For point_to_point: shortest and longest rest in a point; rests are random between them, in s (0 to 60)"""
-    family: Literal["fourier", "b_spline", "point_to_point"]
-    """Family of functions that describes the motion"""
-    harmonics: int
-    """For fourier: number of harmonics of the frequency 1 / duration (2 to 100)"""
-    intervals: int
-    """For b_spline: number of intervals between knots; equals the free coefficients per joint (2 to 200)"""
-    joints: Sequence[str]
-    """Joints that move, with the others locked at home; all if empty"""
-    paces: Sequence[float]
-    """For fourier and b_spline: repeat the path at each of these shares of its speed (0.0001 to 1)"""
-    periods: int
-    """Number of repetitions of the period or of the set of strokes (1 to 1e+06)"""
-    points: int
-    """For point_to_point: number of points per round where the arm comes to rest (2 to 200)"""
-    sampling_rate: float
-    """Sampling rate, in Hz (0.1 to 100000)"""
-    sets: Literal["link_by_link", "wrist_then_shoulder", "vandanjon"]
-    """For sequential designs: the test motions (§12.3.4.2)"""
-    speeds: Sequence[float] | None
-    """For constant velocity and reversals: speeds, as shares of each joint's velocity limit (0.0001 to 1)"""
-
-
-class TrajectoryRequest(TypedDict, total=False):
-    """The family of motions."""
 
     amplitudes: Sequence[float] | None
     """For reversals: lengths of the strokes, in rad or m (1e-06 to 1000)"""

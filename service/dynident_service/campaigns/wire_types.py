@@ -10,6 +10,7 @@ from pydantic import Field
 from dynident.advice.campaign_request import LONGEST_CAMPAIGN
 from dynident.advice.campaign_request import CampaignRequest as Requested
 from dynident.excitation.design_request import DesignRequest
+from dynident_service.designs.wire_types import Trajectory
 from dynident_service.problems import Problem
 from dynident_service.robots.wire_types import Limits
 from dynident_service.shared.request_bodies import derive_body
@@ -49,7 +50,7 @@ class Budget(RequestModel):
     """What a campaign may cost."""
 
     robot_time: float = Field(
-        default=_MINUTE * Requested().minutes,
+        default=_MINUTE * Requested.minutes,
         gt=0,
         le=_MINUTE * LONGEST_CAMPAIGN,
         description="Time of all runs together, in s",
@@ -60,7 +61,6 @@ class Budget(RequestModel):
 @derive_body(
     DesignRequest,
     only=(
-        "trajectory",
         "home",
         "starts",
         "random_trajectories",
@@ -82,6 +82,7 @@ class CampaignRequest(NamedRequest):
     )
     effects: Effects | None = Field(default=None, description="Effects of the first model; by default the usual ones")
     limits: dict[str, Limits] = Field(default={})
+    trajectory: Trajectory = Trajectory()
 
 
 class TellRequest(RequestModel):

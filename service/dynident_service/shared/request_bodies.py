@@ -52,6 +52,8 @@ def derive_body(
             body.__name__, __base__=body, __module__=body.__module__, __doc__=body.__doc__, **derived
         )
         if only is None:
+            # Else the contract would depend on which module was imported first.
+            assert science not in BODIES, f"{body.__name__} has to be derived before its first use"
             BODIES[science] = model
         REQUESTS[model] = science
         return model
