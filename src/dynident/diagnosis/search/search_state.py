@@ -207,7 +207,7 @@ def score_family(
             scores[k] = own if by_scores else np.zeros_like(own)
     order = range(len(candidates))
     # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
-    gains = np.array([scored[k].gains for k in order]).reshape(len(candidates), -1)
+    gains = np.stack([scored[k].gains for k in order]) if candidates else np.zeros((0, 0))
     p, levels = run_familywise_test(gains, [scores[k] for k in order], level)
     return ScoredFamily(tuple(replace(scored[k], p=float(p[k])) for k in order), levels, data)
 
