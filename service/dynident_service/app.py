@@ -71,6 +71,7 @@ ROUTERS = (
     judgement_routes.router,
     comparisons.router,
     diagnoses.router,
+    diagnoses.experiment_router,
     diagnoses.series_router,
     validations.router,
     drive_gains.router,

@@ -39,7 +39,7 @@ _STATED = _REQUESTS | _DESCRIPTIONS
 _ANSWERS = {
     "comparisons": ("ExportsView", "AutocorrelationView", "ComparisonResult", "ResidualMap", "Series", "Spectrum"),
     "designs": ("CampaignStep", "DesignClearances", "DesignResult", "SimulationResult"),
-    "diagnoses": ("DetectionLimitOfJoint", "DiagnosisResult", "Evidence", "SeriesResult"),
+    "diagnoses": ("DetectionLimitOfJoint", "DiagnosisResult", "Evidence", "NextExperimentResult", "SeriesResult"),
     "identifications": (
         *("CorrelationView", "CurrentModelsResult", "EssentialView", "IdentificationResult", "Lineage"),
         *("PredictedTorqueView", "ReportResult", "Tables", "VerdictView"),

@@ -11,7 +11,7 @@ from types import TracebackType
 from dynident_service.campaigns.wire_types import CampaignRequest
 from dynident_service.comparisons.wire_types import ComparisonView
 from dynident_service.designs.wire_types import DesignView, SimulationView
-from dynident_service.diagnoses.wire_types import DiagnosisView, SeriesView
+from dynident_service.diagnoses.wire_types import DiagnosisView, NextExperimentView, SeriesView
 from dynident_service.drive_gains.wire_types import CurrentModelsView, DriveGainsView
 from dynident_service.identifications.batch_routes import member_ids
 from dynident_service.identifications.routes import show_identification
@@ -115,6 +115,7 @@ SHOW_FUNCTIONS: Mapping[Kind, Callable[[Resource], object]] = {
     "design": DesignView.show,
     "diagnosis": DiagnosisView.show,
     "drive_gains": DriveGainsView.show,
+    "next_experiment": NextExperimentView.show,
     "report": ReportView.show,
     "series": SeriesView.show,
     "simulation": SimulationView.show,

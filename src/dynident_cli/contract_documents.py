@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from dynident.api.recording_collection import CheckedRecording
     from dynident.api.torque_comparison import ComparedRecording
     from dynident.diagnosis import Diagnosis
+    from dynident.diagnosis.ambiguities import Doubt
     from dynident.diagnosis.monitoring import Series
     from dynident.excitation import Design
     from dynident.identification import CurrentModel
@@ -114,11 +115,11 @@ def describe_comparison(compared: ComparedRecording, *, learnt: bool) -> Documen
     return to_document(describe(compared.comparison, compared.judgement, True if learnt else None))
 
 
-def describe_diagnosis(diagnosis: Diagnosis, robot: Robot) -> Document:
+def describe_diagnosis(diagnosis: Diagnosis, robot: Robot, doubts: Sequence[Doubt] = ()) -> Document:
     """Describe a diagnosis; `load_diagnosis` reads it back."""
     from dynident_service.diagnoses.adapters import describe_diagnosis as describe
 
-    return to_document(describe(diagnosis, robot.name))
+    return to_document(describe(diagnosis, robot.name, doubts))
 
 
 def load_diagnosis(path: Path) -> AdvisedDiagnosis:

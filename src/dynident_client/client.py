@@ -14,6 +14,7 @@ from dynident_client.analysis_and_report_collections import (
     CurrentModelSets,
     Diagnoses,
     DriveGainSets,
+    NextExperiments,
     Reports,
     SeriesOfDays,
     Validations,
@@ -118,6 +119,7 @@ class Client:
         self.identifications = Identifications(self._transport)
         self.comparisons = Comparisons(self._transport)
         self.diagnoses = Diagnoses(self._transport)
+        self.next_experiments = NextExperiments(self._transport)
         self.series = SeriesOfDays(self._transport)
         self.validations = Validations(self._transport)
         self.drive_gains = DriveGainSets(self._transport)

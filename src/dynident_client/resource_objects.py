@@ -279,6 +279,12 @@ class Diagnosis(Computed[answers.DiagnosisResult]):
     path = "/v1/diagnoses"
 
 
+class NextExperiment(Computed[answers.NextExperimentResult]):
+    """The search for the experiment that decides what a diagnosis leaves open."""
+
+    path = "/v1/next_experiments"
+
+
 class Series(Computed[answers.SeriesResult]):
     """A robot over many days."""
 

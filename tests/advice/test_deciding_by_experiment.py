@@ -7,7 +7,7 @@ import pytest
 from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, on_joint, recorded
 from support.oracles import Motion, fourier_motion
 
-from dynident.advice import advise
+from dynident.advice import advise, decide_doubts
 from dynident.diagnosis import Diagnosis, Examination, RankedEffect, examine
 from dynident.excitation import Design, design_experiment
 from dynident.identification import IdentificationChoices, identify
@@ -37,6 +37,9 @@ def made(run: Recording, examination: Examination) -> Design:
     assert found.next_experiment.kind == "constant_velocity"
     now, then = found.next_experiment.present_separation, found.next_experiment.expected_separation
     assert now.t_value < 4 < then.t_value
+    # Where only the doubts were kept, the same is proposed from the recordings.
+    model = identify(ROBOT, [run], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
+    assert decide_doubts(model, [run], examination.doubts) == found.next_experiment
     return design_experiment(ROBOT, found.next_experiment.design, earlier=[run])
 
 

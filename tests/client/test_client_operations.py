@@ -85,6 +85,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.diagnoses.evidence("x1", 1, "elbow"),
         lambda c: c.diagnoses.why_not("x1", "backlash", "elbow"),
         lambda c: c.diagnoses.detection_limits("x1"),
+        lambda c: c.next_experiments.create("x1"),
         lambda c: c.campaigns.create("r1"),
         lambda c: c.campaigns.ask("x1"),
         lambda c: c.campaigns.tell("x1", "m1"),

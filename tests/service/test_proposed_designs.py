@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from service_helpers import wait_for
 
 from dynident.advice import NextExperiment, Separation
 from dynident.advice.discriminating_experiments import EXPERIMENTS, Question
@@ -98,3 +99,41 @@ def test_a_wish_that_cannot_be_met_is_refused_by_its_place(
     answer = client.post("/v1/designs", json={"robot_id": scara["id"], **change})
     assert answer.status_code == 422
     assert pointer in [one["pointer"] for one in answer.json()["errors"]]
+
+
+def wait(client: TestClient, path: str) -> dict[str, Any]:
+    def ended() -> Any:
+        shown = client.get(path).json()
+        return shown if shown["status"] in ("succeeded", "failed") else None
+
+    shown = wait_for(ended, 120.0)
+    assert shown["status"] == "succeeded", shown
+    return dict(shown)
+
+
+def test_the_next_experiment_is_computed_when_it_is_asked_for(client: TestClient, scara: dict[str, Any]) -> None:
+    def create(path: str, body: dict[str, object]) -> str:
+        answer = client.post(path, json=body)
+        assert answer.status_code == 202, answer.text
+        return f"{path}/{answer.json()['id']}"
+
+    motion = {"duration": 8.0, "sampling_rate": 200.0}
+    simulation = wait(client, create("/v1/simulations", {"robot_id": scara["id"], "trajectory": motion}))["result"]
+    told = {"robot_id": scara["id"], "measurement_ids": [simulation["measurement_id"]]}
+    model = wait(client, create("/v1/identifications", told))["id"]
+    # This motion does not show the effect, which is asked for.
+    asked = {"identification_id": model, "candidates": ["load_dependent_friction"]}
+    diagnosis = create("/v1/diagnoses", asked)
+    result = wait(client, diagnosis)["result"]
+    assert [doubt["suspect"]["effect"] for doubt in result["doubts"]] == ["load_dependent_friction"]
+    assert result["next_experiment"] is None
+    address = client.post(f"{diagnosis}/next_experiment").headers["location"]
+    assert client.post(f"{diagnosis}/next_experiment").headers["location"] == address
+    experiment = wait(client, address)["result"]["experiment"]
+    assert "Load-dependent Coulomb friction" in experiment["reason"]
+    assert experiment["design"]["identification_id"] == model
+    assert client.get(diagnosis).json()["result"]["next_experiment"] == experiment
+    assert client.get("/v1/next_experiments").json()["items"][0]["result"]["experiment"] == experiment
+    # The search belongs to the diagnosis, and goes with it.
+    assert client.delete(diagnosis).status_code == 204
+    assert client.get(address).status_code == 404

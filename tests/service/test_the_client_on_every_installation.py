@@ -209,6 +209,7 @@ def identified(client: Client, robot: Robot, runs: list[Measurement]) -> tuple[R
     assert json.loads(client.identifications.export(better))["result"]["parameters"]
     assert client.diagnoses.why_not(diagnosis, "joint_spring", "turn")["code"] == "accepted"
     assert client.diagnoses.detection_limits(diagnosis)
+    assert client.next_experiments.create(diagnosis).wait().status == "succeeded"
     rest = [[0.1] * len(robot.joints)]
     assert client.identifications.predict(better, rest, rest, rest)["torque"]
     assert "urdf" in {one["format"] for one in client.identifications.list_exports(better)["items"]}

@@ -23,6 +23,7 @@ COLLECTIONS = (
     "identifications",
     "comparisons",
     "diagnoses",
+    "next_experiments",
     "series",
     "validations",
     "drive_gains",

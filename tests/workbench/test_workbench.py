@@ -83,6 +83,8 @@ def test_the_whole_story_can_be_done_in_the_browser(
     evidence.screenshot(path=tmp_path / "3_evidence.png")
     floor = ask(page, f"/diagnoses?identification_id={before}")["items"][0]["result"]["noise_floor"]
     assert value_in(page, "#error-table", "elbow", 6) == floor[1]
+    page.click("#next-experiment")
+    expect(page.get_by_text("Next experiment.")).to_be_visible(timeout=60_000)
     page.screenshot(path=tmp_path / "3_diagnosed.png", full_page=True)
 
     # A bad stretch says where the arm was, how fast, under which load, and what would explain it.

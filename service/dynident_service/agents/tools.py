@@ -166,7 +166,7 @@ def _diagnose(folder: Folder, given: arguments.DiagnoseArguments, progress: Prog
         progress=scale_progress(progress, _READ, 1.0),
     )
     diagnosis = diagnosed.advised_diagnosis if given.next_experiment else diagnosed.diagnosis
-    view = describe_diagnosis(diagnosis, model.robot.name)
+    view = describe_diagnosis(diagnosis, model.robot.name, diagnosed.examination.doubts)
     out.write_bytes(encode_text(view.model_dump_json(indent=1)))
     result = StoredDiagnosis(**view.model_dump(), file=given.out)
     return Answer(result, repr(diagnosed), diagnosed.plot() if diagnosed.candidates else None)

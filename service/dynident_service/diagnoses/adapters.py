@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment
 from dynident.diagnosis import Diagnosis, Evidence
+from dynident.diagnosis.ambiguities import Doubt
 from dynident.diagnosis.diagnosis_result import Change, ChangedValue
 from dynident.diagnosis.monitoring import ParameterTrack, Series, SeriesChange
 from dynident.presentation.diagnosis_tables import build_diagnosis_tables, build_series_tables
@@ -20,21 +21,14 @@ from dynident_service.shared.field_by_field import from_view, show_choice, show_
 from dynident_service.shared.wire_types import Table, to_plain_json
 
 
-def describe_diagnosis(
-    diagnosis: Diagnosis, robot_id: str, measurement_ids: Sequence[str] = (), identification_id: str | None = None
-) -> wire.DiagnosisResult:
-    """Build the view of a diagnosis; the ids complete the next experiment.
-
-    A proposed design is for this robot, complements these measurements and predicts torque by this model. On the
-    command line there are no ids: measurements and models are files.
-    """
+def describe_diagnosis(diagnosis: Diagnosis, robot: str = "", doubts: Sequence[Doubt] = ()) -> wire.DiagnosisResult:
+    """Build the view of a diagnosis; a proposed design is for the robot of this name."""
     advice = diagnosis.next_experiment if isinstance(diagnosis, AdvisedDiagnosis) else None
     return to_view(
         wire.DiagnosisResult,
         diagnosis,
-        next_experiment=None
-        if advice is None
-        else show_next_experiment(advice, robot_id, measurement_ids, identification_id),
+        next_experiment=None if advice is None else show_next_experiment(advice, robot),
+        doubts=[to_view(wire.Doubt, doubt) for doubt in doubts],
         changes=None if diagnosis.changes is None else [show_change(change) for change in diagnosis.changes],
         recommended=[
             wire.RecommendedEffect(**show_choice(choice).model_dump(), question=diagnosis.find_question(choice))
@@ -54,7 +48,11 @@ def show_next_experiment(
     measurement_ids: Sequence[str] = (),
     identification_id: str | None = None,
 ) -> wire.NextExperiment:
-    """Build the view of a proposed experiment, whose design can be posted and complements the data at hand."""
+    """Build the view of a proposed experiment, whose design can be posted and complements the data at hand.
+
+    The design complements these measurements and predicts torque by this model. On the command line there are no ids:
+    measurements and models are files.
+    """
     from dynident_service.designs.adapters import show_request
 
     # Only what differs from the defaults is stated: the proposal stays readable, and can be posted as it is.
@@ -78,6 +76,11 @@ def restore_diagnosis(stored: Mapping[str, object]) -> AdvisedDiagnosis:
         else restore_next_experiment(wire_result.next_experiment),
         changes=None if wire_result.changes is None else tuple(map(_restore_change, wire_result.changes)),
     )
+
+
+def restore_doubts(stored: Mapping[str, object]) -> tuple[Doubt, ...]:
+    """Restore what a stored diagnosis leaves open."""
+    return tuple(from_view(Doubt, doubt) for doubt in wire.DiagnosisResult.model_validate(stored).doubts)
 
 
 def _restore_change(wire_change: wire.Change) -> Change:

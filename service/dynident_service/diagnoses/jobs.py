@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 
-from dynident.advice import advise
+from dynident.advice import decide_doubts
 from dynident.diagnosis import DiagnosisChoices, evidence, examine
 from dynident.diagnosis.changes_between_recordings import identify_on_both
 from dynident.diagnosis.monitoring import (
@@ -22,9 +22,15 @@ from dynident.errors import DynidentError
 from dynident.progress import scale_progress
 from dynident.reports.figures.changes import draw_parameter_tracks
 from dynident.text_encoding import encode_text
-from dynident_service.diagnoses.adapters import describe_diagnosis, describe_series, write_evidence
+from dynident_service.diagnoses.adapters import (
+    describe_diagnosis,
+    describe_series,
+    restore_doubts,
+    show_next_experiment,
+    write_evidence,
+)
 from dynident_service.diagnoses.wire_types import Day as AskedDay
-from dynident_service.diagnoses.wire_types import DiagnosisRequest, SeriesRequest
+from dynident_service.diagnoses.wire_types import DiagnosisRequest, NextExperimentResult, SeriesRequest
 from dynident_service.jobs.task_input_output import Outcome, Task
 from dynident_service.shared.field_by_field import to_request
 from dynident_service.shared.stored_inputs import load_stored_model, open_stored_recordings
@@ -32,7 +38,7 @@ from dynident_service.shared.wire_types import to_plain_json
 
 
 def diagnose_model(task: Task) -> Outcome:
-    """Find which effects an identified model lacks, and propose the next experiment."""
+    """Find which effects an identified model lacks."""
     subject = task.subject
     request = DiagnosisRequest.model_validate(subject.request)
     choices = to_request(request, DiagnosisChoices)
@@ -54,7 +60,7 @@ def diagnose_model(task: Task) -> Outcome:
         hardware={**stated, **choices.hardware},
         progress=scale_progress(task.progress, 0.0, 0.9),
     )
-    diagnosis = advise(examined)
+    diagnosis = examined.diagnosis
     # With a baseline, the evidence is of a model identified on all recordings as if nothing had changed.
     explained_model, explained_recordings, _ = (
         identify_on_both(model, earlier, recordings) if earlier else (model, recordings, ())
@@ -63,17 +69,28 @@ def diagnose_model(task: Task) -> Outcome:
         explained_model, diagnosis.candidates, explained_recordings, scale_progress(task.progress, 0.9, 1.0)
     )
     evidence_file = task.store_file("evidence", write_evidence(figures, model.model.robot), "application/json")
+    return Outcome(to_plain_json(describe_diagnosis(diagnosis, doubts=examined.doubts)), (evidence_file,))
+
+
+def find_next_experiment(task: Task) -> Outcome:
+    """Look for a motion that decides what a diagnosis left open."""
+    diagnosed = task.resources.get("diagnosis", task.subject.get_dependency("diagnosis"))
+    request = DiagnosisRequest.model_validate(diagnosed.request)
+    identification = task.resources.get("identification", request.identification_id)
+    measurement_ids = request.measurement_ids or identification.request["measurement_ids"]
+    recordings = open_stored_recordings(task, measurement_ids)
+    earlier = open_stored_recordings(task, request.baseline_ids)
+    model = load_stored_model(task, request.identification_id)
+    doubts = restore_doubts(diagnosed.result or {})
+    proposed = decide_doubts(model, recordings, doubts, earlier, task.progress)
     # Those that were diagnosed: tests of single joints' friction are left out.
     everything = zip((*request.baseline_ids, *measurement_ids), (*earlier, *recordings), strict=True)
     diagnosed_ids = [identifier for identifier, recording in everything if recording.role != "friction"]
-    return Outcome(
-        to_plain_json(
-            describe_diagnosis(
-                diagnosis, identification.get_dependency("robot"), diagnosed_ids, request.identification_id
-            )
-        ),
-        (evidence_file,),
-    )
+    experiment = None
+    if proposed is not None:
+        robot_id = identification.get_dependency("robot")
+        experiment = show_next_experiment(proposed, robot_id, diagnosed_ids, request.identification_id)
+    return Outcome(to_plain_json(NextExperimentResult(experiment=experiment)))
 
 
 def follow_robot(task: Task) -> Outcome:

@@ -12,6 +12,8 @@ from dynident_service.diagnoses.wire_types import (
     DiagnosisResult,
     DiagnosisView,
     Evidence,
+    NextExperimentRequest,
+    NextExperimentView,
     Reason,
     SeriesRequest,
     SeriesView,
@@ -19,18 +21,27 @@ from dynident_service.diagnoses.wire_types import (
 from dynident_service.problems import ProblemError, make_unusable
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.required_resources import (
+    add_next_experiment,
     depend_on,
+    find_newest,
     get_joints_and_units,
     require_measurements,
     require_model,
 )
-from dynident_service.shared.resource_routes import PagesDep, SubmissionDep, require_succeeded, show_with_tables
+from dynident_service.shared.resource_routes import (
+    PagesDep,
+    SubmissionDep,
+    require_succeeded,
+    resource_path,
+    show_with_tables,
+)
 from dynident_service.shared.wire_types import Page, Table
 from dynident_service.storage.repository_values import Dependency, NewJob, Resource
 from dynident_service.storage_and_engine import Services, ServicesDep
 
 router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
 DIAGNOSIS = NewJob("diagnosis", "dynident_service.diagnoses.jobs:diagnose_model")
+NEXT_EXPERIMENT = NewJob("next_experiment", "dynident_service.diagnoses.jobs:find_next_experiment")
 SERIES = NewJob("series", "dynident_service.diagnoses.jobs:follow_robot")
 
 
@@ -77,13 +88,30 @@ def list_diagnoses(pages: PagesDep, identification_id: str | None = None) -> Pag
 @router.get("/{diagnosis_id}")
 def get_diagnosis(diagnosis_id: str, services: ServicesDep) -> DiagnosisView:
     """Show a diagnosis, with its result once there is one."""
-    return show_with_tables(DiagnosisView, services, "diagnosis", diagnosis_id, _build_tables)
+    diagnosis = add_next_experiment(services.resources, services.resources.get("diagnosis", diagnosis_id))
+    return DiagnosisView.show(diagnosis, tables=[] if diagnosis.result is None else _build_tables(services, diagnosis))
 
 
 @router.delete("/{diagnosis_id}", status_code=204)
 def delete_diagnosis(diagnosis_id: str, services: ServicesDep) -> None:
     """Delete a diagnosis; 409 while other resources need it."""
+    for search in services.resources.list_page("next_experiment", 500, on_id=diagnosis_id).items:
+        services.resources.delete("next_experiment", search.id)
     services.resources.delete("diagnosis", diagnosis_id)
+
+
+@router.post("/{diagnosis_id}/next_experiment", status_code=202)
+def search_next_experiment(
+    diagnosis_id: str, services: ServicesDep, submit: SubmissionDep, response: Response
+) -> NextExperimentView:
+    """Look for a motion that decides what a diagnosis leaves open; a search that was begun before is given again."""
+    diagnosis = require_succeeded(services.resources.get("diagnosis", diagnosis_id))
+    search = find_newest(services.resources, "next_experiment", diagnosis_id)
+    if search is not None:
+        response.headers["Location"] = resource_path(search.kind, search.id)
+        return NextExperimentView.show(search)
+    body = NextExperimentRequest(diagnosis_id=diagnosis_id)
+    return submit(NextExperimentView, "next_experiment", body, NEXT_EXPERIMENT, (depend_on(diagnosis),))
 
 
 @router.get("/{diagnosis_id}/evidence")
@@ -133,6 +161,27 @@ def get_detection_limits(diagnosis_id: str, services: ServicesDep) -> list[Detec
     diagnosis = require_succeeded(services.resources.get("diagnosis", diagnosis_id))
     limits = DiagnosisResult.model_validate(diagnosis.result).detection_limits
     return [to_view(DetectionLimitOfJoint, limit, joint=limit.joints[0] if limit.joints else None) for limit in limits]
+
+
+experiment_router = APIRouter(prefix="/v1/next_experiments", tags=["diagnoses"])
+
+
+@experiment_router.get("")
+def list_next_experiments(pages: PagesDep, diagnosis_id: str | None = None) -> Page[NextExperimentView]:
+    """List the searches for next experiments, newest first; those of one diagnosis if requested."""
+    return pages.show("next_experiment", NextExperimentView.show, diagnosis_id)
+
+
+@experiment_router.get("/{search_id}")
+def get_next_experiment(search_id: str, services: ServicesDep) -> NextExperimentView:
+    """Show the search for a next experiment, with the experiment once it is found."""
+    return NextExperimentView.show(services.resources.get("next_experiment", search_id))
+
+
+@experiment_router.delete("/{search_id}", status_code=204)
+def delete_next_experiment(search_id: str, services: ServicesDep) -> None:
+    """Delete the search for a next experiment."""
+    services.resources.delete("next_experiment", search_id)
 
 
 series_router = APIRouter(prefix="/v1/series", tags=["series"])

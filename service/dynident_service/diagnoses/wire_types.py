@@ -261,6 +261,30 @@ class NextExperiment(ViewModel):
     instructions: list[str] = Field(default=[], description="What people must do besides running the experiment")
 
 
+class Doubt(ViewModel):
+    """A question that a motion could decide: an effect, and those that the data cannot tell from it."""
+
+    suspect: EffectChoice
+    rivals: list[EffectChoice] = Field(description="Empty: is the effect present at all?")
+    beside: list[EffectChoice] = Field(description="Effects that are in the model while the question is decided")
+
+
+class NextExperimentRequest(NamedRequest):
+    """The diagnosis whose questions a motion should decide."""
+
+    diagnosis_id: Identifier
+
+
+class NextExperimentResult(ViewModel):
+    """The experiment that would show more."""
+
+    experiment: NextExperiment | None = Field(description="null: no motion within the robot's limits decides anything")
+
+
+class NextExperimentView(Computed[NextExperimentRequest, NextExperimentResult]):
+    """The search for the experiment that would show more."""
+
+
 class RecommendedEffect(EffectChoice):
     """An effect to add to the model."""
 
@@ -284,7 +308,12 @@ class DiagnosisResult(ViewModel):
     unknown: list[UnknownPattern]
     not_visible: list[NotVisible]
     failure_map: list[FailureSpot]
-    next_experiment: NextExperiment | None
+    next_experiment: NextExperiment | None = Field(
+        description="null until POST /v1/diagnoses/{id}/next_experiment has found one"
+    )
+    doubts: list[Doubt] = Field(
+        default=[], description="What is open, most important first; a next experiment might decide it"
+    )
     changes: list[Change] | None = Field(
         default=None, description="Differences from the baseline; empty: none; null: there was no baseline"
     )

@@ -21,6 +21,7 @@ from dynident_service.measurements.adapters import restore_checks, to_recording_
 from dynident_service.measurements.wire_types import MeasurementMetadata, MeasurementResult
 from dynident_service.reports.wire_types import ReportRequest, ReportResult
 from dynident_service.shared.field_by_field import show_errors, show_figures, to_request
+from dynident_service.shared.required_resources import add_next_experiment
 from dynident_service.shared.stored_inputs import load_stored_model, open_recording_by_id
 from dynident_service.shared.wire_types import to_plain_json
 from dynident_service.storage.repository_values import Resource
@@ -33,7 +34,9 @@ def write_report(task: Task) -> Outcome:
     subject = task.subject
     request = ReportRequest.model_validate(subject.request)
     identification = task.resources.get("identification", request.identification_id)
-    diagnosis = task.resources.get("diagnosis", request.diagnosis_id) if request.diagnosis_id is not None else None
+    diagnosis = None
+    if request.diagnosis_id is not None:
+        diagnosis = add_next_experiment(task.resources, task.resources.get("diagnosis", request.diagnosis_id))
     runs = _load_runs(task, request, identification)
     task.progress(0.8, "writing")
     choices = to_request(request, ReportChoices)

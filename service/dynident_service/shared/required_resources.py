@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from dynident_service.problems import make_not_found, make_unusable
@@ -111,6 +112,22 @@ def require_design(services: HasResources, identifier: str, robot: Resource) -> 
 def depend_on(resource: Resource) -> Dependency:
     """Return the dependency on a robot or a model that the request names by the id of its kind."""
     return Dependency(resource.id, resource.kind, resource.kind, f"/{resource.kind}_id")
+
+
+def find_newest(resources: Resources, kind: Kind, on_id: str) -> Resource | None:
+    """Find the newest resource of a kind that depends on another one, unless its job has failed or was cancelled."""
+    newest = next(iter(resources.list_page(kind, 1, on_id=on_id).items), None)
+    ended = newest is not None and newest.job is not None and newest.job.state in ("failed", "cancelled")
+    return None if ended else newest
+
+
+def add_next_experiment(resources: Resources, diagnosis: Resource) -> Resource:
+    """Return a stored diagnosis with the next experiment that was found since, if there is one."""
+    search = find_newest(resources, "next_experiment", diagnosis.id)
+    experiment = search.result.get("experiment") if search is not None and search.result is not None else None
+    if diagnosis.result is None or experiment is None:
+        return diagnosis
+    return replace(diagnosis, result={**diagnosis.result, "next_experiment": experiment})
 
 
 def require_measurements(

@@ -52,6 +52,7 @@ PREFIXES = {
     "import": "imp",
     "batch": "bat",
     "campaign": "cam",
+    "next_experiment": "nex",
     "job": "job",
 }
 KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
@@ -105,6 +106,7 @@ Kind = Literal[
     "import",
     "batch",
     "campaign",
+    "next_experiment",
 ]
 JobKind = Literal[
     "design",
@@ -119,6 +121,7 @@ JobKind = Literal[
     "simulation",
     "report",
     "series",
+    "next_experiment",
 ]
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     )
     from dynident.advice.campaign_request import CampaignRequest
     from dynident.advice.discriminating_experiments import AdvisedDiagnosis, NextExperiment, Separation
-    from dynident.advice.next_experiment import advise
+    from dynident.advice.next_experiment import advise, decide_doubts
 
 __all__ = [
     "AdvisedDiagnosis",
@@ -31,6 +31,7 @@ __all__ = [
     "Separation",
     "add_run",
     "advise",
+    "decide_doubts",
     "plan_run",
     "start_campaign",
 ]

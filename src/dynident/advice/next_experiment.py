@@ -32,7 +32,8 @@ from dynident.advice.effect_separation import (
 from dynident.array_types import FloatArray
 from dynident.diagnosis import Diagnosis, Examination
 from dynident.diagnosis.ambiguities import Doubt
-from dynident.diagnosis.comparison.measured_against_predicted import Comparison
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison, compare
+from dynident.diagnosis.diagnose_model import prepare_undisturbed
 from dynident.diagnosis.outcome_reasons import describe_place
 from dynident.effects import EffectChoice, get_effect
 from dynident.effects.effect_columns import find_joints
@@ -47,6 +48,7 @@ from dynident.motion import Surroundings
 from dynident.motion.limits.bounds import Bounds, build_bounds
 from dynident.number_format import format_number
 from dynident.parallel import single_threaded
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot
 from dynident.simulation import build_typical_effect
@@ -69,6 +71,40 @@ def advise(examined: Examination) -> AdvisedDiagnosis:
     proposed = next_experiment(examined.identification, examined.comparisons, examined.doubts, examined.recordings)
     diagnosis_fields = {field.name: getattr(examined.diagnosis, field.name) for field in fields(Diagnosis)}
     return AdvisedDiagnosis(**diagnosis_fields, next_experiment=proposed)
+
+
+@single_threaded
+def decide_doubts(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    doubts: Sequence[Doubt],
+    baseline: Sequence[Recording] = (),
+    progress: Progress = ignore_progress,
+) -> NextExperiment | None:
+    """Propose the experiment for the doubts of a diagnosis whose data are no longer at hand.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model that was diagnosed.
+    recordings, baseline : sequence of Recording
+        The recordings that it was diagnosed with.
+    doubts : sequence of Doubt
+        What the diagnosis left open, most important first.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+
+    Returns
+    -------
+    NextExperiment or None
+        None where no motion decides anything.
+    """
+    if not doubts:
+        return None
+    undisturbed, _ = prepare_undisturbed(identification, recordings, baseline)
+    progress(0.3, "looking for a motion that decides")
+    comparisons = [compare(undisturbed.identification, recording) for recording in undisturbed.recordings]
+    return next_experiment(undisturbed.identification, comparisons, doubts, undisturbed.recordings)
 
 
 _BETTER = 0.8

@@ -48,7 +48,7 @@ from dynident.diagnosis.diagnosis_summary import (
     select_verdict,
     word_summary,
 )
-from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
+from dynident.diagnosis.disturbances import PUSH, UndisturbedData, leave_out_disturbances
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
 from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import build_failure_map, find_unknown_patterns
 from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
@@ -219,15 +219,8 @@ def examine(
     # What is said with the request counts more than what was said with the robot.
     has, absent = split_hardware({**identification.model.robot.hardware, **hardware})
     held_out_ratio = compute_held_out_ratio(identification)
-    recordings, _ = split_friction_tests(recordings)
-    since: tuple[str, ...] = ()
-    n_later = len(recordings)
-    if baseline:
-        identification, recordings, since = identify_on_both(identification, baseline, recordings)
-    identification = _reidentify_unweighted(identification)
-    # A push of a few seconds shifts all parameters, and its traces look like missing friction. So disturbed seconds are
-    # taken out before anything else.
-    undisturbed = leave_out_disturbances(identification, recordings)
+    n_later = len(split_friction_tests(recordings)[0])
+    undisturbed, since = prepare_undisturbed(identification, recordings, baseline)
     identification, recordings = undisturbed.identification, undisturbed.recordings
     model = identification.model
     comparisons = [compare(identification, recording, scale_progress(progress, 0.0, 0.1)) for recording in recordings]
@@ -332,6 +325,32 @@ def examine(
     )
     doubts = list_doubts(findings, recommended, hidden, model.robot, first, candidates or ())
     return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
+
+
+def prepare_undisturbed(
+    identification: Identification, recordings: Sequence[Recording], baseline: Sequence[Recording] = ()
+) -> tuple[UndisturbedData, tuple[str, ...]]:
+    """Prepare what a diagnosis judges, without disturbed seconds.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recordings, baseline : sequence of Recording
+        The recordings to judge, and earlier ones to compare them with.
+
+    Returns
+    -------
+    (UndisturbedData, tuple of str)
+        The model, identified without robust weights, and the recordings; the labels of the runs after the baseline.
+    """
+    recordings, _ = split_friction_tests(recordings)
+    since: tuple[str, ...] = ()
+    if baseline:
+        identification, recordings, since = identify_on_both(identification, baseline, recordings)
+    # A push of a few seconds shifts all parameters, and its traces look like missing friction. So disturbed seconds are
+    # taken out before anything else.
+    return leave_out_disturbances(_reidentify_unweighted(identification), recordings), since
 
 
 def _check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -> None:

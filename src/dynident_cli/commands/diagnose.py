@@ -179,7 +179,7 @@ def diagnose(
     command_output.write_result(
         result,
         "diagnosis",
-        lambda: contract_documents.describe_diagnosis(diagnosis, robot),
+        lambda: contract_documents.describe_diagnosis(diagnosis, robot, diagnosed.examination.doubts),
         lambda console: printed_results.show_diagnosis(
             console, diagnosis, robot, extend_command, questions, n_open, limits
         ),

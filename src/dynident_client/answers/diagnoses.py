@@ -146,10 +146,13 @@ class DiagnosisResult(TypedDict):
     """What all this says, and the next thing to do"""
     detection_limits: list[DetectionLimit]
     """The size of each effect on each joint that these recordings would have shown"""
+    doubts: list[Doubt]
+    """What is open, most important first; a next experiment might decide it"""
     failure_map: list[FailureSpot]
     friction: list[FrictionDifference]
     """Change of the friction of each moving joint from the baseline, significant or not"""
     next_experiment: NextExperiment | None
+    """null until POST /v1/diagnoses/{id}/next_experiment has found one"""
     noise_floor: list[float | None]
     not_visible: list[NotVisible]
     outcomes: list[Outcome]
@@ -161,6 +164,16 @@ class DiagnosisResult(TypedDict):
     summary: str
     unknown: list[UnknownPattern]
     verdict: Literal["adequate", "missing_effect", "unexplained"]
+
+
+class Doubt(TypedDict):
+    """A question that a motion could decide: an effect, and those that the data cannot tell from it."""
+
+    beside: list[EffectChoice]
+    """Effects that are in the model while the question is decided"""
+    rivals: list[EffectChoice]
+    """Empty: is the effect present at all?"""
+    suspect: EffectChoice
 
 
 class Evidence(TypedDict):
@@ -230,6 +243,13 @@ class NextExperiment(TypedDict):
     present_separation: Separation | None
     """From the existing data"""
     reason: str
+
+
+class NextExperimentResult(TypedDict):
+    """The experiment that would show more."""
+
+    experiment: NextExperiment | None
+    """null: no motion within the robot's limits decides anything"""
 
 
 class NotVisible(TypedDict):

@@ -73,7 +73,7 @@ function shown(model, add, run, signal) {
     findingCards(model, diagnosis, add, signal),
     candidatesTable(model, diagnosis, add, signal),
     tables.unknown ? shownTable(tables.unknown) : null,
-    nextExperiment(diagnosis.result),
+    nextExperiment(model, signal),
     h("div", { id: "limits" }, foldedTable(tables.limits_map, {}, { content: limitCell })),
     foldedTable(tables.hidden),
   ];
@@ -122,11 +122,24 @@ function partQuestions(model, result, run) {
   });
 }
 
-function nextExperiment(result) {
-  const next = result.next_experiment;
-  if (!next) return null;
+/** The experiment that decides what is open; it is looked for when it is asked for. */
+function nextExperiment(model, signal) {
+  const { id, result: { next_experiment: next, doubts } } = model.diagnosis;
+  if (!next) return doubts.length ? searchButton(model, id, doubts.length, signal) : null;
   const said = h("span", { class: "note" });
   const body = JSON.stringify(next.design, null, 1);
   const copy = () => navigator.clipboard.writeText(body).then(() => { said.textContent = " copied"; }, () => { said.textContent = " select the text below and copy it"; });
   return nextBox("Next experiment", next, h("details", {}, h("summary", {}, "Body for POST /v1/designs"), h("pre", {}, body), h("button", { type: "button", class: "small", onclick: copy }, "Copy"), said));
+}
+
+/** What asks for the motion that decides; the diagnosis is shown again with it. */
+function searchButton(model, id, count, signal) {
+  const said = h("span");
+  const search = (event) => pressed(event.target, async () => {
+    const { result } = await awaited("/next_experiments", await post(`/diagnoses/${id}/next_experiment`, {}), "Looking for a motion", said, signal);
+    if (result.experiment) model.setDiagnosis(await get(`/diagnoses/${id}`, {}, signal));
+    else put(said, " No motion within the robot's limits decides it.");
+  }, (error) => put(said, problemBox(error)), signal);
+  return h("p", { class: "actions" }, `${count === 1 ? "1 question is" : `${count} questions are`} open. `,
+    h("button", { type: "button", class: "small", id: "next-experiment", onclick: search }, "Look for a motion that decides"), said);
 }

@@ -19,11 +19,11 @@ export function nextBox(title, next, ...more) {
     next.instructions?.length ? h("ol", {}, next.instructions.map((step) => h("li", {}, step))) : null, more);
 }
 
-/** Links to the experiments that the newest diagnoses of a robot's models propose. */
+/** Links to the newest experiments that were proposed for diagnoses of a robot's models. */
 export async function proposals(robot, signal) {
-  const { items } = await get("/diagnoses", { limit: LATEST }, signal);
-  const mine = items.filter((one) => one.result?.next_experiment?.design?.robot_id === robot.id);
+  const { items } = await get("/next_experiments", { limit: LATEST }, signal);
+  const mine = items.filter((one) => one.result?.experiment?.design.robot_id === robot.id);
   if (!mine.length) return null;
   return h("section", { "aria-label": "Proposed" }, h("h2", {}, "Proposed by diagnoses"), h("ul", {}, mine.slice(0, 5).map((one) =>
-    h("li", {}, h("a", { href: address({ view: "design", robot: robot.id, diagnosis: one.id }) }, "Fill it in"), ` ${one.result.next_experiment.reason} `, h("span", { class: "note" }, moment(one.created_at))))));
+    h("li", {}, h("a", { href: address({ view: "design", robot: robot.id, diagnosis: one.request.diagnosis_id }) }, "Fill it in"), ` ${one.result.experiment.reason} `, h("span", { class: "note" }, moment(one.created_at))))));
 }
