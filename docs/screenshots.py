@@ -83,6 +83,7 @@ def views(has: Shown) -> dict[str, View]:
         "design": View(
             f"/?view=design&robot={has.robot}&design={has.design}", "#design-again", ("#nearest-now button",)
         ),
+        "campaigns": View("/?view=campaigns", "#campaign-form"),
         "changes": View(f"/?view=changes&identification={has.better}", "#days select"),
         "models": View("/?view=models", "#models-table"),
         "two-models": View(f"/?view=models&pair={has.better},{has.rival}", "#overlay-torque canvas"),

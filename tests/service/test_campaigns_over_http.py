@@ -52,6 +52,8 @@ def test_a_campaign_is_asked_and_told_until_its_goal_is_reached(live: Client) ->
     assert [run["measurement_id"] for run in runs] == told
     assert runs[0]["promised"] is None
     assert runs[-1]["promised"] is not None
+    (table,) = campaign["tables"]
+    assert [row[0]["text"] for row in table["rows"]] == [run["name"] for run in runs]
     assert campaign.robot_time == pytest.approx(sum(run["seconds"] for run in runs))
     # The model is one like any other.
     assert live.identifications.get(campaign.identification_id)["request"]["measurement_ids"] == told

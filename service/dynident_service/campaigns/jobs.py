@@ -26,6 +26,7 @@ from dynident.excitation import DesignRequest
 from dynident.excitation.criteria.prediction_region import collect_region
 from dynident.identification import Identification, IdentificationChoices, to_bytes
 from dynident.identification.shape_search import check_choices
+from dynident.presentation.design_tables import build_campaign_table
 from dynident.progress import scale_progress
 from dynident.robot import Robot
 from dynident_service.campaigns.wire_types import (
@@ -34,6 +35,7 @@ from dynident_service.campaigns.wire_types import (
     CampaignOutcome,
     CampaignRequest,
     CampaignRunView,
+    CampaignView,
 )
 from dynident_service.designs.adapters import describe_design, restore_design, show_request, write_trajectory
 from dynident_service.designs.wire_types import DesignResult
@@ -42,9 +44,16 @@ from dynident_service.identifications.jobs import describe_measurements
 from dynident_service.identifications.wire_types import IdentificationResult
 from dynident_service.jobs.task_input_output import Outcome, Task
 from dynident_service.robots.adapters import place_mesh_files
-from dynident_service.shared.field_by_field import from_view, from_wire_choices, show_choice, to_request, to_view
+from dynident_service.shared.field_by_field import (
+    from_view,
+    from_wire_choices,
+    show_choice,
+    show_tables,
+    to_request,
+    to_view,
+)
 from dynident_service.shared.stored_inputs import load_stored_model, load_stored_robot, open_recording_by_id
-from dynident_service.shared.wire_types import to_plain_json
+from dynident_service.shared.wire_types import Table, to_plain_json
 from dynident_service.storage.repository_values import Resource, find_mesh_files
 
 _PLACES = {"/minutes": "/budget/robot_time", "/choices/effects": "/effects", "/design": "/trajectory/joints"}
@@ -186,6 +195,13 @@ def _restore_state(task: Task, campaign: Resource, before: str | None = None) ->
         identification=load_stored_model(task, models[-1].id),
         decision=from_view(Decision, last.decision),
     )
+
+
+def build_campaign_tables(view: CampaignView) -> list[Table]:
+    """Build the table of the runs of a campaign; none before the first."""
+    runs = [_restore_run(run) for step in view.steps for run in step.runs]
+    goal = build_campaign_request(view.request).error
+    return show_tables([build_campaign_table(runs, goal, view.joints)] if runs else [])
 
 
 def _restore_run(run: CampaignRunView) -> CampaignRun:

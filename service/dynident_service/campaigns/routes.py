@@ -88,7 +88,11 @@ def list_campaigns(services: ServicesDep, pages: PagesDep, robot_id: str | None 
 @router.get("/{campaign_id}")
 def get_campaign(campaign_id: str, services: ServicesDep) -> CampaignView:
     """Show a campaign: its state, what was promised and achieved, and its steps."""
-    return show_campaign(services, services.resources.get("campaign", campaign_id))
+    with hold_import_lock():
+        from dynident_service.campaigns.jobs import build_campaign_tables
+
+    view = show_campaign(services, services.resources.get("campaign", campaign_id))
+    return view.model_copy(update={"tables": build_campaign_tables(view)})
 
 
 @router.delete("/{campaign_id}", status_code=204)

@@ -23,6 +23,7 @@ from dynident_service.shared.wire_types import (
     RequestModel,
     SourcePath,
     ViewModel,
+    WithTables,
 )
 
 MOST_STEPS = 500
@@ -141,7 +142,7 @@ class CampaignStep(ViewModel):
     runs: list[CampaignRunView] = Field(default=[], description="What the recordings brought")
 
 
-class CampaignView(ViewModel):
+class CampaignView(WithTables):
     """A campaign."""
 
     id: str

@@ -20,6 +20,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.prediction_region import collect_region
 from dynident.presentation.design_tables import build_campaign_table
+from dynident.presentation.tables import ReportedTable
 from dynident.progress import Progress, ignore_progress
 from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_paragraph
@@ -219,13 +220,17 @@ class Campaign(Framed):
             ("run", "minutes", "promised", "predicted", "parameters", "lacking", "error", "added"), rows
         )
 
+    def _build_table(self) -> ReportedTable:
+        state = self._state
+        return build_campaign_table(state.runs, state.request.error, state.robot.joint_names)
+
     def __repr__(self) -> str:
-        table = build_campaign_table(self._state)
+        table = self._build_table()
         head = f"Campaign({self._state.robot.name}, {len(self._state.runs)} runs): {self.decision.sentence}"
         return table.to_text(head) if self._state.runs else head
 
     def _repr_html_(self) -> str:
-        table = build_campaign_table(self._state)
+        table = self._build_table()
         shown = (table.to_html(), *map(render_paragraph, table.notes)) if self._state.runs else ()
         return join_html(render_paragraph(self.decision.sentence, strong=True), *shown)
 

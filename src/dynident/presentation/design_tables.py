@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from dynident.advice.campaign import CampaignState
+from dynident.advice.campaign import CampaignRun
 from dynident.effects import EffectChoice
 from dynident.excitation import Design
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter
@@ -179,19 +179,23 @@ def build_promises_table(design: Design, identification: Identification) -> Repo
     return ReportedTable("Standard deviations", columns, tuple(rows), notes=(note,), name="promises")
 
 
-def build_campaign_table(state: CampaignState) -> ReportedTable:
+def build_campaign_table(runs: Sequence[CampaignRun], goal: float, joints: Sequence[str]) -> ReportedTable:
     """Return what each run of a campaign promised and brought, as errors of the joint that is worst.
 
     Parameters
     ----------
-    state : CampaignState
-        The campaign.
+    runs : sequence of CampaignRun
+        The runs so far, in order.
+    goal : float
+        Relative error that is to be reached.
+    joints : sequence of str
+        Names of the robot's joints.
     """
     rows, seconds = [], 0.0
-    for run in state.runs:
+    for run in runs:
         seconds += run.seconds
         worst = int(np.argmax(run.errors))
-        is_reached = bool(run.errors[worst] <= state.request.error)
+        is_reached = bool(run.errors[worst] <= goal)
         rows.append(
             (
                 Cell(run.name),
@@ -201,8 +205,8 @@ def build_campaign_table(state: CampaignState) -> ReportedTable:
                 make_percent_cell(float(run.parameters.max())),
                 make_percent_cell(float(run.lacking.max())),
                 Cell(format_percent(float(run.errors[worst])), float(run.errors[worst]), "ok" if is_reached else None),
-                Cell(state.robot.joint_names[worst]),
-                Cell(_list_added(run.added, state.robot.joint_names)),
+                Cell(joints[worst]),
+                Cell(_list_added(run.added, joints)),
             )
         )
     columns = (

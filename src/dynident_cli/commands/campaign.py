@@ -128,7 +128,7 @@ def campaign(
         assert state.identification is not None
         write_atomically(folder / "model.npz", to_bytes(state.identification))
         console.print(f"{name}: {state.decision.sentence}")
-    table = build_campaign_table(state)
+    table = build_campaign_table(state.runs, state.request.error, state.robot.joint_names)
     results = command_output.result_console()
     command_output.print_tables(results, [table])
     for note in table.notes:

@@ -17,6 +17,7 @@ const VIEWS = {
   robots: () => import("./lists/robots_page.js"),
   recordings: () => import("./lists/recordings_page.js"),
   design: () => import("./design/design_page.js"),
+  campaigns: () => import("./campaigns_page.js"),
   changes: () => import("./changes_page.js"),
 };
 const main = document.getElementById("main");
@@ -28,7 +29,7 @@ let shown = null;
 async function show({ anew = false } = {}) {
   const wanted = asked();
   const recording = wanted.view === "recording" && wanted.measurement;
-  const view = JSON.stringify([wanted.view, wanted.identification, wanted.robot, wanted.design, wanted.diagnosis, wanted.pair, recording]);
+  const view = JSON.stringify([wanted.view, wanted.identification, wanted.robot, wanted.design, wanted.campaign, wanted.diagnosis, wanted.pair, recording]);
   if (view === shown && !anew) return;
   shown = view;
   running.abort();
@@ -61,7 +62,7 @@ async function firstView(signal) {
 }
 
 function navigation(view) {
-  const links = [["", "Model"], ["models", "Models"], ["new", "New model"], ["design", "Design"], ["changes", "Changes"], ["robots", "Robots"], ["recordings", "Recordings"], ["jobs", "Jobs"]];
+  const links = [["", "Model"], ["models", "Models"], ["new", "New model"], ["design", "Design"], ["campaigns", "Campaigns"], ["changes", "Changes"], ["robots", "Robots"], ["recordings", "Recordings"], ["jobs", "Jobs"]];
   put(
     document.getElementById("views"),
     links.map(([name, text]) =>

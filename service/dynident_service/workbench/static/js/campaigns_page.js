@@ -1,0 +1,158 @@
+// Page of campaigns: begin one, make its motions, drop their recordings, and see the error fall.
+
+import { get, post } from "./api.js";
+import { field, figures, h, listed, part, put, select } from "./dom.js";
+import { moment, number, percent, quantity } from "./format.js";
+import { awaited } from "./jobs.js";
+import { measurementForm } from "./measurement_form.js";
+import { address, go } from "./page_address.js";
+import { colour, figure, onColours } from "./plots.js";
+import { pressed, problemBox, sending } from "./problem.js";
+import { controls, said as saidBy, sorted } from "./request_controls.js";
+import { formatLinks } from "./save_file.js";
+import { choicesOfQuery, fieldsOf } from "./schema.js";
+import { byName, shownTable } from "./tables.js";
+
+const WORDS = { asking: "the next motion is to be designed", designing: "the next motion is being designed", waiting: "the motion is to be made", estimating: "the recording is being taken in", reached: "goal reached", unreachable: "goal out of reach", stopped: "budget spent" };
+const BOXES = { reached: "good", unreachable: "warning", stopped: "warning" };
+// What most people ask for stands in the open, in this order; the rest of what may be asked is folded.
+const OPEN = ["error", "speed", "robot_time", "runs", "duration", "sampling_rate"];
+const inTime = (seconds) => (seconds < 120 ? quantity(seconds, "s", 3) : quantity(seconds / 60, "min", 3));
+
+/** With `campaign` that one, else all campaigns and a form for a new one. */
+export async function page(target, wanted, signal) {
+  document.title = "Campaigns: dynident";
+  if (wanted.campaign) return onePage(target, wanted.campaign, signal);
+  const [{ items: robots }, { items: campaigns }] = await Promise.all([get("/robots", { limit: 200 }, signal), get("/campaigns", { limit: 50 }, signal)]);
+  if (!robots.length) {
+    put(target, h("h1", {}, "Campaigns"), h("div", { class: "box warning" }, "There is no robot yet. ", h("a", { href: address({ view: "new" }) }, "Make one from its description"), " first."));
+    return;
+  }
+  const nameOf = new Map(robots.map((one) => [one.id, one.name]));
+  const columns = [
+    ["campaign", (one) => h("a", { href: address({ view: "campaigns", campaign: one.id }) }, one.name ?? "campaign")],
+    ["robot", (one) => nameOf.get(one.request.robot_id) ?? "–"],
+    ["date", (one) => moment(one.created_at)],
+    ["state", (one) => WORDS[one.state]],
+    figures("robot time", (one) => one.robot_time, inTime),
+    figures("error", (one) => one.achieved, percent),
+    figures("goal", (one) => one.request.goal.error, percent),
+  ];
+  put(target, h("h1", {}, "Campaigns"),
+    h("p", {}, "Say how accurate the model has to be. dynident designs one motion after the other, until the goal is reached or cannot be."),
+    campaigns.length ? listed("Campaigns", columns, campaigns, { id: "campaigns-table" }) : null,
+    await campaignForm(robots, wanted.robot));
+}
+
+async function campaignForm(robots, chosen) {
+  const [goal, budget, trajectory, own] = await Promise.all(["TorqueGoal", "Budget", "Trajectory", "CampaignRequest"].map(fieldsOf));
+  const robot = select(robots.map((one) => [one.id, one.name]), chosen || robots[0].id, () => {}, { id: "campaign-robot" });
+  const name = h("input", { maxlength: 200, id: "campaign-name" });
+  const prefix = "campaign-";
+  const groups = {
+    goal: controls(goal, { but: ["kind", "region_ids"], pointer: "/goal", prefix }),
+    budget: controls(budget, { pointer: "/budget", prefix }),
+    trajectory: controls(trajectory, { pointer: "/trajectory", prefix }),
+  };
+  const rest = controls(own, { but: ["robot_id", "name", "measurement_ids"], prefix });
+  const [open, folded] = sorted([...Object.values(groups).flat(), ...rest], OPEN);
+  const said = h("div");
+  const submit = h("button", { class: "main", id: "begin-campaign" }, "Begin the campaign");
+  const send = sending(submit, said, async () => {
+    const parts = Object.fromEntries(Object.entries(groups).map(([key, all]) => [key, saidBy(all)]));
+    const made = await post("/campaigns", { robot_id: robot.value, name: name.value.trim() || null, ...parts, ...saidBy(rest) });
+    go({ view: "campaigns", campaign: made.id });
+  });
+  return h("form", { id: "campaign-form", onsubmit: send, novalidate: true },
+    h("h2", {}, "A new campaign"),
+    h("div", { class: "fields" }, field("Robot", robot), open.map((one) => one.element), field("Name", name, { pointer: "/name" })),
+    h("details", { class: "more" }, h("summary", {}, "More options"), h("div", { class: "fields" }, folded.map((one) => one.element))),
+    said, h("p", {}, submit));
+}
+
+async function onePage(target, id, signal) {
+  const first = await get(`/campaigns/${id}`, {}, signal);
+  const [robot, metadata, formats] = await Promise.all([get(`/robots/${first.request.robot_id}`, {}, signal), fieldsOf("MeasurementMetadata"), choicesOfQuery("/v1/designs/{design_id}/trajectory", "format")]);
+  const title = first.name ?? "Campaign";
+  document.title = `${title}: dynident`;
+  const about = { robot, metadata, formats };
+  const body = h("div");
+  put(target, h("p", {}, h("a", { href: address({ view: "campaigns" }) }, "← All campaigns")), h("h1", {}, title),
+    h("p", { class: "note" }, `${robot.name}; ${moment(first.created_at)}; goal: torque within ${percent(first.request.goal.error)} up to ${percent(first.request.goal.speed)} of the speeds, in ${inTime(first.request.budget.robot_time)} of robot time`), body);
+  const show = async () => put(body, ...shown(await get(`/campaigns/${id}`, {}, signal), about, show, signal));
+  put(body, ...shown(first, about, show, signal));
+}
+
+/** What a campaign has come to, and what is to be done next; `again` shows it anew. */
+function shown(campaign, about, again, signal) {
+  const { campaign: runs } = byName(campaign);
+  const chart = h("div", { class: "chart", id: "campaign-chart" });
+  if (runs) {
+    const draw = () => chart.isConnected && courseOf(chart, campaign, signal);
+    onColours(draw, signal);
+    requestAnimationFrame(draw);
+  }
+  return [
+    h("div", { class: `box ${BOXES[campaign.state] ?? ""}`, id: "campaign-state", "data-state": campaign.state },
+      h("p", {}, h("strong", {}, `${WORDS[campaign.state][0].toUpperCase()}${WORDS[campaign.state].slice(1)}. `), campaign.decision.sentence),
+      campaign.identification_id ? h("p", {}, h("a", { href: address({ identification: campaign.identification_id }) }, "The model from all runs")) : null),
+    nextStep(campaign, about, again, signal),
+    runs ? [chart, shownTable(runs, { id: "campaign-runs" })] : null,
+  ];
+}
+
+function nextStep(campaign, about, again, signal) {
+  const said = h("div");
+  const fail = (error) => put(said, problemBox(error));
+  const last = campaign.steps.at(-1);
+  const follow = (path, resource, words) => awaited(path, resource, words, said, signal).then(again, (error) => signal.aborted || fail(error));
+  // A page that is opened in the middle of it goes on with what is under way.
+  if (campaign.state === "designing") follow("/designs", { ...last, id: last.design_id }, "Designing the motion");
+  if (campaign.state === "estimating") follow("/identifications", { ...last, id: last.identification_id }, "Taking in the recording");
+  if (campaign.state === "asking") {
+    const button = h("button", { type: "button", class: "main", id: "ask", onclick: () => pressed(button, async () => follow("/designs", await post(`/campaigns/${campaign.id}/ask`, {}), "Designing the motion"), fail, signal) }, "Design the next motion");
+    return part("Next motion", last?.error ? problemBox(last.error) : null, h("p", { class: "actions" }, button, h("span", { class: "note" }, "the motion that lowers the error most in its time")), said);
+  }
+  return campaign.state === "waiting" ? motionToMake(campaign, about, follow, said, fail, signal) : said;
+}
+
+/** The motion that waits: where to get it, and where its recording goes. */
+function motionToMake(campaign, { robot, metadata, formats }, follow, said, fail, signal) {
+  const tell = async (measurement) => follow("/identifications", await post(`/campaigns/${campaign.id}/tell`, { measurement_id: measurement }), "Taking in the recording");
+  const button = h("button", { type: "button", id: "simulate-run", disabled: !robot.has_inertias, onclick: () => pressed(button, async () => {
+    const seed = campaign.steps.flatMap((one) => one.runs).length + 1;
+    const made = await post("/simulations", { robot_id: robot.id, design_id: campaign.design_id, name: `virtual run ${seed}`, seed });
+    await tell((await awaited("/simulations", made, "Simulating the motion", said, signal)).result.measurement_id);
+  }, fail, signal) }, "Make it with the virtual robot");
+  const step = campaign.steps.at(-1);
+  const forms = h("div");
+  const recordings = measurementForm(robot, { forms, metadata, chosen: () => robot, onStored: (one) => tell(one.id).catch(fail), onRobot: () => {}, count: () => 0 });
+  return part("Motion to make",
+    h("p", {}, `It takes ${inTime(step.duration)}${step.promised ? ` and promises an error of ${percent(campaign.promised)} on the worst joint` : "; the first one is slow, since nothing is known of the torque yet"}. `,
+      h("a", { href: address({ view: "design", robot: robot.id, design: campaign.design_id }) }, "Look at it")),
+    h("p", { class: "actions" }, formatLinks(formats, (format) => `/v1/designs/${campaign.design_id}/trajectory?format=${format}`, said), button),
+    said,
+    h("h3", {}, "Its recording"),
+    recordings);
+}
+
+/** The error over robot time: promised before each run, reached after it, and the goal. */
+function courseOf(target, campaign, signal) {
+  const runs = campaign.steps.flatMap((one) => one.runs);
+  let seconds = 0;
+  // From zero, so that the goal is a line before there are two runs.
+  const minutes = [0, ...runs.map((one) => (seconds += one.seconds) / 60)];
+  const inPercent = (errors) => (errors ? 100 * Math.max(...errors) : null);
+  const line = (label, values, stroke, more = {}) => ({ label, values, stroke, ...more });
+  figure(target, {
+    title: "Relative error of the predicted torque, worst joint, over robot time",
+    height: 230,
+    x: { label: "robot time (min)", words: (raw) => `${number(raw, 3)} min`, values: minutes, scale: { range: (_, __, high) => [0, 1.08 * (high || 1)] } },
+    y: { label: "error (%)", words: (raw) => percent(raw / 100), scale: { distr: 3 } },
+    lines: [
+      line("reached", [null, ...runs.map((one) => inPercent(one.achieved))], colour("residual"), { width: 2, points: { show: true, size: 8 } }),
+      line("promised", [null, ...runs.map((one) => inPercent(one.promised))], colour("predicted"), { width: 0, points: { show: true, size: 9 } }),
+      line("goal", minutes.map(() => 100 * campaign.request.goal.error), colour("good-line"), { dash: [6, 4] }),
+    ],
+  }, signal);
+}

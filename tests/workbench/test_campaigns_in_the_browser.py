@@ -1,0 +1,46 @@
+"""A campaign by mouse: begun, its motions made by the virtual robot, until the goal is reached."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.heavy_arm import heavy_arm
+from support.workbench_page import ask
+
+expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
+pytestmark = pytest.mark.slow
+
+
+def test_a_campaign_goes_on_until_its_goal_is_reached(page: Any, heard: Any, tmp_path: Path) -> None:
+    robot = heavy_arm(page)
+    page.goto("/?view=campaigns")
+    page.select_option("#campaign-robot", robot)
+    page.fill("#campaign-error", "0.05")
+    page.fill("#campaign-duration", "4")
+    page.get_by_text("More options").click()
+    page.fill("#campaign-time_budget", "2")
+    page.fill("#campaign-name", "five per cent")
+    page.click("#begin-campaign")
+    state = page.locator("#campaign-state")
+    expect(state).to_have_attribute("data-state", "asking")
+    for number in range(4):
+        page.click("#ask")
+        page.locator("#simulate-run").wait_for(timeout=60_000)
+        if number == 1:
+            expect(page.locator("main")).to_contain_text("promises an error of")
+            page.screenshot(path=tmp_path / "waiting.png", full_page=True)
+        # What is under way is followed by a page that is opened later as well.
+        page.click("#simulate-run")
+        expect(page.locator("#campaign-runs tbody tr")).to_have_count(number + 1, timeout=90_000)
+        if state.get_attribute("data-state") == "reached":
+            break
+    expect(state).to_have_attribute("data-state", "reached")
+    expect(page.locator("#campaign-chart canvas")).to_be_visible()
+    page.screenshot(path=tmp_path / "reached.png", full_page=True)
+    (campaign,) = ask(page, f"/campaigns?robot_id={robot}")["items"]
+    assert campaign["achieved"] <= 0.05
+    page.get_by_role("link", name="All campaigns").click()
+    expect(page.locator("#campaigns-table")).to_contain_text("goal reached")
+    assert heard.complaints == []
