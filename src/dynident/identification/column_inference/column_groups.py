@@ -300,13 +300,15 @@ def group_columns(
     by_stem |= numbered
     reasons |= why
     used = {index for group in by_stem.values() for index in group.values()} | in_ours | set(following)
+    counted: list[ColumnGroup] = []
     groups = ours
     for stem, group in by_stem.items():
         columns = tuple(group[joint] for joint in range(len(joint_names)))
         built = _build_group(columns, named, reasons[stem])
-        # Another arm in the same file counts its joints alike, but has not their names.
-        if stem not in numbered or not _is_of_other_joints(built, groups):
-            groups.append(built)
+        (counted if stem in numbered else groups).append(built)
+    # Another arm in the same file counts its joints alike, but has not their names. Of two that only count them nobody
+    # knows which is meant.
+    groups += [built for built in counted if not _is_of_other_joints(built, groups)]
     return groups, [index for index in range(len(named)) if index not in used], following
 
 
