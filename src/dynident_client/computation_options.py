@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal, TypedDict
+from typing import Any, Literal, TypedDict
 
 DesignKind = Literal["optimized", "random", "sequential", "constant_velocity", "slow_sweep", "reversals"]
 ValidationKind = Literal[
@@ -48,7 +48,8 @@ class CampaignOptions(TypedDict, total=False):
     """Effects of the first model; by default the usual ones"""
     first_speed: float
     """Share of the velocity limits that the first run keeps to (above 0 to 1)"""
-    goal: TorqueGoal
+    goal: Any
+    """What is to be known"""
     home: Sequence[float] | None
     """Posture where the motion begins and ends, in rad or m"""
     limits: Mapping[str, Limits]
@@ -169,6 +170,14 @@ class EffectChoice(TypedDict, total=False):
     """Shape constants; searched for if not given."""
 
 
+class EffectsGoal(TypedDict, total=False):
+    """Effects that are found, or would have shown at their usual size on every joint."""
+
+    effects: Sequence[str]
+    """Ids of effects from GET /v1/effects"""
+    kind: Literal["effects"]
+
+
 class IdentificationOptions(TypedDict, total=False):
     """What to identify, from which measurements, and how."""
 
@@ -241,6 +250,16 @@ class Noise(TypedDict, total=False):
     """Standard deviation of the torque noise, as a share of the effort limit (0 to 1000)"""
     torque_noise_absolute: Sequence[float] | None
     """Standard deviation of each joint, N m or N; replaces torque_noise (0 to 1e+09)"""
+
+
+class ParametersGoal(TypedDict, total=False):
+    """Base parameters that are known as well as asked for."""
+
+    error: float
+    """Largest relative error of the predicted torque of any joint, or of any named parameter (above 0 to 1)"""
+    kind: Literal["parameters"]
+    parameters: Sequence[str]
+    """Names of base parameters"""
 
 
 class Preprocessing(TypedDict, total=False):
@@ -325,7 +344,7 @@ class TorqueGoal(TypedDict, total=False):
     """Torque that is predicted as well as asked for."""
 
     error: float
-    """Largest relative error of the predicted torque of any joint (above 0 to 1)"""
+    """Largest relative error of the predicted torque of any joint, or of any named parameter (above 0 to 1)"""
     kind: Literal["torque"]
     region_ids: Sequence[str]
     """Measurements of motions of the application, in which the torque shall be predicted; by default all that the

@@ -226,3 +226,50 @@ def test_the_command_goes_on_from_its_folder_and_says_what_a_command_did_wrong(t
     assert failed.exit_code == 2
     assert "ended with code 5" in failed.output
     assert (tmp_path / "run2_motion.csv").is_file()
+
+
+def run_to_the_end(request, hidden: str = ""):
+    """A campaign with the virtual arm until it is over."""
+    state = start_campaign(ARM, request)
+    while not state.decision.is_end:
+        plan = plan_run(state)
+        state = add_run(state, recorded(plan.design, f"run{len(state.runs) + 1}", hidden), plan)
+    return state
+
+
+def test_a_campaign_for_parameters_ends_where_their_intervals_are_small_enough_and_hold_the_truth():
+    request = replace(REQUEST, goal="parameters", parameters=("Fc1", "ZZ2"), error=0.05)
+    state = run_to_the_end(request)
+    assert state.decision.code == "reached"
+    by_name = {parameter.name: parameter for parameter in state.identification.parameters}
+    true = {
+        effect.effect: dict(effect.values) for effect in list_drive_effects(ARM) if effect.joint == ARM.joint_names[0]
+    }
+    for name, error in zip(state.targets, state.runs[-1].errors, strict=True):
+        low, high = by_name[name].interval
+        assert 0.5 * (high - low) / abs(by_name[name].value) == pytest.approx(error)
+    low, high = by_name["Fc1"].interval
+    assert low < true["coulomb"]["Fc"] < high
+
+
+def test_a_campaign_for_an_effect_finds_it_or_rules_it_out():
+    request = replace(REQUEST, goal="effects", decide=("stribeck",))
+    for hidden in ("", "stribeck"):
+        state = run_to_the_end(request, hidden)
+        assert state.decision.code == "reached"
+        found = {choice.effect for choice in state.identification.model.effects}
+        assert ("stribeck" in found) == bool(hidden)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"goal": "parameters"}, "no parameter is named"),
+        ({"goal": "parameters", "parameters": ("m1",)}, "there is no base parameter m1; there are: ZZ1"),
+        ({"goal": "effects"}, "no effect is named"),
+        ({"goal": "effects", "decide": ("warm_up_friction",)}, "depends on more than the motion"),
+    ],
+)
+def test_goals_that_cannot_be_are_refused_before_the_first_run(change, words):
+    with pytest.raises(dy.DynidentError, match=words):
+        start_campaign(ARM, replace(REQUEST, **change))

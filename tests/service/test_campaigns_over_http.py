@@ -19,7 +19,7 @@ MOTION = {"trajectory": {"duration": 6.0, "harmonics": 3, "sampling_rate": 100.0
 
 def begin(live: Client, **more: Any) -> Any:
     robot = live.robots.create("scara", modified_dh=library_table("scara"))
-    return live.campaigns.create(robot, goal={"error": 0.05}, budget={"robot_time": 120.0}, **{**MOTION, **more})
+    return live.campaigns.create(robot, **{"goal": {"error": 0.05}, "budget": {"robot_time": 120.0}, **MOTION, **more})
 
 
 def run(live: Client, campaign: Any, seed: int) -> Any:
@@ -80,8 +80,17 @@ def test_what_does_not_fit_is_refused_with_its_place(live: Client) -> None:
     robot = live.robots.get(campaign["request"]["robot_id"])
     with pytest.raises(ProblemError, match="one run takes 6 s, and all together may take 3 s"):
         live.campaigns.create(robot, budget={"robot_time": 3.0}, **MOTION)
-    with pytest.raises(ProblemError, match="/goal/kind"):
-        live.campaigns.create(robot, goal={"kind": "payload"})
+    for goal, place in (
+        ({"kind": "payload"}, "/goal"),
+        ({"error": 11.0}, "/goal/error"),
+        ({"kind": "parameters", "parameters": []}, "/goal/parameters"),
+        ({"kind": "parameters", "parameters": ["m1"]}, "/goal/parameters"),
+        ({"kind": "effects", "effects": ["magic"]}, "/goal/effects"),
+        ({"kind": "effects", "effects": ["payload"]}, "/goal/effects"),
+    ):
+        with pytest.raises(ProblemError) as refused:
+            live.campaigns.create(robot, goal=goal)
+        assert [error["pointer"] for error in refused.value.errors] == [place], goal
     again = live.campaigns.create(robot, measurements=[recording], **MOTION)
     assert again.state == "estimating"
     with pytest.raises(ProblemError, match="takes in a recording"):
@@ -128,3 +137,19 @@ def test_what_no_motion_can_be_designed_for_is_refused_at_once(live: Client) -> 
         with pytest.raises(ProblemError) as caught:
             begin(live, **more)
         assert caught.value.errors[0]["pointer"] == place
+
+
+def test_parameters_and_effects_are_goals_as_well(live: Client) -> None:
+    known = begin(live, goal={"kind": "parameters", "parameters": ["Fc1", "Fv1"], "error": 0.5})
+    sought = begin(live, goal={"kind": "effects", "effects": ["stribeck"]})
+    assert (known["targets"], sought["targets"]) == (["Fc1", "Fv1"], ["stribeck"])
+    for campaign in (known, sought):
+        for number in (1, 2):
+            live.campaigns.tell(campaign, run(live, campaign, number)).wait()
+            shown = live.campaigns.get(campaign)
+            if shown.state != "asking":
+                break
+        runs = [made for step in shown.steps for made in step["runs"]]
+        assert all(len(made["achieved"]) == len(campaign["targets"]) for made in runs)
+        assert shown["tables"]
+    assert live.campaigns.get(known).state == "reached"

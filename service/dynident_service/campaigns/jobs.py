@@ -36,6 +36,7 @@ from dynident_service.campaigns.wire_types import (
     CampaignRequest,
     CampaignRunView,
     CampaignView,
+    EffectsGoal,
 )
 from dynident_service.designs.adapters import describe_design, restore_design, show_request, write_trajectory
 from dynident_service.designs.wire_types import DesignResult
@@ -56,7 +57,13 @@ from dynident_service.shared.stored_inputs import load_stored_model, load_stored
 from dynident_service.shared.wire_types import Table, to_plain_json
 from dynident_service.storage.repository_values import Resource, find_mesh_files
 
-_PLACES = {"/minutes": "/budget/robot_time", "/choices/effects": "/effects", "/design": "/trajectory/joints"}
+_PLACES = {
+    "/minutes": "/budget/robot_time",
+    "/choices/effects": "/effects",
+    "/design": "/trajectory/joints",
+    "/parameters": "/goal/parameters",
+    "/decide": "/goal/effects",
+}
 
 
 def build_campaign_request(body: CampaignRequest) -> RequestedCampaign:
@@ -64,8 +71,11 @@ def build_campaign_request(body: CampaignRequest) -> RequestedCampaign:
     choices = IdentificationChoices()
     if body.effects is not None:
         choices = replace(choices, effects=from_wire_choices(body.effects))
+    goal = body.goal.model_dump(include={"error", "speed", "parameters"})
     return RequestedCampaign(
-        **body.goal.model_dump(include={"error", "speed"}),
+        goal=body.goal.kind,
+        **goal,
+        decide=tuple(body.goal.effects) if isinstance(body.goal, EffectsGoal) else (),
         **body.budget.model_dump(include={"runs"}),
         minutes=body.budget.robot_time / 60.0,
         **body.model_dump(include={"first_speed"}),
@@ -177,7 +187,7 @@ def _restore_state(task: Task, campaign: Resource, before: str | None = None) ->
     """Restore a campaign from its request and from the models of its runs."""
     body = CampaignRequest.model_validate(campaign.request)
     robot = load_stored_robot(task, body.robot_id)
-    region = [open_recording_by_id(task, identifier) for identifier in body.goal.region_ids]
+    region = [open_recording_by_id(task, identifier) for identifier in body.region_ids]
     state = start_campaign(robot, build_campaign_request(body), collect_region(region) if region else None)
     models = _list_models(task, campaign, before)
     if not models:
@@ -200,8 +210,8 @@ def _restore_state(task: Task, campaign: Resource, before: str | None = None) ->
 def build_campaign_tables(view: CampaignView) -> list[Table]:
     """Build the table of the runs of a campaign; none before the first."""
     runs = [_restore_run(run) for step in view.steps for run in step.runs]
-    goal = build_campaign_request(view.request).error
-    return show_tables([build_campaign_table(runs, goal, view.joints)] if runs else [])
+    request = build_campaign_request(view.request)
+    return show_tables([build_campaign_table(runs, request, tuple(view.joints))] if runs else [])
 
 
 def _restore_run(run: CampaignRunView) -> CampaignRun:
@@ -210,7 +220,7 @@ def _restore_run(run: CampaignRunView) -> CampaignRun:
         seconds=run.seconds,
         promised=_to_array(run.promised),
         predicted=_to_array(run.predicted),
-        parameters=np.array(run.parameters),
+        parameters=np.array([np.inf if error is None else error for error in run.parameters]),
         lacking=np.array(run.lacking),
         added=from_wire_choices(run.added),
         is_changed=run.is_changed,

@@ -16,7 +16,10 @@ from dynident_service.campaigns.wire_types import (
     CampaignRequest,
     CampaignStep,
     CampaignView,
+    EffectsGoal,
+    ParametersGoal,
     TellRequest,
+    TorqueGoal,
 )
 from dynident_service.designs.wire_types import DesignRequest, DesignResult, DesignView
 from dynident_service.identifications.routes import show_identification
@@ -61,7 +64,7 @@ def create_campaign(
     robot = require_robot(services, body.robot_id)
     needs = (
         depend_on(robot),
-        *require_measurements(services, robot, body.goal.region_ids, "region", "/goal/region_ids"),
+        *require_measurements(services, robot, body.region_ids, "region", "/goal/region_ids"),
         *require_measurements(services, robot, body.measurement_ids, "measurement", "/measurement_ids"),
     )
     # Refused at once, what would fail when the first motion is designed.
@@ -278,20 +281,29 @@ def show_campaign(services: Services, campaign: Resource) -> CampaignView:
     runs = [run for step in shown for run in step.runs]
     promises = [max(step.promised) for step in shown if step.promised]
     decision = CampaignDecision(code="next_run", sentence="Make the first run: nothing is known yet.")
+    joints = [joint.name for joint in RobotResult.model_validate(robot.result).joints]
+    last = runs[-1].achieved if runs else [None]
     return CampaignView.model_validate(
         {
             **vars(campaign),
-            "joints": [joint.name for joint in RobotResult.model_validate(robot.result).joints],
+            "joints": joints,
+            "targets": _list_targets(CampaignRequest.model_validate(campaign.request).goal, joints),
             "state": _find_state(steps, outcome, waiting),
             "decision": decision if outcome is None else outcome.decision,
             "robot_time": sum(run.seconds for run in runs),
             "promised": promises[-1] if promises else None,
-            "achieved": max(runs[-1].achieved) if runs else None,
+            "achieved": None if None in last else max(error for error in last if error is not None),
             "design_id": None if waiting is None else waiting.id,
             "identification_id": steps.models[-1].id if steps.models else None,
             "steps": shown,
         }
     )
+
+
+def _list_targets(goal: TorqueGoal | ParametersGoal | EffectsGoal, joints: list[str]) -> list[str]:
+    if isinstance(goal, TorqueGoal):
+        return joints
+    return goal.parameters if isinstance(goal, ParametersGoal) else goal.effects
 
 
 def _by_time(resource: Resource) -> tuple[object, str]:

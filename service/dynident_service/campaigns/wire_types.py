@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from dynident.advice.campaign_request import LONGEST_CAMPAIGN
 from dynident.advice.campaign_request import CampaignRequest as Requested
@@ -46,6 +46,21 @@ class TorqueGoal(RequestModel):
     )
 
 
+@derive_body(Requested, only=("error",))
+class ParametersGoal(RequestModel):
+    """Base parameters that are known as well as asked for."""
+
+    kind: Literal["parameters"] = "parameters"
+    parameters: list[str] = Field(min_length=1, max_length=1000, description="Names of base parameters")
+
+
+class EffectsGoal(RequestModel):
+    """Effects that are found, or would have shown at their usual size on every joint."""
+
+    kind: Literal["effects"] = "effects"
+    effects: list[str] = Field(min_length=1, max_length=100, description="Ids of effects from GET /v1/effects")
+
+
 @derive_body(Requested, only=("runs",))
 class Budget(RequestModel):
     """What a campaign may cost."""
@@ -76,7 +91,7 @@ class CampaignRequest(NamedRequest):
     """A goal, what it may cost, and what every motion must keep to."""
 
     robot_id: Identifier
-    goal: TorqueGoal = TorqueGoal()
+    goal: Annotated[TorqueGoal | ParametersGoal | EffectsGoal, Field(discriminator="kind")] = TorqueGoal()
     budget: Budget = Budget()
     measurement_ids: list[Identifier] = Field(
         default=[], max_length=100, description="Measurements that the campaign begins with, as if they had been told"
@@ -84,6 +99,18 @@ class CampaignRequest(NamedRequest):
     effects: Effects | None = Field(default=None, description="Effects of the first model; by default the usual ones")
     limits: dict[str, Limits] = Field(default={})
     trajectory: Trajectory = Trajectory()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default_to_torque(cls, values: Any) -> Any:
+        # The kind decides which fields a goal has; torque is the goal of requests that do not state it.
+        goal = values.get("goal") if isinstance(values, dict) else None
+        return {**values, "goal": {"kind": "torque", **goal}} if isinstance(goal, dict) else values
+
+    @property
+    def region_ids(self) -> list[Identifier]:
+        """The measurements whose torque shall be predicted; none for other goals."""
+        return self.goal.region_ids if isinstance(self.goal, TorqueGoal) else []
 
 
 class TellRequest(RequestModel):
@@ -96,7 +123,7 @@ class TellRequest(RequestModel):
 
 
 class CampaignRunView(ViewModel):
-    """One run of a campaign, as it stood after its recording was taken in; errors are relative, by joint."""
+    """One run of a campaign, as it stood after its recording was taken in; errors are relative, by target."""
 
     measurement_id: str = ""
     design_id: str | None = None
@@ -106,9 +133,11 @@ class CampaignRunView(ViewModel):
     predicted: list[float] | None = Field(
         description="Errors of this run's torque as the model before it predicted it; null for the first run"
     )
-    parameters: list[float] = Field(description="Errors over the region from uncertain parameters, with 95 %")
+    parameters: list[float | None] = Field(
+        description="Errors from uncertain parameters, with 95 %; null of an effect that would have shown at no size"
+    )
     lacking: list[float] = Field(description="Errors over the region from what the model lacks")
-    achieved: Annotated[list[float], SourcePath("errors")] = Field(description="Errors over the region from both")
+    achieved: Annotated[list[float | None], SourcePath("errors")] = Field(description="Errors from both")
     added: list[EffectChoice] = Field(description="Effects in the model beyond those asked for")
     is_changed: bool = Field(description="Whether these are others than after the run before")
 
@@ -137,7 +166,7 @@ class CampaignStep(ViewModel):
     status: str
     progress: Progress
     error: Problem | None = None
-    promised: list[float] | None = Field(default=None, description="Errors that the motion promises, by joint")
+    promised: list[float] | None = Field(default=None, description="Errors that the motion promises, by target")
     duration: float | None = Field(default=None, description="Length of the motion, s")
     runs: list[CampaignRunView] = Field(default=[], description="What the recordings brought")
 
@@ -150,14 +179,15 @@ class CampaignView(WithTables):
     created_at: datetime
     request: CampaignRequest
     joints: list[str]
+    targets: list[str] = Field(description="What the errors are of: joints, parameters or effects, by name")
     state: CampaignPhase = Field(
         description="asking: ask for the next motion; waiting: make it and tell its recording; stopped: nothing is "
         "left of the budget"
     )
     decision: CampaignDecision
     robot_time: float = Field(description="Of all runs so far, s")
-    promised: float | None = Field(description="Error of the worst joint that the last motion promises")
-    achieved: float | None = Field(description="Error of the worst joint after the last run")
+    promised: float | None = Field(description="Error of the worst target that the last motion promises")
+    achieved: float | None = Field(description="Error of the worst target after the last run")
     design_id: str | None = Field(description="The motion to make; null if none is waiting")
     identification_id: str | None = Field(description="The model from all runs; null before the first")
     steps: list[CampaignStep] = Field(description="In order")

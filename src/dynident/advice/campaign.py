@@ -1,7 +1,7 @@
-"""Campaigns: run after run until the torque is predicted well enough, with a promise before and a decision after each.
+"""Campaigns: run after run until enough is known, with a promise before and a decision after each.
 
-`plan_run` designs the motion that tells most about the torque to be predicted; `add_run` takes its recording,
-identifies and diagnoses the model from all runs, and decides whether to go on. Holds the fewest runs (2).
+`plan_run` designs the motion that tells most about the goal (torque, parameters, effects); `add_run` takes its
+recording, identifies and diagnoses the model from all runs, and decides whether to go on. Holds the fewest runs (2).
 """
 
 from __future__ import annotations
@@ -14,16 +14,21 @@ import numpy as np
 
 from dynident.advice.campaign_request import DESIGN_SECONDS, CampaignRequest
 from dynident.advice.prediction_error import (
+    ErrorMeasure,
     RegionRows,
+    build_measure,
+    check_targets,
     compare_with_run,
+    compute_effect_errors,
     compute_parameter_errors,
-    compute_region_rows,
     follows_design,
+    is_of_motion,
+    list_targets,
     predict_errors,
 )
 from dynident.array_types import FloatArray
 from dynident.diagnosis import diagnose
-from dynident.effects import EffectChoice, get_effect
+from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, Design, design_experiment
 from dynident.excitation.criteria.prediction_region import Region, draw_region
@@ -56,14 +61,16 @@ class CampaignRun:
         Name of the recording.
     seconds : float
         Length of the recording, s.
-    promised : (n,) or None
-        Relative errors of each joint that its motion promised; None for a motion that the campaign did not plan.
+    promised : (k,) or None
+        Relative errors of each target that its motion promised; None for a motion that the campaign did not plan, and
+        for effects.
     predicted : (n,) or None
         Relative errors of the torque of this run as the model before it predicted it; None for the first run.
-    parameters : (n,)
-        Relative errors over the region from uncertain parameters, with 95 % probability.
-    lacking : (n,)
-        Relative errors over the region from what the model lacks.
+    parameters : (k,)
+        Relative errors of the targets (joints, parameters) from uncertain parameters, with 95 % probability; of effects
+        the smallest size that would have shown, as a share of the usual one, and 0 of those that were found.
+    lacking : (k,)
+        Relative errors of the torque over the region from what the model lacks; 0 for other goals.
     added : tuple of EffectChoice
         Effects that the diagnosis of all runs so far added to those asked for.
     is_changed : bool
@@ -81,7 +88,7 @@ class CampaignRun:
 
     @property
     def errors(self) -> FloatArray:
-        """Relative errors (n,) of the predicted torque over the region, from both causes."""
+        """Relative errors (k,) of the targets, from both causes."""
         return np.hypot(self.parameters, self.lacking)
 
 
@@ -114,8 +121,9 @@ class PlannedRun:
     ----------
     design : Design
         The motion.
-    promised : (n,) or None
-        Relative errors over the region once it is made, with what the model lacks; None before the first run.
+    promised : (k,) or None
+        Relative errors of the targets once it is made, with what the model lacks; None before the first run, and for
+        effects.
     """
 
     design: Design
@@ -153,6 +161,11 @@ class CampaignState:
     decision: Decision = Decision("next_run", "Make the first run: nothing is known yet.")
 
     @property
+    def targets(self) -> tuple[str, ...]:
+        """What the errors are of: joints, parameters or effects, by name."""
+        return list_targets(self.request, self.robot.joint_names)
+
+    @property
     def seconds(self) -> float:
         """Robot time so far, s."""
         return sum(run.seconds for run in self.runs)
@@ -188,7 +201,7 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
             "other kinds do not add up; leave kind, model and joints out of the design",
             pointer="/design",
         )
-    needy = [choice.effect for choice in request.choices.effects if not _is_of_motion(choice)]
+    needy = [choice.effect for choice in request.choices.effects if not is_of_motion(choice)]
     if needy:
         raise DynidentError(
             f"{', '.join(needy)} depends on more than the motion (temperature, time of the session, or run), so "
@@ -197,6 +210,7 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
         )
     if region is not None and region.q.shape[1] != robot.n:
         raise DynidentError(f"the region has {region.q.shape[1]} joints; the robot has {robot.n}", pointer="/region")
+    check_targets(robot, request)
     run, given = compute_planned_seconds(design), _MINUTE * request.minutes
     if run > given:
         raise DynidentError(
@@ -212,8 +226,8 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
     """Design the next motion of a campaign, and tell what it promises.
 
     The first motion is slow, since nothing is known of the torque but the description. Each later one complements the
-    recordings so far: it lowers the variance of the torque that is to be predicted, within limits of torque that the
-    model so far keeps with its uncertainty.
+    recordings so far: it lowers the variance of what is to be known, within limits of torque that the model so far
+    keeps with its uncertainty.
 
     Parameters
     ----------
@@ -250,16 +264,29 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
             design_request,
             effects=identification.model.effects,
             noise=noise,
-            criterion=CriterionChoice("prediction"),
+            criterion=_choose_criterion(state),
         ),
         progress,
         earlier=state.recordings,
         identified=identification.estimate,
         region=state.region,
     )
-    rows = compute_region_rows(identification, state.region)
-    uncertain = predict_errors(identification, rows, design, state.seconds)
+    measure = build_measure(request, state.region, identification)
+    if measure is None:
+        return PlannedRun(design, None)
+    uncertain = predict_errors(identification, measure, design, state.seconds)
     return PlannedRun(design, np.hypot(uncertain, state.runs[-1].lacking))
+
+
+def _choose_criterion(state: CampaignState) -> CriterionChoice:
+    if state.request.goal == "parameters":
+        return CriterionChoice("parameters", parameters=state.request.parameters)
+    if state.request.goal == "effects":
+        # What showed already needs no further motion.
+        hidden = state.runs[-1].errors > state.request.largest_error
+        names = [name for name, is_open in zip(state.targets, hidden, strict=True) if is_open] or state.targets
+        return CriterionChoice("separation", effects=tuple(EffectChoice(name) for name in names))
+    return CriterionChoice("prediction")
 
 
 def _slow_down(robot: Robot, limits: Mapping[str, Limits], share: float) -> dict[str, Limits]:
@@ -322,22 +349,28 @@ def add_run(
     # From the effects asked for each time: what one run alone suggested has to show in all of them.
     identification = identify(state.robot, recordings, (), state.request.choices, scale_progress(progress, 0.0, 0.3))
     diagnosis = diagnose(identification, recordings, progress=scale_progress(progress, 0.3, 0.9))
-    added = tuple(choice for choice in diagnosis.recommended if _is_of_motion(choice))
+    added = tuple(choice for choice in diagnosis.recommended if is_of_motion(choice))
     if added:
         identification = extend(identification, added, recordings, (), scale_progress(progress, 0.9, 1.0))
-    rows = compute_region_rows(identification, state.region)
+    measure = build_measure(state.request, state.region, identification)
+    comparison = compare_with_run(identification, recording)
+    lacking = np.zeros(len(state.targets))
+    if isinstance(measure, RegionRows):
+        lacking = comparison.lacking / measure.torque
     run = CampaignRun(
         name=recording.name,
         seconds=_measure_seconds(recording),
         promised=None if planned is None else planned.promised,
         predicted=predicted,
-        parameters=compute_parameter_errors(identification, rows),
-        lacking=compare_with_run(identification, recording).lacking / rows.torque,
+        parameters=compute_effect_errors(diagnosis, state.targets)
+        if measure is None
+        else compute_parameter_errors(identification, measure),
+        lacking=lacking,
         added=added,
         is_changed=_list_places(added) != _list_places(state.runs[-1].added if state.runs else ()),
     )
     extended = replace(state, recordings=recordings, runs=(*state.runs, run), identification=identification)
-    return replace(extended, decision=decide(extended, rows, planned))
+    return replace(extended, decision=decide(extended, measure, planned))
 
 
 def _list_places(choices: Sequence[EffectChoice]) -> set[tuple[str, tuple[str, ...]]]:
@@ -345,25 +378,19 @@ def _list_places(choices: Sequence[EffectChoice]) -> set[tuple[str, tuple[str, .
     return {(choice.effect, choice.joints) for choice in choices}
 
 
-def _is_of_motion(choice: EffectChoice) -> bool:
-    """Return whether the motion alone determines an effect's torque: only then it has one at a state of a region."""
-    effect = get_effect(choice.effect)
-    return not (effect.needs_temperature or effect.needs_session or effect.in_some_runs or choice.runs)
-
-
 def _measure_seconds(recording: Recording) -> float:
     return sum(segment.length * recording.period for segment in recording.segments)
 
 
-def decide(state: CampaignState, rows: RegionRows, planned: PlannedRun | None = None) -> Decision:
+def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedRun | None = None) -> Decision:
     """Decide whether a campaign goes on.
 
     Parameters
     ----------
     state : CampaignState
         The campaign, its last run included.
-    rows : RegionRows
-        Rows of its model over the region.
+    measure : ErrorMeasure or None
+        What the covariance of its model means for the targets.
     planned : PlannedRun, optional
         The motion of the last run; its repetition bounds what the time that is left can bring.
 
@@ -373,9 +400,9 @@ def decide(state: CampaignState, rows: RegionRows, planned: PlannedRun | None = 
         What to do, and why.
     """
     assert state.identification is not None
-    run, goal, names = state.runs[-1], state.request.error, state.robot.joint_names
+    run, goal, names = state.runs[-1], state.request.largest_error, state.targets
     worst = int(np.argmax(run.errors))
-    reached = f"{format_percent(float(run.errors[worst]))} on {names[worst]}, the worst joint"
+    reached = _word_error(state.request.goal, names[worst], float(run.errors[worst]))
     remarks = _describe_promise(run, names)
     design = state.request.design
     duration = compute_planned_seconds(design) if planned is None else planned.design.duration
@@ -402,8 +429,8 @@ def decide(state: CampaignState, rows: RegionRows, planned: PlannedRun | None = 
             else f"Less than one run is left of {state.request.minutes:g} min"
         )
         return Decision("out_of_time", f"{spent}; error: {reached}. Give more or a larger error.{remarks}")
-    if planned is not None and len(state.runs) >= FEWEST_RUNS:
-        at_end = _predict_end(state, rows, planned)
+    if planned is not None and measure is not None and len(state.runs) >= FEWEST_RUNS:
+        at_end = _predict_end(state, measure, planned)
         if (at_end > _BROKEN_PROMISE * goal).any():
             joint = int(np.argmax(at_end))
             return Decision(
@@ -415,11 +442,23 @@ def decide(state: CampaignState, rows: RegionRows, planned: PlannedRun | None = 
     return Decision("next_run", f"Error: {reached}; the goal is {format_percent(goal)}.{remarks}")
 
 
-def _predict_end(state: CampaignState, rows: RegionRows, planned: PlannedRun) -> FloatArray:
-    """Return the errors (n,) once the last motion was repeated for all the time that is left."""
+def _word_error(goal: str, name: str, error: float) -> str:
+    """Return the error of the worst target in words."""
+    if goal == "effects":
+        if not np.isfinite(error):
+            return f"{name} would have shown at no size"
+        if error == 0.0:
+            return f"{name} is found"
+        return f"{name} would have shown from {format_percent(error)} of its usual size on every joint"
+    target = "joint" if goal == "torque" else "parameter"
+    return f"{format_percent(error)} on {name}, the worst {target}"
+
+
+def _predict_end(state: CampaignState, measure: ErrorMeasure, planned: PlannedRun) -> FloatArray:
+    """Return the errors (k,) once the last motion was repeated for all the time that is left."""
     assert state.identification is not None
     repetitions = state.seconds_left / planned.design.duration
-    parameters = predict_errors(state.identification, rows, planned.design, state.seconds, repetitions)
+    parameters = predict_errors(state.identification, measure, planned.design, state.seconds, repetitions)
     return np.hypot(parameters, state.runs[-1].lacking)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from dynident.excitation.criteria.criterion_choice import REGION_SPEED
 from dynident.excitation.design_request import DesignRequest
 from dynident.identification.identification_choices import IdentificationChoices
-from dynident.schema.fields import Request, declare_field
+from dynident.schema.fields import Choice, OneOf, Request, declare_field
 
 DESIGN_SECONDS = 8.0
 """Time of the search for a motion, s, where neither it nor the number of starts is stated."""
@@ -15,6 +15,19 @@ DESIGN_SECONDS = 8.0
 
 LONGEST_CAMPAIGN = 10_000
 """Largest robot time of a campaign, min: a week."""
+GOALS = OneOf(
+    Choice("torque", "predicted torque", "The torque of every joint over a region of states, to within the error."),
+    Choice("parameters", "parameters", "The named base parameters, each to within the error."),
+    Choice("effects", "effects", "Named effects are found, or would have shown at their usual size."),
+)
+
+
+MEASURES = {
+    "torque": ("Relative error of the predicted torque, worst joint", "worst joint"),
+    "parameters": ("Half-width of the 95 % interval over the value, worst parameter", "worst parameter"),
+    "effects": ("Smallest size that would have shown over the usual size, worst effect", "worst effect"),
+}
+"""What the errors of each goal are, and what the worst one is of."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +36,14 @@ class CampaignRequest(Request):
 
     Parameters
     ----------
+    goal : str
+        What is to be known, one of `GOALS`.
     error : float
-        Largest relative error of the predicted torque of any joint, with 95 % probability.
+        Largest relative error of the predicted torque of any joint, or of any named parameter, with 95 % probability.
+    parameters : tuple of str
+        For the goal "parameters": names of the base parameters.
+    decide : tuple of str
+        For the goal "effects": ids of the effects.
     speed : float
         Share of the velocity and acceleration limits up to which the torque is to be predicted.
     minutes : float
@@ -39,12 +58,19 @@ class CampaignRequest(Request):
         What every motion must keep to: duration, rate, limits, surroundings, home.
     """
 
+    goal: str = declare_field("What is to be known", default="torque", kinds=GOALS)
     error: float = declare_field(
-        "Largest relative error of the predicted torque of any joint",
+        "Largest relative error of the predicted torque of any joint, or of any named parameter",
         default=0.05,
         option="--error",
         above=0,
         at_most=1,
+    )
+    parameters: tuple[str, ...] = declare_field(
+        "For the goal parameters: names of base parameters", default=(), option="--parameter", most=1000
+    )
+    decide: tuple[str, ...] = declare_field(
+        "For the goal effects: ids of effects that have to show if the robot has them", default=(), most=100
     )
     speed: float = declare_field(
         "Share of the velocity and acceleration limits up to which the torque is to be predicted",
@@ -61,3 +87,8 @@ class CampaignRequest(Request):
     )
     choices: IdentificationChoices = declare_field(made_by=IdentificationChoices)
     design: DesignRequest = declare_field(made_by=DesignRequest)
+
+    @property
+    def largest_error(self) -> float:
+        """The error at which the goal is reached; of effects, the detection limit as a share of the usual size."""
+        return 1.0 if self.goal == "effects" else self.error

@@ -1,4 +1,4 @@
-"""How well an identified model predicts the torque over a region of states: now, and after a planned motion.
+"""What a campaign wants to know, and its errors: of torque over a region, of parameters, of effects.
 
 The error of a joint has two parts. The uncertainty of the parameters falls with every run. What the model lacks does
 not: it shows as a residual above the noise floor. Both are relative to the torque that the region needs.
@@ -6,19 +6,29 @@ not: it shows as a residual above the noise floor. Both are relative to the torq
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from scipy import stats
 from scipy.spatial import cKDTree
 
-from dynident.array_types import FloatArray
+from dynident.advice.campaign_request import CampaignRequest
+from dynident.array_types import FloatArray, IndexArray
+from dynident.diagnosis import Diagnosis
 from dynident.diagnosis.comparison.measured_against_predicted import compare
 from dynident.diagnosis.comparison.noise_floor import judge
+from dynident.diagnosis.diagnosis_request import check_candidates
+from dynident.effects import EffectChoice, get_effect
+from dynident.errors import DynidentError
 from dynident.excitation import Design
 from dynident.excitation.criteria.prediction_region import Region, collect_region
+from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.excitation.experiments.design_task import STANDSTILL_VELOCITY
 from dynident.identification import Identification
 from dynident.recordings import Recording
+from dynident.robot import Robot
 
 CONFIDENCE = 0.95
 """Probability with which the true error stays below the stated one."""
@@ -27,11 +37,43 @@ _DRAWS = 1000
 # Samples of a planned motion that stand for all of it.
 _PLANNED_SAMPLES = 2000
 # A recording follows a planned motion where so many of its postures are within this share of each joint's travel of a
-# planned one, and where travel and speed of each joint are at least this part of the planned ones. Joints with less
-# travel than the fourth (rad or m) stand; samples above the fifth part of the top speed move.
+# planned one, and where the travel of each joint and the median of their speeds are at least this part of the planned.
+# Joints with less travel than the fourth (rad or m) stand; samples above the fifth part of the top speed move.
 _ON_PATH, _NEAR, _LEAST_PART, _STANDS, _MOVES = 0.9, 0.1, 0.7, 1e-3, 0.05
 # Directions of the covariance below this share of the largest, columns of unit norm, are known exactly.
 _EXACT = 1e-14
+
+
+class ErrorMeasure(Protocol):
+    """What a covariance of the parameters means for the targets of a campaign: joints, or parameters."""
+
+    def compute_errors(self, covariance: FloatArray, freedom: float) -> FloatArray:
+        """Return the relative errors (k,) of the targets that the truth stays below with 95 % probability."""
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterErrors:
+    """Relative errors of chosen parameters.
+
+    Parameters
+    ----------
+    indices : (k,)
+        Columns of the parameters in the model.
+    values : (k,)
+        Their values.
+    freedom : (k,)
+        Degrees of freedom of their variances.
+    """
+
+    indices: IndexArray
+    values: FloatArray
+    freedom: FloatArray
+
+    def compute_errors(self, covariance: FloatArray, freedom: float) -> FloatArray:
+        """Return the half-widths (k,) of the 95 % intervals over the values, with each one's own freedom."""
+        deviations = np.sqrt(np.maximum(np.diag(covariance)[self.indices], 0.0))
+        sizes = np.maximum(np.abs(self.values), np.finfo(float).tiny)
+        return np.asarray(stats.t.ppf(0.5 + CONFIDENCE / 2, self.freedom) * deviations / sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +116,36 @@ class RegionRows:
         errors *= np.sqrt(freedom / rng.chisquare(freedom, _DRAWS))[:, None]
         squares = np.einsum("da,jab,db->dj", errors, self.moments, errors, optimize=True)
         return np.asarray(np.quantile(np.sqrt(np.maximum(squares, 0.0)), CONFIDENCE, axis=0) / self.torque)
+
+
+def select_parameter_errors(identification: Identification, names: Sequence[str]) -> ParameterErrors:
+    """Select the parameters of a model whose errors count.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    names : sequence of str
+        Names of base parameters.
+
+    Returns
+    -------
+    ParameterErrors
+        Their errors.
+
+    Raises
+    ------
+    DynidentError
+        Where the model does not have one of them (any more: effects that are added may regroup parameters).
+    """
+    places = {column.name: k for k, column in enumerate(identification.model.kept)}
+    absent = [name for name in names if name not in places]
+    if absent:
+        raise DynidentError(
+            f"the model has no base parameter {', '.join(absent)}; it has: {', '.join(places)}", pointer="/parameters"
+        )
+    indices = np.array([places[name] for name in names], dtype=np.intp)
+    return ParameterErrors(indices, identification.values[indices], identification.statistics.freedom[indices])
 
 
 def compute_region_rows(identification: Identification, region: Region) -> RegionRows:
@@ -123,16 +195,16 @@ def evaluate_rows(identification: Identification, q: FloatArray, dq: FloatArray,
     return rows
 
 
-def compute_parameter_errors(identification: Identification, rows: RegionRows) -> FloatArray:
-    """Return the relative errors (n,) over a region that uncertain parameters cause, with 95 % probability."""
+def compute_parameter_errors(identification: Identification, measure: ErrorMeasure) -> FloatArray:
+    """Return the relative errors (k,) of the targets that uncertain parameters cause, with 95 % probability."""
     statistics = identification.statistics
-    return rows.compute_errors(statistics.covariance, statistics.median_freedom)
+    return measure.compute_errors(statistics.covariance, statistics.median_freedom)
 
 
 def predict_errors(
-    identification: Identification, rows: RegionRows, design: Design, seconds: float, repetitions: float = 1.0
+    identification: Identification, measure: ErrorMeasure, design: Design, seconds: float, repetitions: float = 1.0
 ) -> FloatArray:
-    """Return the relative errors (n,) over a region that uncertain parameters will cause after a planned motion.
+    """Return the relative errors (k,) of the targets that uncertain parameters will cause after a planned motion.
 
     A second of the motion leaves as many rows as a second of the recordings so far, with the same noise, and the errors
     of correlated rows are as many times larger than those of independent ones as they are now.
@@ -141,8 +213,8 @@ def predict_errors(
     ----------
     identification : Identification
         The model as it is.
-    rows : RegionRows
-        Its rows over the region.
+    measure : ErrorMeasure
+        What the covariance means for the targets.
     design : Design
         The planned motion.
     seconds : float
@@ -152,7 +224,7 @@ def predict_errors(
 
     Returns
     -------
-    (n,)
+    (k,)
         Relative errors, with 95 % probability.
     """
     statistics, solution = identification.statistics, identification.estimate.solution
@@ -173,9 +245,9 @@ def predict_errors(
     left = independent - spread @ np.linalg.solve(np.eye(len(values)) + root.T @ spread, spread.T)
     # Rows are correlated, so that the errors are larger than those of independent rows: by as much as they are now.
     freedom = statistics.median_freedom
-    now, of_independent = (rows.compute_errors(part, freedom) for part in (statistics.covariance, independent))
+    now, of_independent = (measure.compute_errors(part, freedom) for part in (statistics.covariance, independent))
     excess = np.divide(now, of_independent, out=np.ones_like(now), where=of_independent > 0)
-    return np.asarray(excess * rows.compute_errors(0.5 * (left + left.T), freedom))
+    return np.asarray(excess * measure.compute_errors(0.5 * (left + left.T), freedom))
 
 
 def follows_design(recording: Recording, design: Design) -> bool:
@@ -197,9 +269,13 @@ def follows_design(recording: Recording, design: Design) -> bool:
         return False
     # Of the samples that move alone: a recording may begin long before the motion.
     slowest = _MOVES * np.abs(design.dq).max(axis=0)
-    is_fast = _compute_moving_rms(recorded.dq, slowest) >= _LEAST_PART * _compute_moving_rms(design.dq, slowest)
+    moved = travel > _STANDS
+    if not moved.any():
+        return True
+    # Slower is slower on all joints; filters take the speed of a single one that shakes.
+    speeds = _compute_moving_rms(recorded.dq, slowest) / _compute_moving_rms(design.dq, slowest).clip(_STANDS)
     is_wide = np.ptp(recorded.q, axis=0) >= _LEAST_PART * travel
-    return bool((is_fast & is_wide)[travel > _STANDS].all())
+    return bool(is_wide[moved].all() and np.median(speeds[moved]) >= _LEAST_PART)
 
 
 def _compute_moving_rms(dq: FloatArray, slowest: FloatArray) -> FloatArray:
@@ -246,3 +322,57 @@ def compare_with_run(identification: Identification, recording: Recording) -> Ru
     uncertain = np.where(moves, comparison.deviation**2, 0.0).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)
     explained = floor**2 + uncertain
     return RunErrors(errors.relative, np.sqrt(np.maximum(errors.rms**2 - explained, 0.0)))
+
+
+def list_targets(request: CampaignRequest, joints: tuple[str, ...]) -> tuple[str, ...]:
+    """Return what the errors of a campaign are of: joints, parameters or effects, by name."""
+    return {"torque": joints, "parameters": request.parameters, "effects": request.decide}[request.goal]
+
+
+def check_targets(robot: Robot, request: CampaignRequest) -> None:
+    """Raise `DynidentError` where the targets of a goal are missing or not there, or not what a motion can show."""
+    if request.goal == "parameters":
+        effects = request.choices.effects
+        names = build_design_model(robot, effects).parameter_names
+        unknown = [name for name in request.parameters if name not in names]
+        if unknown or not request.parameters:
+            absent = f"there is no base parameter {', '.join(unknown)}" if unknown else "no parameter is named"
+            raise DynidentError(f"{absent}; there are: {', '.join(names)}", pointer="/parameters")
+    if request.goal == "effects":
+        try:
+            check_candidates(request.decide)
+        except DynidentError as error:
+            error.pointer = "/decide"
+            raise
+        if not request.decide:
+            raise DynidentError("no effect is named; name those that have to show", pointer="/decide")
+        needy = [name for name in request.decide if not is_of_motion(EffectChoice(name))]
+        if needy:
+            raise DynidentError(
+                f"{', '.join(needy)} depends on more than the motion, so that no motion alone decides it",
+                pointer="/decide",
+            )
+
+
+def is_of_motion(choice: EffectChoice) -> bool:
+    """Return whether the motion alone determines an effect's torque: only then it has one at a state of a region."""
+    effect = get_effect(choice.effect)
+    return not (effect.needs_temperature or effect.needs_session or effect.in_some_runs or choice.runs)
+
+
+def build_measure(request: CampaignRequest, region: Region, identification: Identification) -> ErrorMeasure | None:
+    """Return what the covariance of a model means for the targets of a campaign; None for effects."""
+    if request.goal == "effects":
+        return None
+    if request.goal == "parameters":
+        return select_parameter_errors(identification, request.parameters)
+    return compute_region_rows(identification, region)
+
+
+def compute_effect_errors(diagnosis: Diagnosis, effects: Sequence[str]) -> FloatArray:
+    """Return the smallest size (k,) that would have shown on every joint, as a share of the usual; 0 where found."""
+    found = {choice.effect for choice in diagnosis.recommended}
+    shares: dict[str, float] = {}
+    for limit in diagnosis.detection_limits:
+        shares[limit.effect] = max(shares.get(limit.effect, 0.0), limit.share)
+    return np.array([0.0 if name in found else shares.get(name, np.inf) for name in effects])

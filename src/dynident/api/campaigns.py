@@ -1,8 +1,8 @@
-"""`dynident.Campaign`: ask for the next motion, tell its recording, until the torque is predicted well enough."""
+"""`dynident.Campaign`: ask for the next motion, tell its recording, until enough is known."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +27,7 @@ from dynident.text_and_html_tables import join_html, render_paragraph
 
 
 class Campaign(Framed):
-    """Runs of a robot, one after the other, until its torque is predicted as well as asked for.
+    """Runs of a robot, one after the other, until torque, parameters or effects are known as well as asked for.
 
     `ask` designs the next motion and promises what it will bring; `tell` takes its recording, identifies and diagnoses
     the model from all runs, and decides. Effects that the diagnosis recommends are added.
@@ -44,6 +44,10 @@ class Campaign(Framed):
         Largest relative error of the predicted torque, of each joint with 95 % probability: 0.05 is 5 %.
     minutes : float, optional
         Robot time of all runs together.
+    parameters : sequence of str, optional
+        Base parameters that shall be known to within `error`, instead of the torque.
+    decide : sequence of str, optional
+        Effects that shall be found, or would have shown at their usual size, instead of the torque.
     region : recordings, optional
         Motions of the application, in which the torque shall be predicted; by default all that the limits allow, up
         to half of the speeds.
@@ -74,6 +78,8 @@ class Campaign(Framed):
         *,
         error: float | None = None,
         minutes: float | None = None,
+        parameters: Sequence[str] = (),
+        decide: Sequence[str] = (),
         region: SomeRecordings = (),
         effects: str | EffectChoice | Iterable[str | EffectChoice] | None = None,
         duration: float | None = None,
@@ -83,6 +89,10 @@ class Campaign(Framed):
         campaign_request = request or CampaignRequest()
         if error is not None:
             campaign_request = replace(campaign_request, error=error)
+        if parameters:
+            campaign_request = replace(campaign_request, goal="parameters", parameters=tuple(parameters))
+        if decide:
+            campaign_request = replace(campaign_request, goal="effects", decide=tuple(decide))
         if minutes is not None:
             campaign_request = replace(campaign_request, minutes=minutes)
         if effects is not None:
@@ -124,10 +134,10 @@ class Campaign(Framed):
 
     @property
     def promise(self) -> dict[str, float] | None:
-        """Relative error of each joint that the motion asked for last promises; None where nothing is promised."""
+        """Relative error of each joint or parameter that the last motion promises; None where nothing is promised."""
         if self._planned is None or self._planned.promised is None:
             return None
-        return dict(zip(self._state.robot.joint_names, map(float, self._planned.promised), strict=True))
+        return dict(zip(self._state.targets, map(float, self._planned.promised), strict=True))
 
     def ask(self, *, progress: Progress = ignore_progress) -> DesignedMotion:
         """Design the next motion.
@@ -222,7 +232,7 @@ class Campaign(Framed):
 
     def _build_table(self) -> ReportedTable:
         state = self._state
-        return build_campaign_table(state.runs, state.request.error, state.robot.joint_names)
+        return build_campaign_table(state.runs, state.request, state.robot.joint_names)
 
     def __repr__(self) -> str:
         table = self._build_table()

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from dynident.advice.campaign import CampaignRun
+from dynident.advice.campaign_request import MEASURES, CampaignRequest
+from dynident.advice.prediction_error import list_targets
 from dynident.effects import EffectChoice
 from dynident.excitation import Design
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter
@@ -179,23 +181,25 @@ def build_promises_table(design: Design, identification: Identification) -> Repo
     return ReportedTable("Standard deviations", columns, tuple(rows), notes=(note,), name="promises")
 
 
-def build_campaign_table(runs: Sequence[CampaignRun], goal: float, joints: Sequence[str]) -> ReportedTable:
-    """Return what each run of a campaign promised and brought, as errors of the joint that is worst.
+def build_campaign_table(
+    runs: Sequence[CampaignRun], request: CampaignRequest, joints: tuple[str, ...]
+) -> ReportedTable:
+    """Return what each run of a campaign promised and brought, as errors of the worst joint, parameter or effect.
 
     Parameters
     ----------
     runs : sequence of CampaignRun
         The runs so far, in order.
-    goal : float
-        Relative error that is to be reached.
+    request : CampaignRequest
+        What is to be reached.
     joints : sequence of str
         Names of the robot's joints.
     """
-    rows, seconds = [], 0.0
+    rows, seconds, targets = [], 0.0, list_targets(request, joints)
     for run in runs:
         seconds += run.seconds
         worst = int(np.argmax(run.errors))
-        is_reached = bool(run.errors[worst] <= goal)
+        is_reached = bool(run.errors[worst] <= request.largest_error)
         rows.append(
             (
                 Cell(run.name),
@@ -205,19 +209,21 @@ def build_campaign_table(runs: Sequence[CampaignRun], goal: float, joints: Seque
                 make_percent_cell(float(run.parameters.max())),
                 make_percent_cell(float(run.lacking.max())),
                 Cell(format_percent(float(run.errors[worst])), float(run.errors[worst]), "ok" if is_reached else None),
-                Cell(joints[worst]),
+                Cell(targets[worst]),
                 Cell(_list_added(run.added, joints)),
             )
         )
     columns = (
         "run", "robot time so far (min)", "promised", "error on this run before it was fitted", "from uncertainty",
-        "lacking in the model", "error", "worst joint", "effects added",
+        "lacking in the model", "error", MEASURES[request.goal][1], "effects added",
     )  # fmt: skip
-    note = (
-        "Errors of the predicted torque, over its rms, of the worst joint over the region of the goal. From "
-        "uncertainty: with 95 % probability. Lacking: what the residual of the last run has above noise and "
-        "uncertainty. Error: both together, which the motion promised before it was made."
-    )
+    note = f"{MEASURES[request.goal][0]}; the motion promised it before it was made."
+    if request.goal == "torque":
+        note = (
+            "Errors of the predicted torque, over its rms, of the worst joint over the region of the goal. From "
+            "uncertainty: with 95 % probability. Lacking: what the residual of the last run has above noise and "
+            "uncertainty. Error: both together, which the motion promised before it was made."
+        )
     return ReportedTable("Runs of the campaign", columns, tuple(rows), notes=(note,), name="campaign")
 
 

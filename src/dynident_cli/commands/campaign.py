@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.campaign_request import MEASURES, CampaignRequest
 from dynident.errors import DynidentError
 from dynident.excitation.design_request import DesignRequest
 from dynident_cli.commands.design import SafetyFiles
@@ -120,7 +120,7 @@ def campaign(
                 planned = plan_run(state, progress)
             DesignedMotion(machine, planned.design).save(path)
             print_warnings(console, planned.design)
-            console.print(_describe_plan(planned, path))
+            console.print(_describe_plan(planned, path, MEASURES[request.goal][1]))
             recording = _record(console, files.execute, path, folder, name)
         with command_output.show_progress_bar(name) as progress:
             added = load([recording], scale_progress(progress, 0.0, 0.1))[0]
@@ -128,7 +128,7 @@ def campaign(
         assert state.identification is not None
         write_atomically(folder / "model.npz", to_bytes(state.identification))
         console.print(f"{name}: {state.decision.sentence}")
-    table = build_campaign_table(state.runs, state.request.error, state.robot.joint_names)
+    table = build_campaign_table(state.runs, state.request, state.robot.joint_names)
     results = command_output.result_console()
     command_output.print_tables(results, [table])
     for note in table.notes:
@@ -138,13 +138,13 @@ def campaign(
         raise typer.Exit(EXIT_MISSED)
 
 
-def _describe_plan(planned: PlannedRun, path: Path) -> str:
+def _describe_plan(planned: PlannedRun, path: Path, worst: str) -> str:
     from dynident.number_format import format_number, format_percent
 
     promise = (
-        "It is slow, since nothing is known of the torque yet."
+        "It promises nothing yet."
         if planned.promised is None
-        else f"It will leave an error of {format_percent(float(planned.promised.max()))} on the worst joint."
+        else f"It will leave an error of {format_percent(float(planned.promised.max()))} on the {worst}."
     )
     return f"{path}: the next motion, {format_number(planned.design.duration)} s. {promise}"
 

@@ -35,7 +35,7 @@ class CampaignStep(TypedDict):
     kind: Literal["ask", "tell"]
     progress: Progress
     promised: list[float] | None
-    """Errors that the motion promises, by joint"""
+    """Errors that the motion promises, by target"""
     runs: list[CampaignRunView]
     """What the recordings brought"""
     status: str

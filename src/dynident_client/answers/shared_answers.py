@@ -6,10 +6,10 @@ from typing import Any, TypedDict
 
 
 class CampaignRunView(TypedDict):
-    """One run of a campaign, as it stood after its recording was taken in; errors are relative, by joint."""
+    """One run of a campaign, as it stood after its recording was taken in; errors are relative, by target."""
 
-    achieved: list[float]
-    """Errors over the region from both"""
+    achieved: list[float | None]
+    """Errors from both"""
     added: list[EffectChoice]
     """Effects in the model beyond those asked for"""
     design_id: str | None
@@ -19,8 +19,8 @@ class CampaignRunView(TypedDict):
     """Errors over the region from what the model lacks"""
     measurement_id: str
     name: str
-    parameters: list[float]
-    """Errors over the region from uncertain parameters, with 95 %"""
+    parameters: list[float | None]
+    """Errors from uncertain parameters, with 95 %; null of an effect that would have shown at no size"""
     predicted: list[float] | None
     """Errors of this run's torque as the model before it predicted it; null for the first run"""
     promised: list[float] | None

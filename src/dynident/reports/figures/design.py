@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from dynident.advice.campaign import CampaignState
+from dynident.advice.campaign_request import MEASURES
 from dynident.array_types import FloatArray
 from dynident.excitation import Design
 from dynident.presentation.labels import get_effect_title
@@ -166,7 +167,7 @@ def _draw_tool_path(from_above: Axes, from_side: Axes, path: FloatArray) -> None
 
 
 def draw_campaign(state: CampaignState) -> Markup:
-    """Draw the error of the worst joint over robot time: promised before each run, reached after it, and the goal.
+    """Draw the worst error over robot time: promised before each run, reached after it, and the goal.
 
     Parameters
     ----------
@@ -189,14 +190,15 @@ def draw_campaign(state: CampaignState) -> Markup:
     if promises:
         times, errors = zip(*promises, strict=True)
         axes.plot(times, errors, color=PREDICTED, marker="s", linestyle="", fillstyle="none", label="promised")
-    goal = 100 * state.request.error
+    goal = 100 * state.request.largest_error
     axes.axhline(goal, color=FLOOR, linewidth=1.2, linestyle=(0, (4, 3)), label="goal")
     for time, error, run in zip(minutes, reached, state.runs, strict=True):
         if run.is_changed:
             words = ", ".join(dict.fromkeys(get_effect_title(choice.effect) for choice in run.added))
             words = f"with {words}" if words else "no effect added"
             axes.annotate(words, (time, error), (6, 8), textcoords="offset points", fontsize=8)
-    axes.set_yscale("log")
+    # An effect that is found has no smallest size left.
+    axes.set_yscale("linear" if state.request.goal == "effects" else "log")
     # Powers of ten would have to be read twice.
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("{x:g}")
@@ -204,9 +206,10 @@ def draw_campaign(state: CampaignState) -> Markup:
     axes.set_xlim(0, 1.08 * max(float(minutes[-1]), 1e-3))
     axes.set_xlabel("robot time (min)", fontsize=8.5)
     axes.legend(fontsize=8, frameon=False)
-    set_panel_title(axes, "relative error of the predicted torque, worst joint (%)")
+    measure = MEASURES[state.request.goal][0]
+    set_panel_title(axes, f"{measure} (%)")
     return to_svg(
         figure,
-        f"Error of the predicted torque after each of {len(state.runs)} runs: "
+        f"{measure} after each of {len(state.runs)} runs: "
         f"{', '.join(f'{value:.3g} %' for value in reached)}; the goal is {goal:.3g} %.",
     )

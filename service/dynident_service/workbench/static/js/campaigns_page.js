@@ -16,7 +16,9 @@ import { byName, shownTable } from "./tables.js";
 const WORDS = { asking: "the next motion is to be designed", designing: "the next motion is being designed", waiting: "the motion is to be made", estimating: "the recording is being taken in", reached: "goal reached", unreachable: "goal out of reach", stopped: "budget spent" };
 const BOXES = { reached: "good", unreachable: "warning", stopped: "warning" };
 // What most people ask for stands in the open, in this order; the rest of what may be asked is folded.
-const OPEN = ["error", "speed", "robot_time", "runs", "duration", "sampling_rate"];
+const OPEN = ["robot_time", "runs", "duration", "sampling_rate"];
+const GOALS = { TorqueGoal: "torque is predicted well", ParametersGoal: "parameters are known well", EffectsGoal: "effects are found or ruled out" };
+const WORST = { torque: "joint", parameters: "parameter", effects: "effect" };
 const inTime = (seconds) => (seconds < 120 ? quantity(seconds, "s", 3) : quantity(seconds / 60, "min", 3));
 
 /** With `campaign` that one, else all campaigns and a form for a new one. */
@@ -36,7 +38,7 @@ export async function page(target, wanted, signal) {
     ["state", (one) => WORDS[one.state]],
     figures("robot time", (one) => one.robot_time, inTime),
     figures("error", (one) => one.achieved, percent),
-    figures("goal", (one) => one.request.goal.error, percent),
+    figures("goal", (one) => aimOf(one.request.goal), percent),
   ];
   put(target, h("h1", {}, "Campaigns"),
     h("p", {}, "Say how accurate the model has to be. dynident designs one motion after the other, until the goal is reached or cannot be."),
@@ -45,27 +47,36 @@ export async function page(target, wanted, signal) {
 }
 
 async function campaignForm(robots, chosen) {
-  const [goal, budget, trajectory, own] = await Promise.all(["TorqueGoal", "Budget", "Trajectory", "CampaignRequest"].map(fieldsOf));
+  const kinds = Object.keys(GOALS);
+  const [budget, trajectory, own, ...goals] = await Promise.all(["Budget", "Trajectory", "CampaignRequest", ...kinds].map(fieldsOf));
   const robot = select(robots.map((one) => [one.id, one.name]), chosen || robots[0].id, () => {}, { id: "campaign-robot" });
   const name = h("input", { maxlength: 200, id: "campaign-name" });
   const prefix = "campaign-";
   const groups = {
-    goal: controls(goal, { but: ["kind", "region_ids"], pointer: "/goal", prefix }),
     budget: controls(budget, { pointer: "/budget", prefix }),
     trajectory: controls(trajectory, { pointer: "/trajectory", prefix }),
   };
   const rest = controls(own, { but: ["robot_id", "name", "measurement_ids"], prefix });
   const [open, folded] = sorted([...Object.values(groups).flat(), ...rest], OPEN);
+  const aims = goals.map((fields) => controls(fields, { but: ["kind", "region_ids"], pointer: "/goal", prefix }));
+  const wanted = h("div", { class: "fields" });
+  const show = (kind) => put(wanted, aims[kinds.indexOf(kind)].map((one) => one.element));
+  const kind = select(Object.entries(GOALS), kinds[0], show, { id: "campaign-goal" });
+  show(kinds[0]);
   const said = h("div");
   const submit = h("button", { class: "main", id: "begin-campaign" }, "Begin the campaign");
   const send = sending(submit, said, async () => {
     const parts = Object.fromEntries(Object.entries(groups).map(([key, all]) => [key, saidBy(all)]));
-    const made = await post("/campaigns", { robot_id: robot.value, name: name.value.trim() || null, ...parts, ...saidBy(rest) });
+    const index = kinds.indexOf(kind.value);
+    const goal = { kind: goals[index].kind.const ?? goals[index].kind.default, ...saidBy(aims[index]) };
+    const made = await post("/campaigns", { goal, robot_id: robot.value, name: name.value.trim() || null, ...parts, ...saidBy(rest) });
     go({ view: "campaigns", campaign: made.id });
   });
   return h("form", { id: "campaign-form", onsubmit: send, novalidate: true },
     h("h2", {}, "A new campaign"),
-    h("div", { class: "fields" }, field("Robot", robot), open.map((one) => one.element), field("Name", name, { pointer: "/name" })),
+    h("div", { class: "fields" }, field("Robot", robot), field("Go on until", kind)),
+    wanted,
+    h("div", { class: "fields" }, open.map((one) => one.element), field("Name", name, { pointer: "/name" })),
     h("details", { class: "more" }, h("summary", {}, "More options"), h("div", { class: "fields" }, folded.map((one) => one.element))),
     said, h("p", {}, submit));
 }
@@ -78,7 +89,7 @@ async function onePage(target, id, signal) {
   const about = { robot, metadata, formats };
   const body = h("div");
   put(target, h("p", {}, h("a", { href: address({ view: "campaigns" }) }, "← All campaigns")), h("h1", {}, title),
-    h("p", { class: "note" }, `${robot.name}; ${moment(first.created_at)}; goal: torque within ${percent(first.request.goal.error)} up to ${percent(first.request.goal.speed)} of the speeds, in ${inTime(first.request.budget.robot_time)} of robot time`), body);
+    h("p", { class: "note" }, `${robot.name}; ${moment(first.created_at)}; goal: ${goalInWords(first.request.goal)}, in ${inTime(first.request.budget.robot_time)} of robot time`), body);
   const show = async () => put(body, ...shown(await get(`/campaigns/${id}`, {}, signal), about, show, signal));
   put(body, ...shown(first, about, show, signal));
 }
@@ -128,12 +139,23 @@ function motionToMake(campaign, { robot, metadata, formats }, follow, said, fail
   const forms = h("div");
   const recordings = measurementForm(robot, { forms, metadata, chosen: () => robot, onStored: (one) => tell(one.id).catch(fail), onRobot: () => {}, count: () => 0 });
   return part("Motion to make",
-    h("p", {}, `It takes ${inTime(step.duration)}${step.promised ? ` and promises an error of ${percent(campaign.promised)} on the worst joint` : "; the first one is slow, since nothing is known of the torque yet"}. `,
+    h("p", {}, `It takes ${inTime(step.duration)}${step.promised ? ` and promises an error of ${percent(campaign.promised)} on the worst ${WORST[campaign.request.goal.kind]}` : ""}. `,
       h("a", { href: address({ view: "design", robot: robot.id, design: campaign.design_id }) }, "Look at it")),
     h("p", { class: "actions" }, formatLinks(formats, (format) => `/v1/designs/${campaign.design_id}/trajectory?format=${format}`, said), button),
     said,
     h("h3", {}, "Its recording"),
     recordings);
+}
+
+/** The error at which a goal is reached; of effects, the size that would have shown over the usual one. */
+function aimOf(goal) {
+  return goal.error ?? 1;
+}
+
+function goalInWords(goal) {
+  if (goal.kind === "parameters") return `${goal.parameters.join(", ")} within ${percent(goal.error)}`;
+  if (goal.kind === "effects") return `${goal.effects.join(", ")} found or ruled out`;
+  return `torque within ${percent(goal.error)} up to ${percent(goal.speed)} of the speeds`;
 }
 
 /** The error over robot time: promised before each run, reached after it, and the goal. */
@@ -142,17 +164,19 @@ function courseOf(target, campaign, signal) {
   let seconds = 0;
   // From zero, so that the goal is a line before there are two runs.
   const minutes = [0, ...runs.map((one) => (seconds += one.seconds) / 60)];
-  const inPercent = (errors) => (errors ? 100 * Math.max(...errors) : null);
+  // An effect that would have shown at no size has none to draw.
+  const inPercent = (errors) => (errors && !errors.includes(null) ? 100 * Math.max(...errors) : null);
+  const { goal } = campaign.request;
   const line = (label, values, stroke, more = {}) => ({ label, values, stroke, ...more });
   figure(target, {
-    title: "Relative error of the predicted torque, worst joint, over robot time",
+    title: `Error of the worst ${WORST[goal.kind]} over robot time`,
     height: 230,
     x: { label: "robot time (min)", words: (raw) => `${number(raw, 3)} min`, values: minutes, scale: { range: (_, __, high) => [0, 1.08 * (high || 1)] } },
-    y: { label: "error (%)", words: (raw) => percent(raw / 100), scale: { distr: 3 } },
+    y: { label: "error (%)", words: (raw) => percent(raw / 100), scale: goal.kind === "effects" ? {} : { distr: 3 } },
     lines: [
       line("reached", [null, ...runs.map((one) => inPercent(one.achieved))], colour("residual"), { width: 2, points: { show: true, size: 8 } }),
       line("promised", [null, ...runs.map((one) => inPercent(one.promised))], colour("predicted"), { width: 0, points: { show: true, size: 9 } }),
-      line("goal", minutes.map(() => 100 * campaign.request.goal.error), colour("good-line"), { dash: [6, 4] }),
+      line("goal", minutes.map(() => 100 * aimOf(goal)), colour("good-line"), { dash: [6, 4] }),
     ],
   }, signal);
 }
