@@ -20,7 +20,6 @@ from dynident_client.resource_objects import (
     CurrentModels,
     Diagnosis,
     DriveGains,
-    NextExperiment,
     Record,
     Report,
     Series,
@@ -250,28 +249,6 @@ class Diagnoses(Collection[Diagnosis]):
         """Read the smallest size of each effect on each joint that the recordings would have shown (95 %)."""
         path = f"{self.path}/{get_identifier(diagnosis)}/limits"
         return self._transport.get(path, list[answers.DetectionLimitOfJoint])
-
-
-class NextExperiments(Collection[NextExperiment]):
-    """Searches for the experiments that decide what diagnoses leave open."""
-
-    kind = NextExperiment
-
-    def create(self, diagnosis: Record | str) -> NextExperiment:
-        """Look for a motion that decides what a diagnosis leaves open.
-
-        Parameters
-        ----------
-        diagnosis : Record or str
-            The diagnosis or its identifier.
-
-        Returns
-        -------
-        NextExperiment
-            The search, whose job is queued; its result has the `experiment`, None where no motion decides anything.
-        """
-        path = f"{Diagnosis.path}/{get_identifier(diagnosis)}/next_experiment"
-        return self._record(self._transport.post(path, dict))
 
 
 class SeriesOfDays(Collection[Series]):

@@ -14,7 +14,6 @@ from dynident_client.analysis_and_report_collections import (
     CurrentModelSets,
     Diagnoses,
     DriveGainSets,
-    NextExperiments,
     Reports,
     SeriesOfDays,
     Validations,
@@ -26,6 +25,7 @@ from dynident_client.robot_measurement_design_collections import (
     Designs,
     Imports,
     Measurements,
+    NextExperiments,
     Robots,
     Simulations,
 )

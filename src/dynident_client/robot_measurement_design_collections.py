@@ -1,4 +1,4 @@
-"""Collections that identifications start from: robots, imports, measurements, designs, simulations."""
+"""Collections that models start from: robots, imports, measurements, designs, next experiments, simulations."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from dynident_client.computation_options import CampaignOptions, DesignKind, Des
 from dynident_client.resource_objects import (
     Campaign,
     Design,
+    Diagnosis,
     Identification,
     Import,
     Measurement,
+    NextExperiment,
     Record,
     Robot,
     Simulation,
@@ -460,3 +462,25 @@ class Simulations(Collection[Simulation]):
             "trajectory": trajectory,
         }
         return self._post({"robot_id": get_identifier(robot), "effects": effects, **motion, **more})
+
+
+class NextExperiments(Collection[NextExperiment]):
+    """Searches for the experiments that decide what diagnoses leave open."""
+
+    kind = NextExperiment
+
+    def create(self, diagnosis: Record | str) -> NextExperiment:
+        """Look for a motion that decides what a diagnosis leaves open.
+
+        Parameters
+        ----------
+        diagnosis : Record or str
+            The diagnosis or its identifier.
+
+        Returns
+        -------
+        NextExperiment
+            The search, whose job is queued; its result has the `experiment`, None where no motion decides anything.
+        """
+        path = f"{Diagnosis.path}/{get_identifier(diagnosis)}/next_experiment"
+        return self._record(self._transport.post(path, dict))

@@ -12,9 +12,12 @@ from types import MappingProxyType
 import numpy as np
 
 from dynident.diagnosis import Diagnosis
+from dynident.diagnosis.ambiguities import Doubt
+from dynident.diagnosis.outcome_reasons import describe_place
 from dynident.effects import Effect, EffectChoice, ExperimentKind, get_effect
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest
 from dynident.motion.limits.bounds import Bounds
+from dynident.number_format import format_number
 
 
 def choose_experiment(suspect: str, rival: str | None) -> Experiment:
@@ -423,3 +426,46 @@ class AdvisedDiagnosis(Diagnosis):
     """
 
     next_experiment: NextExperiment | None = None
+
+
+def _word_rival(rival: EffectChoice, suspect: EffectChoice) -> str:
+    return f"the same effect on {describe_place(rival.joints)}" if rival.effect == suspect.effect else _get_title(rival)
+
+
+def _get_title(choice: EffectChoice) -> str:
+    return get_effect(choice.effect).title
+
+
+def word_reason(
+    experiment: Experiment, question: Question, doubt: Doubt, present: Separation | None, reached: Separation | None
+) -> str:
+    """Word what an experiment is for, and how well it will determine the deciding parameter.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The kind of experiment.
+    question, doubt : Question, Doubt
+        What it is to decide.
+    present, reached : Separation, optional
+        How well the two are told apart now, and with the experiment.
+    """
+    suspect = _get_title(doubt.suspect)
+    where = describe_place(question.joints) if get_effect(doubt.suspect.effect).scope == "joint" else "the whole robot"
+    if doubt.rivals:
+        others = [_word_rival(rival, doubt.suspect) for rival in doubt.rivals]
+        purpose = f"distinguish {suspect} from {' or '.join(others)}"
+    else:
+        purpose = f"show whether {suspect} is present"
+    text = f"{experiment.words} would {purpose} on {where}."
+    if any(rival.effect == doubt.suspect.effect for rival in doubt.rivals):
+        text = f"{experiment.words} would distinguish {suspect} on {where} from {' or '.join(others)}."
+    if present is None or reached is None:
+        return text
+    unit = "" if reached.unit == "-" else f" {reached.unit}"
+    was = f"now {present.standard_deviation:.2g}" if np.isfinite(present.standard_deviation) else "now undetermined"
+    text = f"{text} It should determine {reached.parameter} to within {reached.standard_deviation:.2g}{unit} ({was})"
+    if reached.t_value is None or present.t_value is None:
+        return f"{text}."
+    reaches, is_now = format_number(reached.t_value), format_number(present.t_value)
+    return f"{text}: the value found is {reaches} times that (now {is_now} times)."

@@ -19,6 +19,7 @@ from dynident.advice.discriminating_experiments import (
     Question,
     Separation,
     choose_experiment,
+    word_reason,
 )
 from dynident.advice.effect_separation import (
     DataRows,
@@ -32,9 +33,8 @@ from dynident.advice.effect_separation import (
 from dynident.array_types import FloatArray
 from dynident.diagnosis import Diagnosis, Examination
 from dynident.diagnosis.ambiguities import Doubt
+from dynident.diagnosis.changes_between_recordings import prepare_undisturbed
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison, compare
-from dynident.diagnosis.diagnose_model import prepare_undisturbed
-from dynident.diagnosis.outcome_reasons import describe_place
 from dynident.effects import EffectChoice, get_effect
 from dynident.effects.effect_columns import find_joints
 from dynident.errors import DynidentError
@@ -46,7 +46,6 @@ from dynident.excitation.experiments.design_task import compute_planned_seconds
 from dynident.identification import Identification
 from dynident.motion import Surroundings
 from dynident.motion.limits.bounds import Bounds, build_bounds
-from dynident.number_format import format_number
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
@@ -278,7 +277,7 @@ def _propose_experiment(
         # The size is not what was found: nothing was.
         present, reached = (replace(estimate, t_value=None) if estimate else None for estimate in (present, reached))
     advice = NextExperiment(
-        reason=_word_reason(experiment, question, doubt, present, reached),
+        reason=word_reason(experiment, question, doubt, present, reached),
         design=request,
         present_separation=present,
         expected_separation=reached,
@@ -485,35 +484,3 @@ def restrict_criterion_to_motion(
     if possible:
         return replace(request, criterion=replace(request.criterion, effects=possible))
     return replace(request, effects=effects, criterion=CriterionChoice())
-
-
-def _word_rival(rival: EffectChoice, suspect: EffectChoice) -> str:
-    return f"the same effect on {describe_place(rival.joints)}" if rival.effect == suspect.effect else _get_title(rival)
-
-
-def _get_title(choice: EffectChoice) -> str:
-    return get_effect(choice.effect).title
-
-
-def _word_reason(
-    experiment: Experiment, question: Question, doubt: Doubt, present: Separation | None, reached: Separation | None
-) -> str:
-    suspect = _get_title(doubt.suspect)
-    where = describe_place(question.joints) if get_effect(doubt.suspect.effect).scope == "joint" else "the whole robot"
-    if doubt.rivals:
-        others = [_word_rival(rival, doubt.suspect) for rival in doubt.rivals]
-        purpose = f"distinguish {suspect} from {' or '.join(others)}"
-    else:
-        purpose = f"show whether {suspect} is present"
-    text = f"{experiment.words} would {purpose} on {where}."
-    if any(rival.effect == doubt.suspect.effect for rival in doubt.rivals):
-        text = f"{experiment.words} would distinguish {suspect} on {where} from {' or '.join(others)}."
-    if present is None or reached is None:
-        return text
-    unit = "" if reached.unit == "-" else f" {reached.unit}"
-    was = f"now {present.standard_deviation:.2g}" if np.isfinite(present.standard_deviation) else "now undetermined"
-    text = f"{text} It should determine {reached.parameter} to within {reached.standard_deviation:.2g}{unit} ({was})"
-    if reached.t_value is None or present.t_value is None:
-        return f"{text}."
-    reaches, is_now = format_number(reached.t_value), format_number(present.t_value)
-    return f"{text}: the value found is {reaches} times that (now {is_now} times)."

@@ -325,7 +325,15 @@ def compare_with_run(identification: Identification, recording: Recording) -> Ru
 
 
 def list_targets(request: CampaignRequest, joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Return what the errors of a campaign are of: joints, parameters or effects, by name."""
+    """Return what the errors of a campaign are of: joints, parameters or effects, by name.
+
+    Parameters
+    ----------
+    request : CampaignRequest
+        What is to be reached.
+    joints : tuple of str
+        Names of the robot's joints.
+    """
     return {"torque": joints, "parameters": request.parameters, "effects": request.decide}[request.goal]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -44,10 +44,6 @@ class Campaign(Framed):
         Largest relative error of the predicted torque, of each joint with 95 % probability: 0.05 is 5 %.
     minutes : float, optional
         Robot time of all runs together.
-    parameters : sequence of str, optional
-        Base parameters that shall be known to within `error`, instead of the torque.
-    decide : sequence of str, optional
-        Effects that shall be found, or would have shown at their usual size, instead of the torque.
     region : recordings, optional
         Motions of the application, in which the torque shall be predicted; by default all that the limits allow, up
         to half of the speeds.
@@ -58,7 +54,7 @@ class Campaign(Framed):
     sampling_rate : float, optional
         Rate of the samples in Hz.
     request : CampaignRequest, optional
-        All options; the other arguments take precedence over it.
+        All options, and other goals than torque; the other arguments take precedence over it.
 
     Examples
     --------
@@ -78,8 +74,6 @@ class Campaign(Framed):
         *,
         error: float | None = None,
         minutes: float | None = None,
-        parameters: Sequence[str] = (),
-        decide: Sequence[str] = (),
         region: SomeRecordings = (),
         effects: str | EffectChoice | Iterable[str | EffectChoice] | None = None,
         duration: float | None = None,
@@ -89,10 +83,6 @@ class Campaign(Framed):
         campaign_request = request or CampaignRequest()
         if error is not None:
             campaign_request = replace(campaign_request, error=error)
-        if parameters:
-            campaign_request = replace(campaign_request, goal="parameters", parameters=tuple(parameters))
-        if decide:
-            campaign_request = replace(campaign_request, goal="effects", decide=tuple(decide))
         if minutes is not None:
             campaign_request = replace(campaign_request, minutes=minutes)
         if effects is not None:

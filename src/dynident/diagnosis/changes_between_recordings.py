@@ -17,12 +17,13 @@ from dynident.diagnosis.change_sizes import Estimates, yield_changes
 from dynident.diagnosis.comparison.data_leakage import find_overlaps
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
 from dynident.diagnosis.diagnosis_result import Change, FrictionDifference, RankedEffect
+from dynident.diagnosis.disturbances import UndisturbedData, leave_out_disturbances
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import Column, EffectChoice, get_effect
 from dynident.effects.catalogue import get_role
 from dynident.effects.effect_columns import is_lasting_change
 from dynident.errors import DynidentError
-from dynident.identification import Identification, identify_model
+from dynident.identification import Identification, identify_model, reidentify
 from dynident.identification.equations.model_and_data_checks import check_runs, check_temperature
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.identification.identification_choices import PriorName
@@ -217,6 +218,46 @@ def identify_on_both(
         progress,
     )
     return both, everything, since
+
+
+def prepare_undisturbed(
+    identification: Identification, recordings: Sequence[Recording], baseline: Sequence[Recording] = ()
+) -> tuple[UndisturbedData, tuple[str, ...]]:
+    """Prepare what a diagnosis judges, without disturbed seconds.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recordings, baseline : sequence of Recording
+        The recordings to judge, and earlier ones to compare them with.
+
+    Returns
+    -------
+    (UndisturbedData, tuple of str)
+        The model, identified without robust weights, and the recordings; the labels of the runs after the baseline.
+    """
+    recordings, _ = split_friction_tests(recordings)
+    since: tuple[str, ...] = ()
+    if baseline:
+        identification, recordings, since = identify_on_both(identification, baseline, recordings)
+    # A push of a few seconds shifts all parameters, and its traces look like missing friction. So disturbed seconds are
+    # taken out before anything else.
+    return leave_out_disturbances(_reidentify_unweighted(identification), recordings), since
+
+
+def _reidentify_unweighted(identification: Identification) -> Identification:
+    """Identify the model once more with equally weighted rows, by plain least squares, where it was not.
+
+    Missing friction shows where joints reverse, which weights would hide. And what keeps parameters to bodies that can
+    exist would be in the residual as if it were missing, too.
+    """
+    choices, estimate = identification.choices, identification.estimate
+    is_held = choices.solver.possible_where_free
+    if not (choices.weighs_turns or is_held) or not choices.plan.from_reduced or estimate.not_essential:
+        return identification
+    estimator = "wls" if is_held else choices.estimator
+    return reidentify(identification, replace(choices, weigh_turns=False, estimator=estimator))
 
 
 def _check_no_copies(earlier: Sequence[Recording], later: Sequence[Recording]) -> None:

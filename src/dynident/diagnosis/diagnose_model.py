@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -23,8 +23,8 @@ from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProdu
 from dynident.diagnosis.changes_between_recordings import (
     add_friction_differences,
     compute_friction_differences,
-    identify_on_both,
     list_changes,
+    prepare_undisturbed,
     word_changes,
 )
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison, compare
@@ -48,7 +48,7 @@ from dynident.diagnosis.diagnosis_summary import (
     select_verdict,
     word_summary,
 )
-from dynident.diagnosis.disturbances import PUSH, UndisturbedData, leave_out_disturbances
+from dynident.diagnosis.disturbances import PUSH
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
 from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import build_failure_map, find_unknown_patterns
 from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
@@ -73,7 +73,7 @@ from dynident.diagnosis.search.static_friction import find_static_friction
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.effects.effect_columns import is_lasting_change
 from dynident.errors import DynidentError
-from dynident.identification import Identification, extend, reidentify
+from dynident.identification import Identification, extend
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.parallel import single_threaded
@@ -327,32 +327,6 @@ def examine(
     return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
 
 
-def prepare_undisturbed(
-    identification: Identification, recordings: Sequence[Recording], baseline: Sequence[Recording] = ()
-) -> tuple[UndisturbedData, tuple[str, ...]]:
-    """Prepare what a diagnosis judges, without disturbed seconds.
-
-    Parameters
-    ----------
-    identification : Identification
-        The identified model.
-    recordings, baseline : sequence of Recording
-        The recordings to judge, and earlier ones to compare them with.
-
-    Returns
-    -------
-    (UndisturbedData, tuple of str)
-        The model, identified without robust weights, and the recordings; the labels of the runs after the baseline.
-    """
-    recordings, _ = split_friction_tests(recordings)
-    since: tuple[str, ...] = ()
-    if baseline:
-        identification, recordings, since = identify_on_both(identification, baseline, recordings)
-    # A push of a few seconds shifts all parameters, and its traces look like missing friction. So disturbed seconds are
-    # taken out before anything else.
-    return leave_out_disturbances(_reidentify_unweighted(identification), recordings), since
-
-
 def _check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -> None:
     """Raise `DynidentError` for an unknown effect, and for recordings in which nothing that is missing shows."""
     check_candidates(candidates)
@@ -407,20 +381,6 @@ def _rank_candidates(
     ranked = (*ranked_findings, *rank_rejected(outcomes, first, beside, len(ranked_findings)))
     rows = record.data.select_for_model(final.state.base)
     return _Ranking(ranked, outcomes, limits, compute_part_to_part_ratio(rows, final.state))
-
-
-def _reidentify_unweighted(identification: Identification) -> Identification:
-    """Identify the model once more with equally weighted rows, by plain least squares, where it was not.
-
-    Missing friction shows where joints reverse, which weights would hide. And what keeps parameters to bodies that can
-    exist would be in the residual as if it were missing, too.
-    """
-    choices, estimate = identification.choices, identification.estimate
-    is_held = choices.solver.possible_where_free
-    if not (choices.weighs_turns or is_held) or not choices.plan.from_reduced or estimate.not_essential:
-        return identification
-    estimator = "wls" if is_held else choices.estimator
-    return reidentify(identification, replace(choices, weigh_turns=False, estimator=estimator))
 
 
 def _build_start_state(
