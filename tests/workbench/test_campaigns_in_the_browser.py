@@ -39,6 +39,11 @@ def test_a_campaign_goes_on_until_its_goal_is_reached(page: Any, heard: Any, tmp
     expect(state).to_have_attribute("data-state", "reached")
     expect(page.locator("#campaign-chart canvas")).to_be_visible()
     page.screenshot(path=tmp_path / "reached.png", full_page=True)
+    page.set_viewport_size({"width": 390, "height": 844})
+    # The figure is drawn again in the new width.
+    page.wait_for_function("document.documentElement.scrollWidth <= innerWidth")
+    page.screenshot(path=tmp_path / "narrow.png", full_page=True)
+    page.set_viewport_size({"width": 1280, "height": 800})
     (campaign,) = ask(page, f"/campaigns?robot_id={robot}")["items"]
     assert campaign["achieved"] <= 0.05
     page.get_by_role("link", name="All campaigns").click()
