@@ -253,8 +253,17 @@ def fit_within_limits(
             return motions, margins
         x = x.copy()
         # The first coefficient is the middle posture, which stays; the others are the amplitude.
-        x[1:] *= shrink
+        x[1:, _list_shrunk_joints(task, margins)] *= shrink
     raise build_limit_error(margins)
+
+
+def _list_shrunk_joints(task: DesignTask, margins: Sequence[Margin]) -> tuple[int, ...]:
+    """Return the joints whose amplitude has to become smaller: where bodies come too near, those that move them."""
+    broken = [margin for margin in margins if margin.share > 1.0]
+    space, every = task.bounds.space, tuple(range(task.model.robot.n))
+    if space is None or any(margin.limit != "clearance" for margin in broken):
+        return every
+    return tuple(sorted({joint for margin in broken for joint in space.list_moving_joints(margin.joint)}))
 
 
 def _change_pace(family: Family, pace: float, rate: float) -> Family:

@@ -122,6 +122,19 @@ class FreeSpace:
                 return word_contact(nearest.name, nearest.distance, nearest.wanted)
         return None
 
+    def list_moving_joints(self, name: str) -> tuple[int, ...]:
+        """Return the joints that change the distance of a pair of bodies, by the name of the pair; else all of them."""
+        pairs = () if self.contacts is None or self.robot.linkage is not None else self.contacts.pairs
+        joints: set[int] = set()
+        for pair in pairs:
+            if pair.name == name:
+                chains = [
+                    set() if solid.joint == BASE else set(self.robot.list_ancestors(solid.joint))
+                    for solid in (pair.moving, pair.other)
+                ]
+                joints |= chains[0] ^ chains[1]
+        return tuple(sorted(joints)) or tuple(range(self.robot.n))
+
     def describe_narrowness(self, q: FloatArray) -> str:
         """Return what leaves no room to move at a posture (n,) that is clear itself, as the end of a sentence."""
         if self.contacts is None and self.loops is not None:
@@ -223,7 +236,8 @@ def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, 
         # Bodies that are close in most postures are so by construction; no motion can keep them apart.
         own = [pair for pair, share in zip(candidates, close, strict=True) if share < _MOSTLY]
         touching = [pair.name for pair, share in zip(candidates, close, strict=True) if share >= _MOSTLY]
-        notes += _note_self_collision(geometry, touching)
+        own, at_zero, pair_notes = _adapt_to_zero_posture(robot, own, low, high)
+        notes += [*_note_self_collision(geometry, [*touching, *at_zero]), *pair_notes]
     obstacles = [build_half_space_solid(half.name, half.normal, half.offset) for half in list_half_spaces(surroundings)]
     obstacles += [build_solid(box.solid_name, BASE, [build_block(box)]) for box in surroundings.boxes]
     moving = [body for body in above_floor.bodies if body.joint != BASE]
@@ -312,6 +326,33 @@ def _reduce_clearances(
             pair = replace(pair, clearance=less)
         attainable.append(pair)
     return attainable, notes
+
+
+def _adapt_to_zero_posture(
+    robot: Robot, pairs: Sequence[SolidPair], low: FloatArray, high: FloatArray
+) -> tuple[list[SolidPair], list[str], list[str]]:
+    """Return pairs of links with a clearance that the zero posture keeps, the names of the others, and notes.
+
+    Who describes a robot draws it at zero, where it stands: the hips of a humanoid are near each other there. Links
+    that touch at zero do so by construction, as MoveIt's setup assistant takes it as well.
+    """
+    zero = np.clip(np.zeros(robot.n), low, high)
+    if not pairs or zero.any():
+        return list(pairs), [], []
+    check, kept, touching, reduced = ContactCheck(robot, pairs), [], [], []
+    for pair in pairs:
+        distance = float(check.compute_distances(pair, zero[None]).min())
+        if distance <= 0:
+            touching.append(pair.name)
+            continue
+        if distance < pair.clearance:
+            pair = replace(pair, clearance=_SHARE_OF_ATTAINABLE * distance)
+            reduced.append(f"{pair.name} ({pair.clearance:.3g} m)")
+        kept.append(pair)
+    note = (
+        f"Links that are near each other in the zero posture keep half of their distance there: {join_names(reduced)}."
+    )
+    return kept, touching, [note] if reduced else []
 
 
 def _check_geometry(geometry: CollisionGeometry, surroundings: Surroundings) -> None:

@@ -18,7 +18,7 @@ from dynident.motion.collision.free_space import FreeSpace, build_free_space
 from dynident.motion.collision.obstacle_geometry import Surroundings, check_surroundings
 from dynident.number_format import format_percent
 from dynident.robot import Limits, Robot
-from dynident.robot.joint import WIDEST_RANGE, Joint
+from dynident.robot.joint import WIDEST_RANGE, Joint, join_joint_names
 from dynident.robot.json_fields import join_names, make_pointer
 from dynident.robot.limits_and_drives import LARGEST
 
@@ -241,7 +241,7 @@ def build_bounds(
     # Assumptions are collected over all joints, for one note a kind of limit.
     assumed = _Assumptions()
     completed = [_complete_limits(joint, overrides.get(joint.name, Limits()), assumed, at) for joint in robot.joints]
-    notes = [*_note_wide_limits(robot, overrides), *assumed.list_notes()]
+    notes = [*_note_wide_limits(robot, overrides), *assumed.list_notes(robot.joint_names)]
     torque = np.array([np.inf if limit.effort is None else limit.effort for limit in completed])
     unlimited = [name for name, bound in zip(robot.joint_names, torque, strict=True) if not np.isfinite(bound)]
     power = np.array([np.inf if limit.power is None else limit.power for limit in completed])
@@ -377,7 +377,8 @@ class _Assumptions:
     acceleration: list[str] = field(default_factory=list)
     jerk: list[str] = field(default_factory=list)
 
-    def list_notes(self) -> list[str]:
+    def list_notes(self, joints: Sequence[str]) -> list[str]:
+        """Return the notes; `joints` are all of the robot's."""
         kinds = (
             (self.position, "position", "the motion stays within ±π rad"),
             (
@@ -393,7 +394,7 @@ class _Assumptions:
             (self.jerk, "jerk", f"{_JERK_PER_ACCELERATION:g}/s x the acceleration limit was assumed"),
         )
         notes = [
-            f"No {kind} limit is known for {join_names(names)}: {assumption}."
+            f"No {kind} limit is known for {join_joint_names(names, joints)}: {assumption}."
             for names, kind, assumption in kinds
             if names
         ]

@@ -13,6 +13,10 @@ _POSTURES = 2000
 # Room left for motion around a posture: of the torque, and of the position range.
 _HOLDING_SHARE = 0.9
 CENTRAL_SHARE = 0.8
+# Shares of the ranges around the usual home that are tried in this order where no posture of the whole is clear.
+_NEARER_HOME = (0.5, 0.25, 0.12)
+# Of the postures that are clear by their capsules, so many are looked at exactly.
+_EXACT_POSTURES = 500
 # Of half the range: as good as zero.
 _NEAR_ZERO = 1e-5
 # Postures whose way from home is looked at, and how many have to be reached: with fewer, the home itself is cut off.
@@ -67,7 +71,18 @@ def draw_holdable_postures(bounds: Bounds, model: TorqueModel, rng: np.random.Ge
         limit is in the way.
     """
     places = CENTRAL_SHARE * rng.uniform(-1.0, 1.0, (_POSTURES, len(bounds.names)))
-    q: FloatArray = _select_reachable(bounds, _select_clear(bounds, bounds.middle + bounds.half_range * places))
+    around = bounds.middle + bounds.half_range * places
+    # Of many joints some pair collides in nearly every posture of the whole ranges, and in fewer near the usual home.
+    home = list_usual_homes(bounds)[0]
+    for share in _NEARER_HOME:
+        if bounds.space is None or (bounds.space.compute_least_slack(around) >= 0).any():
+            break
+        around = np.clip(
+            home + share * bounds.half_range * places,
+            bounds.middle - CENTRAL_SHARE * bounds.half_range,
+            bounds.middle + CENTRAL_SHARE * bounds.half_range,
+        )
+    q: FloatArray = _select_reachable(bounds, _select_clear(bounds, around))
     if not np.isfinite(bounds.torque).any():
         return q
     torque = np.abs(compute_static_torque(model, q))
@@ -129,7 +144,10 @@ def _select_clear(bounds: Bounds, q: FloatArray) -> FloatArray:
     slack = bounds.space.compute_least_slack(q)
     if (slack >= 0).any():
         clear: FloatArray = q[slack >= 0]
-        return clear
+        # Capsules do not tell of bodies that are so near each other that theirs always overlap.
+        first = clear[:_EXACT_POSTURES]
+        is_blocked = bounds.space.find_blocked(first)
+        return clear if is_blocked.all() or not is_blocked.any() else first[~is_blocked]
     clearest = q[int(slack.argmax())]
     complaint = bounds.space.find_complaint(clearest[None]) or bounds.space.describe_narrowness(clearest)
     raise ImpossibleLimitsError(
