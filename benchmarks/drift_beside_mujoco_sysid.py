@@ -35,7 +35,7 @@ import dynident as dy
 from dynident.identification.estimators.identified_robot_simulator import RecordedMotion, read_pieces
 from dynident.recordings import RecordedJoints, Recording, import_recording, recording_from_arrays
 from dynident.robot import Robot, robot_from_library
-from dynident.validation.simulated_response import choose_drift_starts, compute_open_loop_drift
+from dynident.validation.open_loop_drift import choose_drift_starts, compute_open_loop_drift
 
 # Where one of its wheels is missing, the package is there and empty.
 sysid: Any = importlib.import_module("mujoco.sysid")

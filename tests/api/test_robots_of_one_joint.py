@@ -13,7 +13,6 @@ from support.one_joint_robots import ONE_JOINT, one_joint_recordings, one_joint_
 import dynident as dy
 from dynident.excitation.criteria.criterion_choice import CRITERIA
 from dynident.excitation.design_request import FAMILIES, JOINT_BY_JOINT
-from dynident.excitation.equation_type_names import ROW_MODELS
 from dynident.export import ExportFormat, export_model
 from dynident.export.export_request import LOAD_FORMATS
 from dynident.identification.identification_choices import (
@@ -24,6 +23,7 @@ from dynident.identification.identification_choices import (
     STEPS,
 )
 from dynident.progress import ignore_progress
+from dynident.regressors import ROW_MODELS
 from dynident.validation.validation_request import TRIALS, ValidationData
 
 pytestmark = pytest.mark.sweep

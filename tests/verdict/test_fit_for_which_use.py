@@ -18,9 +18,8 @@ from dynident.recordings import Recording, Revision, recording_from_arrays
 from dynident.recordings.sample_hashes import SampleHashes
 from dynident.validation import ValidationOutcome
 from dynident.verdict import Action, NextStep, Outcome, find_overlaps, is_stopped, verdict
-from dynident.verdict.detectable_loads import DetectableForce
 from dynident.verdict.fitness_by_use import combine_findings, judge_collision_detection
-from dynident.verdict.held_out_evidence import HeldOutEvidence
+from dynident.verdict.held_out_evidence import DetectableForce, HeldOutEvidence
 from dynident.verdict.model_verdict import _CALLS
 
 ROBOT = arm("ur10")

@@ -7,8 +7,9 @@ import pytest
 from scipy.signal import lfilter
 from support.oracles import arm
 
-from dynident.robot import tool_path
-from dynident.verdict.detectable_loads import _compute_lift, compute_threshold, compute_tool_jacobian
+from dynident.robot import compute_tool_jacobian, tool_path
+from dynident.validation.contact_detection import compute_threshold
+from dynident.verdict.held_out_evidence import _compute_lift
 
 _RATE = 25
 _HOURS = 2

@@ -11,8 +11,8 @@ from typing import Literal
 
 from dynident.effects.effect_choices import DEFAULT_EFFECTS, JOINT_FRICTION, EffectChoice
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
-from dynident.excitation.equation_type_names import ROW_MODELS, RowModelName
 from dynident.motion.collision.surroundings import Surroundings
+from dynident.regressors import ROW_MODELS, RowModelName
 from dynident.robot.limits_and_drives import Limits
 from dynident.schema.fields import LARGEST_SEED, Choice, OneOf, Request, declare_field
 

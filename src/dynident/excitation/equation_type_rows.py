@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.excitation.equation_type_names import ROW_MODELS, RowModelName
+from dynident.regressors import ROW_MODELS, RowModelName
 from dynident.regressors.filtered_energy_power_rows import SHARE_OF_PERIOD
 
 __all__ = ["ROW_MODELS", "RowModel", "RowModelName", "build_row_model"]

@@ -21,7 +21,7 @@ from dynident.identification.estimators.identified_robot_simulator import build_
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
-from dynident.validation.simulated_response import simulate_open_loop
+from dynident.validation.open_loop_drift import simulate_open_loop
 
 # Correlation times in s to choose from, and the two lengths of blocks whose means it compares.
 _TIMES = np.geomspace(0.1, 10.0, 100)

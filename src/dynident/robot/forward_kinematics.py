@@ -10,6 +10,9 @@ from dynident.array_types import FloatArray
 from dynident.robot.joint import Joint
 from dynident.robot.robot_model import Robot
 
+# Step of the numerical derivative in rad or m.
+_MOVE = 1e-6
+
 
 def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:
     """Return the frames of all joints in the base frame.
@@ -115,6 +118,29 @@ def tool_path(robot: Robot, q: FloatArray, joint: int = -1, point: FloatArray | 
     frame = joint_frames(robot, q)[:, joint]
     path: FloatArray = frame[:, :3, 3] if point is None else frame[:, :3, :3] @ point + frame[:, :3, 3]
     return path
+
+
+def compute_tool_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
+    """Compute the Jacobian of the last joint's origin by central differences.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q : (m, n)
+        Postures in rad or m.
+
+    Returns
+    -------
+    (m, 3, n)
+        Change of the origin's position (m) by joint (rad or m), in the base frame.
+    """
+    columns = []
+    for joint in range(robot.n):
+        step = np.zeros(robot.n)
+        step[joint] = _MOVE
+        columns.append((tool_path(robot, q + step) - tool_path(robot, q - step)) / (2 * _MOVE))
+    return np.stack(columns, axis=2)
 
 
 def project_wrench(robot: Robot, q: FloatArray, link: int, wrench: FloatArray, *, in_world: bool = False) -> FloatArray:

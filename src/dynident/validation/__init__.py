@@ -9,6 +9,7 @@ from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.validation.bootstrap_validation import BootstrapValidation, DrawnParameter, validate_bootstrap
+    from dynident.validation.contact_detection import CollisionValidation, ContactDetection, validate_collision
     from dynident.validation.direct_and_cross_validation import (
         RecordingErrors,
         TorqueValidation,
@@ -25,20 +26,17 @@ if TYPE_CHECKING:
     from dynident.validation.inertia_matrix import InertiaMatrixValidation, validate_inertia_matrix
     from dynident.validation.known_load_validation import PayloadValidation, validate_payload
     from dynident.validation.method_comparison import MethodResult, MethodsValidation, validate_methods
-    from dynident.validation.simulated_response import (
-        Drift,
-        DriftValidation,
-        SimulationValidation,
-        compute_open_loop_drift,
-        validate_drift,
-        validate_simulation,
-    )
+    from dynident.validation.momentum_observer import MomentumObserver, ObservedContacts
+    from dynident.validation.open_loop_drift import Drift, DriftValidation, compute_open_loop_drift, validate_drift
+    from dynident.validation.simulated_response import SimulationValidation, validate_simulation
     from dynident.validation.validation_outcome import ValidationOutcome, Verdict, combine_verdicts
     from dynident.validation.validation_request import Method, available_methods, get_method
 
 __all__ = [
     "LARGEST_ERROR",
     "BootstrapValidation",
+    "CollisionValidation",
+    "ContactDetection",
     "DrawnParameter",
     "Drift",
     "DriftValidation",
@@ -48,6 +46,8 @@ __all__ = [
     "Method",
     "MethodResult",
     "MethodsValidation",
+    "MomentumObserver",
+    "ObservedContacts",
     "PayloadValidation",
     "RecordingErrors",
     "SensorNoise",
@@ -62,6 +62,7 @@ __all__ = [
     "get_method",
     "sensor_noise",
     "validate_bootstrap",
+    "validate_collision",
     "validate_cross",
     "validate_direct",
     "validate_drift",

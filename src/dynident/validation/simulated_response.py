@@ -1,329 +1,39 @@
-"""Validation by simulation: response under control, and drift without a controller, against recorded motion (§12.7).
+"""Validation by simulation: a robot under joint control, and one that is left alone, against recorded motion (§12.7).
 
 A simulator that follows a recorded motion under joint control hides what its model lacks: the controller makes up for
-it. Started from a measured state under the measured torque alone, the error of the torque becomes one of the position.
-Most arms are unstable then (a link that stands upright falls to either side), so only short times are simulated.
+it. So the drift without a controller counts as well.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
-from dynident.estimation.parameter_covariance import NORMAL_95
-from dynident.identification import Estimate, Identification
+from dynident.identification import Identification
 from dynident.identification.estimators.identified_robot_simulator import (
     RecordedMotion,
-    Simulator,
     build_simulator,
     read_longest_piece,
-    read_pieces,
 )
-from dynident.identification.thresholds import LARGEST_DRIFT, LARGEST_ERROR, LARGEST_OF_JOINT
+from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, low_pass
-from dynident.recordings.joint_phases import SLOW, STANDS
+from dynident.recordings.joint_phases import SLOW
 from dynident.schema.fields import check_value
-from dynident.simulation.true_effects import may_be_negative
+from dynident.validation.open_loop_drift import (
+    Drift,
+    judge_drift,
+    name_impossible_parameters,
+    simulate_from_many_starts,
+)
 from dynident.validation.validation_outcome import ValidationOutcome
-from dynident.validation.validation_request import HORIZONS, LONGEST_SIMULATED, Simulation
-
-# Step of the integration in s.
-_STEP = 1e-3
-# Seconds between starts: closer ones tell the same again.
-_APART = 0.5
-# Starts over all recordings: a mean over more of them hardly changes, and each costs a simulation.
-_MOST_STARTS = 60
-# s: after longer times most arms have left the motion, whatever the model; they are unstable without a controller.
-_JUDGED_UNTIL = 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class Drift:
-    """How far a simulated robot drifts from the recorded one under the measured torque.
-
-    Infinite where the simulation diverged, nan where no segment of the recordings is that long.
-
-    Parameters
-    ----------
-    joint_names : tuple of str
-        Names of the joints.
-    after : (h,)
-        Seconds of simulation after which the drift is given.
-    distance : (h, n)
-        Root mean square distance of the simulated from the recorded positions, in rad or m.
-    speed : (h, n)
-        Root mean square difference of the simulated from the recorded velocities, in rad/s or m/s.
-    way : (h, n)
-        Root mean square of how far the joints moved meanwhile, in rad or m.
-    starts : int
-        Number of states that simulations were started from.
-    """
-
-    joint_names: tuple[str, ...]
-    after: tuple[float, ...]
-    distance: FloatArray
-    speed: FloatArray
-    way: FloatArray
-    starts: int
-
-    @property
-    def share(self) -> FloatArray:
-        """Distance over way (h, n). For a joint that hardly moves, over what a standing joint may move."""
-        return np.asarray(self.distance / np.maximum(self.way, STANDS))
-
-    @property
-    def judged_until(self) -> float:
-        """The longest time in s that counts for a verdict: half a second, or the shortest time if all are longer."""
-        return max((after for after in self.after if after <= _JUDGED_UNTIL), default=min(self.after))
-
-    @property
-    def worst_share(self) -> float:
-        """Largest share until `judged_until`; infinite where a simulation diverged, nan where none is that long."""
-        short = self.share[np.array(self.after) <= self.judged_until]
-        return float(np.nanmax(short)) if not np.isnan(short).all() else np.nan
-
-    def describe(self) -> str:
-        """Describe the drift of the worst joint after each time, in a sentence."""
-        phrases = []
-        for after, share in zip(self.after, self.share, strict=True):
-            if np.isnan(share).all():
-                continue
-            worst = int(np.nanargmax(share))
-            size = "all of" if not np.isfinite(share[worst]) else f"{format_percent(share[worst], decimals=0)} of"
-            phrases.append(f"{size} its travel after {after:g} s ({self.joint_names[worst]})")
-        return f"Without a controller, under the measured torque, the worst joint is off by {', '.join(phrases)}."
-
-
-@single_threaded
-def compute_open_loop_drift(
-    identification: Identification,
-    recordings: Sequence[Recording],
-    horizons: Sequence[float] = HORIZONS,
-    progress: Progress = ignore_progress,
-) -> Drift:
-    """Simulate a robot with the identified parameters, without a controller, from many states of recorded motions.
-
-    Parameters
-    ----------
-    identification : Identification
-        The identified model.
-    recordings : sequence of Recording
-        Recordings of the same robot, held out as a rule.
-    horizons : sequence of float
-        Seconds of simulation after which the drift is given.
-    progress : Progress
-        Called with the fraction done and a message.
-
-    Returns
-    -------
-    Drift
-        Distances after each of the horizons, over all starts.
-
-    Raises
-    ------
-    DynidentError
-        Where no robot can have the identified parameters, or no recording has a motion to follow.
-    """
-    after = tuple(sorted(set(horizons)))
-    simulator = build_simulator(identification.model, identification.values)
-    motions = [piece for recording in recordings for piece in read_pieces(recording, identification.preprocessing)]
-    drift = _simulate_from_many_starts(simulator, motions, after, progress)
-    if drift is None:
-        raise DynidentError(
-            f"no segment of the recordings is {after[0]:g} s long; use longer recordings or wider windows",
-            pointer="/windows",
-            title="Too short",
-        )
-    return drift
-
-
-def _simulate_from_many_starts(
-    simulator: Simulator,
-    motions: Sequence[RecordedMotion],
-    horizons: tuple[float, ...] = HORIZONS,
-    progress: Progress = ignore_progress,
-) -> Drift | None:
-    """Return the drift from starts spread over the motions; None where no motion is long enough."""
-    outcomes = simulate_open_loop(simulator, motions, horizons, progress=progress)
-    if outcomes is None:
-        return None
-    distance, speed, way = (_compute_rms(values) for values in outcomes)
-    return Drift(simulator.robot.dynamics.robot.joint_names, horizons, distance, speed, way, len(outcomes[0]))
-
-
-def simulate_open_loop(
-    simulator: Simulator,
-    motions: Sequence[RecordedMotion],
-    horizons: tuple[float, ...],
-    most: int = _MOST_STARTS,
-    progress: Progress = ignore_progress,
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Simulate from at most `most` states spread over the motions; None where no motion is long enough.
-
-    The arrays (k, h, n) are the differences of the simulated from the recorded positions and velocities, and the ways
-    of the recorded joints, for each start and horizon. A simulation that diverged is infinitely far off; nan marks a
-    horizon that its motion does not reach.
-
-    Parameters
-    ----------
-    simulator : Simulator
-        A robot with the identified parameters.
-    motions : sequence of RecordedMotion
-        Recorded motions with their torque.
-    horizons : tuple of float
-        Seconds of simulation after which the drift is given.
-    most : int
-        Most starts.
-    progress : Progress
-        Called with the fraction done and a message.
-    """
-    starts = choose_drift_starts(motions, horizons, most)
-    outcomes: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-    for motion, start in starts:
-        progress(len(outcomes) / len(starts), "simulating without a controller")
-        outcomes.append(_simulate_without_control(simulator, motion, start, horizons))
-    if not outcomes:
-        return None
-    position, velocity, way = (np.array(values) for values in zip(*outcomes, strict=True))
-    return position, velocity, way
-
-
-def choose_drift_starts(
-    motions: Sequence[RecordedMotion], horizons: tuple[float, ...] = HORIZONS, most: int = _MOST_STARTS
-) -> list[tuple[RecordedMotion, int]]:
-    """Return at most `most` motions and samples of them that simulations start from, spread over all motions."""
-    starts = [(motion, start) for motion in motions for start in _list_starts(motion, horizons)]
-    chosen = np.unique(np.linspace(0, len(starts) - 1, min(len(starts), most)).astype(int)) if starts else ()
-    return [starts[index] for index in chosen]
-
-
-def _list_starts(motion: RecordedMotion, horizons: tuple[float, ...]) -> list[int]:
-    """Return samples that simulations may start from, spread over the motion; the longest horizon fits if it can."""
-    t = motion.reference.t
-    length = float(t[-1] - t[0])
-    # A segment that is too short for the longest horizon still serves the shorter ones.
-    last = length - horizons[-1] if length > horizons[-1] else length - horizons[0]
-    if last < 0:
-        return []
-    times = np.linspace(0.0, last, int(last / _APART) + 1) + t[0]
-    # The sample before, so that the horizon still fits behind it; a sample's time may be off by rounding.
-    return [int(k) for k in np.searchsorted(t, times + 1e-9, side="right") - 1]
-
-
-def _simulate_without_control(
-    simulator: Simulator, motion: RecordedMotion, start: int, horizons: tuple[float, ...]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return how far the simulated robot is off in position and velocity, and how far the real one moved: (h, n)."""
-    whole, robot = motion.reference, simulator.robot
-    here = whole.t[start]
-    # A sample's time may be off by rounding; a horizon that ends there is there.
-    after = np.array([horizon for horizon in horizons if here + horizon <= whole.t[-1] + 1e-9])
-    t = here + _STEP * np.arange(round(after[-1] / _STEP) + 1)
-    tau = np.column_stack([np.interp(t, whole.t, column) for column in motion.tau.T])
-    heat = None if whole.temperature is None else whole.temperature[start:]
-    rest = replace(
-        whole, t=whole.t[start:], q=whole.q[start:], dq=whole.dq[start:], ddq=whole.ddq[start:], temperature=heat
-    )
-    signals = robot.dynamics.signals
-    # Presliding friction and backlash depend on the path before the start, so their states are carried along up to it.
-    memory = MemoryStates(signals.memory_signals).push(signals.robot.positions(whole.q[: start + 1]))[-1]
-    with np.errstate(all="ignore"):
-        q, dq = robot.move_freely(rest, tau, _STEP, memory=memory, run=motion.label)
-    rows = np.rint(after / _STEP).astype(np.intp)
-    measured, velocity = (
-        np.column_stack([np.interp(t[rows], whole.t, column) for column in signal.T]) for signal in (whole.q, whole.dq)
-    )
-    # A state that is no number has diverged: infinitely far, and not missing.
-    away, faster = (np.nan_to_num(difference, nan=np.inf) for difference in (q[rows] - measured, dq[rows] - velocity))
-    missing = np.full((len(horizons) - len(after), whole.q.shape[1]), np.nan)
-    moved = measured - whole.q[start]
-    return np.vstack([away, missing]), np.vstack([faster, missing]), np.vstack([moved, missing])
-
-
-def _compute_rms(values: FloatArray) -> FloatArray:
-    """Return the root mean square (h, n) over the starts (k, h, n) that reach so far; nan where none does."""
-    there = ~np.isnan(values)
-    counts = there.sum(axis=0)
-    with np.errstate(over="ignore"):
-        squares = np.where(there, values, 0.0) ** 2
-        return np.where(counts > 0, np.sqrt(squares.sum(axis=0) / np.maximum(counts, 1)), np.nan)
-
-
-@dataclass(frozen=True, eq=False)
-class DriftValidation:
-    """Drift of an open-loop simulation over recordings, with the verdict.
-
-    Parameters
-    ----------
-    drift : Drift or None
-        The drift; None where no robot can have the identified parameters.
-    judged : ValidationOutcome
-        Whether the drift is small enough for a simulation, and the reason.
-    """
-
-    drift: Drift | None
-    judged: ValidationOutcome
-
-
-def validate_drift(
-    identification: Identification,
-    recordings: Sequence[Recording],
-    horizons: Sequence[float] = HORIZONS,
-    progress: Progress = ignore_progress,
-) -> DriftValidation:
-    """Start the simulated robot from many measured states and judge how far it drifts under the measured torque.
-
-    Parameters
-    ----------
-    identification : Identification
-        The identified model.
-    recordings : sequence of Recording
-        Recordings of the same robot, held out as a rule.
-    horizons : sequence of float
-        Seconds of simulation after which the drift is given.
-    progress : Progress
-        Called with the fraction done and a message.
-
-    Returns
-    -------
-    DriftValidation
-        The drift, judged until half a second by its share of the travel.
-
-    Raises
-    ------
-    DynidentError
-        Where the recordings have no motion of the shortest horizon.
-    """
-    # Before the simulation: negative friction or inertia would make it diverge without saying why.
-    impossible = _name_impossible_parameters(identification.estimate)
-    if impossible:
-        reason = f"No physical robot can have the identified parameters: {impossible}."
-        return DriftValidation(None, ValidationOutcome("fail", reason))
-    drift = compute_open_loop_drift(identification, recordings, horizons, progress)
-    return DriftValidation(drift, _judge_drift(drift))
-
-
-def _judge_drift(drift: Drift) -> ValidationOutcome:
-    if np.isnan(drift.worst_share):
-        reason = f"No segment of the recordings is {drift.judged_until:g} s long."
-        return ValidationOutcome("not_evaluated", reason)
-    if not drift.worst_share <= LARGEST_DRIFT:
-        until = "half a second" if drift.judged_until == _JUDGED_UNTIL else f"{drift.judged_until:g} s"
-        complaint = (
-            f"More than {format_percent(LARGEST_DRIFT, decimals=0)} of the travel within {until} is too much for "
-            "a simulation."
-        )
-        return ValidationOutcome("fail", f"{drift.describe()} {complaint}")
-    return ValidationOutcome("pass", drift.describe())
+from dynident.validation.validation_request import LONGEST_SIMULATED, Simulation
 
 
 @dataclass(frozen=True, eq=False)
@@ -405,7 +115,7 @@ def validate_simulation(
     motion = read_longest_piece(recording, identification.preprocessing, longest)
     duration = motion.reference.duration
     # Before the simulation: negative friction or inertia would make it diverge without saying why.
-    impossible = _name_impossible_parameters(identification.estimate)
+    impossible = name_impossible_parameters(identification.estimate)
     if impossible:
         judged = ValidationOutcome("fail", f"No physical robot can have the identified parameters: {impossible}.")
         return SimulationValidation(recording.name, duration, None, None, None, None, limit, judged)
@@ -427,19 +137,9 @@ def validate_simulation(
     # A joint that hardly moves has no range to be off by: its share would be noise over nearly zero.
     share = np.where(np.ptp(motion.reference.q, axis=0) > 1e-3, position / span, 0.0)
     progress(0.6, "simulating without a controller")
-    drift = _simulate_from_many_starts(simulator, [motion])
+    drift = simulate_from_many_starts(simulator, [motion])
     judged = _judge_response(identification, motion, errors, drift, limit)
     return SimulationValidation(recording.name, duration, errors, position, share, drift, limit, judged)
-
-
-def _name_impossible_parameters(estimate: Estimate) -> str:
-    """Name the parameters that are below zero by more than chance, where nature allows no such sign."""
-    deviations = estimate.statistics.standard_deviations
-    return ", ".join(
-        f"{column.name} is {value:.3g} ± {NORMAL_95 * deviation:.2g} {column.unit}, below zero"
-        for column, value, deviation in zip(estimate.model.kept, estimate.values, deviations, strict=True)
-        if value < -NORMAL_95 * deviation and not may_be_negative(column.effect, column.parameter, column.runs)
-    )
 
 
 def _compute_torque_errors(
@@ -494,7 +194,7 @@ def _judge_response(
         )
     if drift is None or np.isnan(drift.worst_share):
         return ValidationOutcome("not_evaluated", f"{text}. The motion is too short to be simulated without control.")
-    judged = _judge_drift(drift)
+    judged = judge_drift(drift)
     if judged.verdict == "fail":
         return ValidationOutcome("fail", f"{text}. {judged.reason}")
     return ValidationOutcome("pass", f"{text}, within the limit of {format_percent(limit, 2)}. {judged.reason}")

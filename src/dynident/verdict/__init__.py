@@ -1,16 +1,11 @@
 """Verdicts: what a model is fit for, what not, and what to do next."""
 
 from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlaps
-from dynident.verdict.detectable_loads import DetectableForce
+from dynident.validation.contact_detection import ContactDetection, calibrate_contact_detection
+from dynident.validation.momentum_observer import MomentumObserver, ObservedContacts
 from dynident.verdict.fitness_by_use import MARKS, Action, NextStep, State, Use, UseName
-from dynident.verdict.held_out_evidence import Outcome
+from dynident.verdict.held_out_evidence import DetectableForce, Outcome
 from dynident.verdict.model_verdict import ModelVerdict, explain_stop, is_stopped, verdict
-from dynident.verdict.momentum_observer import (
-    ContactDetection,
-    MomentumObserver,
-    ObservedContacts,
-    calibrate_contact_detection,
-)
 from dynident.verdict.stop_cause import Stop
 
 __all__ = [

@@ -23,10 +23,9 @@ from dynident.identification.thresholds import (
 )
 from dynident.number_format import format_percent
 from dynident.regressors.errors_by_phase import compute_moving_errors
-from dynident.validation.simulated_response import Drift, compute_open_loop_drift
-from dynident.verdict.detectable_loads import FALSE_ALARMS_AN_HOUR, FEWEST_BLOCKS, SEEN, DetectableForce
+from dynident.validation.contact_detection import FEWEST_BLOCKS, HAND_CONTACT_FORCE_LIMIT, ContactDetection
+from dynident.validation.open_loop_drift import Drift, compute_open_loop_drift
 from dynident.verdict.held_out_evidence import HeldOutEvidence
-from dynident.verdict.momentum_observer import ContactDetection
 
 UseName = Literal["simulation", "feed_forward", "collision_detection", "payload"]
 USES: tuple[UseName, ...] = ("simulation", "feed_forward", "collision_detection", "payload")
@@ -66,10 +65,8 @@ DIAGNOSE = NextStep("Find the missing effects.", "diagnose")
 FASTER = NextStep("Record a faster motion.", "design")
 GIVE_RECORDINGS = NextStep("Give the held-out recordings of the model.")
 """Next steps that several uses have."""
-FACE_CONTACT_FORCE_LIMIT, HAND_CONTACT_FORCE_LIMIT = 65.0, 140.0
-"""Examples of forces in N that a face, and a hand or a chest, may bear while they are clamped. Secondary sources give
-these values as those of ISO/TS 15066:2016, table A.2 (for hands arXiv:2311.13814, table 1), and some sources give
-others; the standard itself was not read. The limits that count are those of the user's risk assessment."""
+FACE_CONTACT_FORCE_LIMIT = 65.0
+"""Example of a force in N that a face may bear while it is clamped, from the sources of `HAND_CONTACT_FORCE_LIMIT`."""
 _GRAVEST_FIRST: tuple[State, ...] = ("no", "not_judged", "limited", "yes")
 
 
@@ -170,18 +167,18 @@ _LONGER = NextStep(f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints
 
 
 def judge_collision_detection(
-    evidence: HeldOutEvidence, force: DetectableForce | None, contact: ContactDetection | None = None
+    evidence: HeldOutEvidence, contact: ContactDetection | None, obstacle: str = ""
 ) -> list[UseFinding]:
-    """Judge the force at the tool that thresholds on the residual detect at one false alarm an hour.
+    """Judge the force at the tool that a momentum observer detects, how fast, and at which rate of false alarms.
 
     Parameters
     ----------
     evidence : HeldOutEvidence
         The model with its held-out recordings, residuals and validations.
-    force : DetectableForce or None
-        Which force at the tool shows behind the filters of the identification; None where nothing tells.
     contact : ContactDetection or None
         Which force a momentum observer detects, and how fast; None where nothing tells.
+    obstacle : str
+        Why no observer can use the model; empty where one can.
 
     Returns
     -------
@@ -189,28 +186,15 @@ def judge_collision_detection(
         Findings for and against the use.
     """
     findings = [*judge_errors(evidence), *judge_scale(evidence)]
-    if force is None:
-        if not evidence.comparisons:
-            return [
-                *findings,
-                UseFinding(
-                    "not_judged", "The threshold can only be computed from the held-out recordings.", GIVE_RECORDINGS
-                ),
-            ]
-        return [
-            *findings,
-            UseFinding("not_judged", "The held-out data are too short to determine a threshold.", _LONGER),
-        ]
-    figures = (
-        f"With {FALSE_ALARMS_AN_HOUR:g} false alarm an hour, a force of {force.force:.3g} N at the tool is detected "
-        f"(in {format_percent(SEEN, decimals=0)} of directions and postures of the held-out motion, "
-        f"{force.seconds:.0f} s)."
-    )
-    # What an observer detects as it happens counts; behind the filters of the identification, which see the future, a
-    # smaller force shows.
-    least = force.force
-    if contact is not None:
-        least, figures = contact.force, contact.describe()
+    if obstacle:
+        return [*findings, UseFinding("not_judged", f"The observer's thresholds cannot be computed: {obstacle}.")]
+    if not evidence.recordings:
+        sentence = "The threshold can only be computed from the held-out recordings."
+        return [*findings, UseFinding("not_judged", sentence, GIVE_RECORDINGS)]
+    if contact is None:
+        sentence = "The held-out data are too short to determine a threshold."
+        return [*findings, UseFinding("not_judged", sentence, _LONGER)]
+    least, figures = contact.force, contact.describe()
     if least > HAND_CONTACT_FORCE_LIMIT:
         against = (
             f"{figures} This is above {HAND_CONTACT_FORCE_LIMIT:g} N, an example of what a clamped hand can bear: it "

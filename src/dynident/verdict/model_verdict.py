@@ -17,8 +17,8 @@ from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.recordings import Check, Recording
 from dynident.text_and_html_tables import join_html, render_list, render_paragraph
-from dynident.validation.simulated_response import Drift
-from dynident.verdict.detectable_loads import DetectableForce, compute_detectable_force, compute_detectable_mass
+from dynident.validation.contact_detection import ContactDetection, calibrate_contact_detection
+from dynident.validation.open_loop_drift import Drift
 from dynident.verdict.fitness_by_use import (
     DIAGNOSE,
     USES,
@@ -37,8 +37,13 @@ from dynident.verdict.fitness_by_use import (
     judge_simulation,
     judge_units,
 )
-from dynident.verdict.held_out_evidence import HeldOutEvidence, Outcome
-from dynident.verdict.momentum_observer import ContactDetection, calibrate_contact_detection
+from dynident.verdict.held_out_evidence import (
+    DetectableForce,
+    HeldOutEvidence,
+    Outcome,
+    compute_detectable_force,
+    compute_detectable_mass,
+)
 from dynident.verdict.stop_cause import Stop, find_stop_cause, is_hopeless
 
 TESTS: Mapping[UseName, str] = {
@@ -228,11 +233,11 @@ def verdict(
             compute_detectable_force(robot, evidence.comparisons),
             compute_detectable_mass(robot, evidence.comparisons),
         )
-        contact = _calibrate_contacts(evidence)
+        contact, obstacle = _calibrate_contacts(evidence)
         findings_by_use: dict[UseName, list[UseFinding]] = {
             "simulation": [*judge_errors(evidence), *judge_simulation(evidence, drift), *judge_units(evidence)],
             "feed_forward": [*judge_feed_forward(evidence), *judge_units(evidence)],
-            "collision_detection": judge_collision_detection(evidence, force, contact),
+            "collision_detection": judge_collision_detection(evidence, contact, obstacle),
             "payload": judge_payload(evidence, mass),
         }
         uses = tuple(
@@ -253,12 +258,12 @@ def verdict(
     )
 
 
-def _calibrate_contacts(evidence: HeldOutEvidence) -> ContactDetection | None:
-    """Return the thresholds of a momentum observer; None where the model or the recordings do not allow one."""
+def _calibrate_contacts(evidence: HeldOutEvidence) -> tuple[ContactDetection | None, str]:
+    """Return the thresholds of a momentum observer, or what speaks against one of this model."""
     try:
-        return calibrate_contact_detection(evidence.identification, evidence.recordings)
-    except DynidentError:
-        return None
+        return calibrate_contact_detection(evidence.identification, evidence.recordings), ""
+    except DynidentError as error:
+        return None, error.detail
 
 
 _ANOTHER = NextStep("Hold out another motion: this one is the motion of the fit.")

@@ -19,13 +19,9 @@ from dynident.errors import DynidentError
 from dynident.export import to_c_header, to_cpp_header, to_mjcf
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording, recording_from_arrays
-from dynident.verdict.detectable_loads import compute_tool_jacobian
-from dynident.verdict.momentum_observer import (
-    ContactDetection,
-    MomentumObserver,
-    ObservedContacts,
-    calibrate_contact_detection,
-)
+from dynident.robot import compute_tool_jacobian
+from dynident.validation.contact_detection import ContactDetection, calibrate_contact_detection
+from dynident.validation.momentum_observer import MomentumObserver, ObservedContacts
 
 ROBOT = arm("ur10")
 RATE = 500.0

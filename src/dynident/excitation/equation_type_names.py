@@ -1,8 +1,0 @@
-"""Names of the equation types for which a design criterion can be computed."""
-
-from __future__ import annotations
-
-from typing import Literal, get_args
-
-RowModelName = Literal["dynamic", "filtered", "energy", "power"]
-ROW_MODELS: tuple[RowModelName, ...] = get_args(RowModelName)

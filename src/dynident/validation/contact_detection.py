@@ -1,0 +1,506 @@
+"""Contact thresholds of a momentum observer, the smallest force that they detect, its delay, the rate of false alarms.
+
+Thresholds come from the observer's residual on held-out recordings, by joint, apart for joints that move slowly or have
+just done so and for three classes of speed: friction at reversals must not blunt the whole motion. Residuals are
+correlated in time, so the tail is told from the largest values of seconds, not from samples (Coles 2001, ch. 4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import pdtrc
+
+from dynident.array_types import BoolArray, FloatArray
+from dynident.errors import DynidentError
+from dynident.identification import Identification
+from dynident.identification.estimators.identified_robot_simulator import read_pieces
+from dynident.number_format import format_percent
+from dynident.parallel import single_threaded
+from dynident.progress import Progress, ignore_progress
+from dynident.recordings import Recording
+from dynident.robot import Robot, compute_tool_jacobian
+from dynident.validation.momentum_observer import (
+    GAIN,
+    SETTLED,
+    WITHIN,
+    MomentumObserver,
+    ObservedContacts,
+    compute_step_response,
+)
+from dynident.validation.validation_outcome import ValidationOutcome
+
+FALSE_ALARMS_AN_HOUR = 1.0
+"""What a detector may cost: a cell that stops for nothing more than once an hour is switched off."""
+
+FEWEST_BLOCKS = 15
+"""Seconds of held-out motion, at least: from fewer largest values no tail is told."""
+
+SEEN = 0.95
+"""Share of postures along the held-out motion and of directions in which the force that is stated shows."""
+
+HAND_CONTACT_FORCE_LIMIT = 140.0
+"""Example of a force in N that a hand or a chest may bear while it is clamped. Secondary sources give this value as
+that of ISO/TS 15066:2016, table A.2 (for hands arXiv:2311.13814, table 1), and some sources give others; the standard
+itself was not read. The limits that count are those of the user's risk assessment."""
+
+# Seconds of a block, whose largest value counts once: neighbouring samples depend on each other. Alarms that follow
+# each other within this time are one.
+_BLOCK = 1.0
+_SPEED_CLASSES = 3
+# Seconds of a class of speed, at least, that tell how large its residual is.
+_FEWEST_OF_CLASS = 3.0
+# The residual of each class is measured by this quantile, near the tail but still of many samples.
+_SCALE = 0.99
+# Share of the blocks whose largest values count as the tail, and fewest of them.
+_TAIL, _FEWEST_PEAKS = 0.2, 5
+# Times the held-out motion over which one alarm is stated at most: further out, nothing has tested the tail.
+_FARTHEST = 20.0
+# Postures along the motion and directions in each that a force is tried in.
+_POSTURES, _DIRECTIONS = 200, 60
+# Jacobian (m/rad) below which a force moves no joint.
+_SMALL = 1e-6
+# Share of the largest singular value below which an arm feels no force in a direction.
+_FLAT = 1e-3
+# Chance of as many false alarms as were counted, from which on the stated rate is disproved.
+_DISPROVED = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class ContactDetection:
+    """Thresholds of a momentum observer, and the force at the tool that they detect.
+
+    Parameters
+    ----------
+    force : float
+        Force in N at the tool that shows in nearly all postures and directions of the held-out motion, while at least
+        one joint moves.
+    within : float
+        Seconds within which it shows.
+    false_alarms_an_hour : float
+        Rate that the thresholds are made for.
+    gain : float
+        Bandwidth of the observer in 1/s.
+    speeds : (n, 2)
+        Speeds, in rad/s or m/s, between the three classes of each joint.
+    thresholds : (n, 4)
+        Thresholds on each joint's residual, in N m or N: where it is slow or has just been, then by class of speed.
+        Infinite where the joint was not recorded long enough.
+    seconds : float
+        Held-out motion in s that they come from.
+    requested : float
+        Rate that was asked for. It is below `false_alarms_an_hour` where the held-out motion is too short to state it.
+    force_at_rest : float or None
+        The same force where all joints are slow or have just been, and static friction hides contacts; None where that
+        does not come up.
+    """
+
+    force: float
+    within: float
+    false_alarms_an_hour: float
+    gain: float
+    speeds: FloatArray
+    thresholds: FloatArray
+    seconds: float
+    requested: float = FALSE_ALARMS_AN_HOUR
+    force_at_rest: float | None = None
+
+    def compute_thresholds(self, observed: ObservedContacts) -> FloatArray:
+        """Return the threshold (m, n) of every sample."""
+        return np.take_along_axis(self.thresholds.T, _find_classes(observed, self.speeds), axis=0)
+
+    def find_contacts(self, observed: ObservedContacts) -> BoolArray:
+        """Return whether each joint's residual is beyond its threshold (m, n)."""
+        return np.asarray(np.abs(observed.residual) > self.compute_thresholds(observed))
+
+    def count_alarms(self, observed: ObservedContacts, period: float) -> int:
+        """Count the alarms of a motion, sampled every `period` s; those within a second of each other are one."""
+        samples = np.flatnonzero(self.find_contacts(observed).any(axis=1))
+        return int(len(samples) > 0) + int((np.diff(samples) * period > _BLOCK).sum())
+
+    def describe(self) -> str:
+        """Describe what is detected, in a sentence or two."""
+        at_rest = ""
+        if self.force_at_rest is not None:
+            at_rest = f" ({_format_force(self.force_at_rest)} where it stands or all joints are slow)"
+        text = (
+            f"A momentum observer detects {_format_force(self.force)} at the tool in {1e3 * self.within:.0f} ms while "
+            f"the arm moves{at_rest}, with {_format_rate(self.false_alarms_an_hour)} (in "
+            f"{format_percent(SEEN, decimals=0)} of directions and postures of the held-out motion, "
+            f"{self.seconds:.0f} s)."
+        )
+        if self.false_alarms_an_hour <= self.requested:
+            return text
+        needed = 3600.0 / self.requested / _FARTHEST
+        return f"{text} To state {_format_rate(self.requested)}, hold out {np.ceil(needed):.0f} s."
+
+
+def _format_force(force: float) -> str:
+    # Two digits, but no power of ten.
+    return f"{float(f'{force:.2g}'):g} N" if np.isfinite(force) else "no force"
+
+
+def _format_rate(rate: float) -> str:
+    digits = float(f"{rate:.2g}")
+    return f"{digits:g} false alarm{'' if digits == 1 else 's'} an hour"
+
+
+Run = tuple[ObservedContacts, float]
+"""The residual of an uninterrupted motion, and its sampling period in s."""
+
+
+@single_threaded
+def calibrate_contact_detection(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    *,
+    false_alarms_an_hour: float = FALSE_ALARMS_AN_HOUR,
+    gain: float = GAIN,
+) -> ContactDetection | None:
+    """Find thresholds for a momentum observer on held-out recordings, and the force at the tool that they detect.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recordings : sequence of Recording
+        Held-out recordings without contacts.
+    false_alarms_an_hour : float
+        False alarms an hour, of all joints together, that the thresholds are made for. Where the recordings are too
+        short to state so few, they are made for the fewest that can be stated.
+    gain : float
+        Bandwidth of the observer in 1/s.
+
+    Returns
+    -------
+    ContactDetection or None
+        None where the recordings are too short for any threshold, or no joint feels a force at the tool.
+
+    Raises
+    ------
+    DynidentError
+        As `MomentumObserver` does; or for a rate that is not above 0.
+    """
+    _check_rate(false_alarms_an_hour)
+    runs = [run for recording in recordings for run in observe_recording(identification, recording, gain)]
+    return fit_contact_detection(identification.model.robot, runs, false_alarms_an_hour, gain)
+
+
+def _check_rate(false_alarms_an_hour: float) -> None:
+    if not (np.isfinite(false_alarms_an_hour) and false_alarms_an_hour > 0):
+        raise DynidentError(
+            f"false_alarms_an_hour is {false_alarms_an_hour}; give a number above 0", pointer="/false_alarms_an_hour"
+        )
+
+
+def observe_recording(identification: Identification, recording: Recording, gain: float = GAIN) -> list[Run]:
+    """Return the residual along every unbroken piece of a recording, without its beginning.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recording : Recording
+        The recording.
+    gain : float
+        Bandwidth of the observer in 1/s.
+    """
+    # The observer has filters of its own, which see no future samples.
+    raw = replace(identification.preprocessing, position_cutoff=None)
+    observer = MomentumObserver(identification, 1.0 / recording.sampling_rate, gain)
+    first = int(np.ceil(2 * SETTLED / gain * recording.sampling_rate))
+    runs = []
+    for motion in read_pieces(recording, raw):
+        if len(motion.tau) > first:
+            observer.reset()
+            whole = observer.observe(motion.reference.q, motion.tau)
+            parts = (values[first:] for values in (whole.residual, whole.q, whole.dq, whole.slow))
+            runs.append((ObservedContacts(*parts), observer.period))
+    return runs
+
+
+def fit_contact_detection(
+    robot: Robot, runs: Sequence[Run], false_alarms_an_hour: float, gain: float = GAIN
+) -> ContactDetection | None:
+    """Find the thresholds that residuals without contacts cross at a rate, and the force that they detect.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    runs : sequence of (ObservedContacts, float)
+        Residuals of motions without contacts, each with its sampling period in s.
+    false_alarms_an_hour : float
+        Rate of all joints together.
+    gain : float
+        Bandwidth of the observer in 1/s.
+
+    Returns
+    -------
+    ContactDetection or None
+        None where the motions are too short, or no joint feels a force at the tool.
+    """
+    seconds = float(sum(len(run.residual) * period for run, period in runs))
+    if seconds < FEWEST_BLOCKS:
+        return None
+    rate = max(false_alarms_an_hour, 3600.0 / (_FARTHEST * seconds))
+    speeds = np.array([_split_speeds([run for run, _ in runs], joint) for joint in range(robot.n)])
+    # Every joint may cry out: each has its share of the false alarms.
+    share = rate / 3600.0 * _BLOCK / max(int(np.sum(robot.has_torque)), 1)
+    thresholds = np.full((robot.n, _SPEED_CLASSES + 1), np.inf)
+    for joint in np.flatnonzero(robot.has_torque):
+        thresholds[joint] = _compute_joint_thresholds(runs, speeds, int(joint), share)
+    detection = ContactDetection(
+        np.inf, WITHIN / gain, rate, gain, speeds, thresholds, seconds, requested=false_alarms_an_hour
+    )
+    force, at_rest = compute_contact_forces(robot, runs, detection)
+    if force is None:
+        return None
+    return replace(detection, force=force, force_at_rest=at_rest)
+
+
+def _split_speeds(runs: Sequence[ObservedContacts], joint: int) -> FloatArray:
+    """Return the speeds (2,) that split the samples in which a joint moves into three classes of equal size."""
+    moving = np.concatenate([np.abs(run.dq[~run.slow[:, joint], joint]) for run in runs])
+    if not len(moving):
+        return np.full(_SPEED_CLASSES - 1, np.inf)
+    return np.asarray(np.quantile(moving, np.arange(1, _SPEED_CLASSES) / _SPEED_CLASSES))
+
+
+def _find_classes(observed: ObservedContacts, speeds: FloatArray) -> NDArray[np.intp]:
+    """Return (m, n): 0 where a joint is slow or has just been, else 1, 2, 3 by its speed."""
+    classes = 1 + (np.abs(observed.dq)[..., None] > speeds).sum(axis=-1)
+    return np.where(observed.slow, 0, classes)
+
+
+def _compute_joint_thresholds(runs: Sequence[Run], speeds: FloatArray, joint: int, share: float) -> FloatArray:
+    """Return the thresholds (4,) of a joint, one a class."""
+    sizes = [np.abs(run.residual[:, joint]) for run, _ in runs]
+    classes = [_find_classes(run, speeds)[:, joint] for run, _ in runs]
+    weights = [np.full(len(run.residual), period) for run, period in runs]
+    size, number, period = (np.concatenate(parts) for parts in (sizes, classes, weights))
+    # A class with too few seconds has no scale of its own; the joint's as a whole stands for it.
+    scales = np.array(
+        [
+            np.quantile(size[number == k] if period[number == k].sum() >= _FEWEST_OF_CLASS else size, _SCALE)
+            for k in range(_SPEED_CLASSES + 1)
+        ]
+    )
+    # In units of its class, all of the residual has one tail, which is told from all seconds together.
+    scales = np.maximum(scales, np.finfo(float).tiny)
+    maxima = [
+        compute_block_maxima(own / scales[k], run_period)
+        for own, k, (_, run_period) in zip(sizes, classes, runs, strict=True)
+    ]
+    if sum(map(len, maxima)) < FEWEST_BLOCKS:
+        return np.full(len(scales), np.inf)
+    return compute_threshold([part for part in maxima if len(part)], share) * scales
+
+
+def compute_block_maxima(values: FloatArray, period: float) -> FloatArray:
+    """Return the largest value of each whole second of values (m,) that are sampled every `period` s."""
+    length = max(1, round(_BLOCK / period))
+    count = len(values) // length
+    return np.asarray(values[: count * length].reshape(count, length).max(axis=1, initial=0.0))
+
+
+def compute_threshold(maxima: Sequence[FloatArray], share: float) -> float:
+    """Return the value that a further block's largest value exceeds with a given probability.
+
+    The excesses of the largest values over a level have an exponential tail. What their number leaves open about its
+    mean counts: of k independent excesses with the mean m, a further one is above x with the probability
+    (1 + x / (k m))⁻ᵏ (the predictive distribution; Lawless 1973). So few values make a threshold that is higher, but
+    neither one that is met more rarely than stated in the mean nor one that is met more often.
+
+    Parameters
+    ----------
+    maxima : sequence of (m_i,)
+        Largest values of blocks of time, which follow each other within each interval.
+    share : float
+        The probability.
+    """
+    values = np.sort(np.concatenate(maxima))[::-1]
+    count = min(max(_FEWEST_PEAKS, round(_TAIL * len(values))), len(values) - 1)
+    ratio = count / len(values) / share
+    if ratio <= 1.0:
+        return float(np.quantile(values, 1.0 - min(share, 1.0)))
+    level, mean = float(values[count]), float(np.mean(values[:count] - values[count]))
+    independent = max(count * _count_independent_blocks(maxima) / len(values), 2.0)
+    return level + independent * mean * float(ratio ** (1.0 / independent) - 1.0)
+
+
+def _count_independent_blocks(maxima: Sequence[FloatArray]) -> float:
+    """Return how many independent blocks these are worth: m / (1 + 2 Σ ρ²), over the lags that are beyond chance.
+
+    All lags count up to half the longest interval: a motion that is repeated again and again says little new.
+    """
+    count = sum(map(len, maxima))
+    mean, lags = float(np.mean(np.concatenate(maxima))), max(map(len, maxima)) // 2
+    sums = np.zeros(lags + 1)
+    for part in maxima:
+        own = np.correlate(part - mean, part - mean, "full")[len(part) - 1 :][: lags + 1]
+        sums[: len(own)] += own
+    if not sums[0] > 0:
+        return 1.0
+    squares = (sums[1:] / sums[0]) ** 2
+    return count / (1.0 + 2.0 * float(squares[squares > 4.0 / count].sum()))
+
+
+def compute_contact_forces(
+    robot: Robot, runs: Sequence[Run], detection: ContactDetection
+) -> tuple[float | None, float | None]:
+    """Return the forces in N that show within the stated time in nearly all postures and directions.
+
+    The first is for moments in which a joint moves, the second for those in which all joints are slow or have just
+    been; None where there are no such moments, or the force does not show.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    runs : sequence of (ObservedContacts, float)
+        Residuals of motions without contacts, each with its sampling period in s.
+    detection : ContactDetection
+        The thresholds.
+    """
+    moving: list[FloatArray] = []
+    slow: list[FloatArray] = []
+    total = sum(len(run.q) * period for run, period in runs)
+    for run, period in runs:
+        window = max(1, round(detection.within / period))
+        if len(run.q) <= window + 1:
+            continue
+        each = int(np.ceil(_POSTURES * len(run.q) * period / total))
+        starts = np.linspace(0, len(run.q) - window - 1, each).astype(np.intp)
+        jacobian = compute_tool_jacobian(robot, run.q[starts])
+        forces = draw_unit_forces(jacobian)
+        if forces is None:
+            return None, None
+        torque = np.einsum("mdi,mij->mdj", forces, jacobian)
+        thresholds = detection.compute_thresholds(run)
+        response = compute_step_response(period * np.arange(1.0, window + 1.0), detection.gain)
+        for start, unit in zip(starts, torque, strict=True):
+            rows = slice(start + 1, start + 1 + window)
+            # The residual is there already, and helps or hinders the force on its way to the threshold.
+            margin = thresholds[rows, None, :] - np.sign(unit) * run.residual[rows, None, :]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                needed = np.maximum(margin, 0.0) / (np.abs(unit) * response[:, None, None])
+            least = np.nan_to_num(needed, nan=np.inf, posinf=np.inf).min(axis=(0, 2))
+            (slow if run.slow[start].all() else moving).append(least)
+    return _find_quantile(moving), _find_quantile(slow)
+
+
+def _find_quantile(forces: Sequence[FloatArray]) -> float | None:
+    if not forces:
+        return None
+    # Between two forces that are infinite there is none.
+    with np.errstate(invalid="ignore"):
+        force = float(np.quantile(np.concatenate(forces), SEEN))
+    return force if np.isfinite(force) else None
+
+
+def draw_unit_forces(jacobian: FloatArray) -> FloatArray | None:
+    """Return directions (m, d, 3) of forces at the tool that some posture feels; None where no joint feels any."""
+    left_vectors, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
+    largest = float(singular.max(initial=0.0))
+    if largest <= _SMALL:
+        return None
+    # A planar arm feels forces in its plane alone. Directions are drawn in the space that some posture feels at all, or
+    # a share of them would never show.
+    rank = int((singular.max(axis=0) > _FLAT * largest).sum())
+    directions = np.random.default_rng(0).normal(size=(_DIRECTIONS, rank))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    return np.asarray(np.einsum("mir,dr->mdi", left_vectors[:, :, :rank], directions))
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionValidation:
+    """Contact detection with a model: what held-out recordings state, tried on each of them in turn.
+
+    Parameters
+    ----------
+    contact : ContactDetection or None
+        Thresholds from all recordings, and the force that they detect; None where there are none.
+    alarms : int
+        False alarms in the recordings, each with thresholds from the others; 0 for a single recording.
+    expected : float
+        How many were to be expected there at the stated rates.
+    judged : ValidationOutcome
+        Whether contacts are detected as stated, and the reason.
+    """
+
+    contact: ContactDetection | None
+    alarms: int
+    expected: float
+    judged: ValidationOutcome
+
+
+@single_threaded
+def validate_collision(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    false_alarms_per_hour: float = FALSE_ALARMS_AN_HOUR,
+    progress: Progress = ignore_progress,
+) -> CollisionValidation:
+    """Find contact thresholds, the force that they detect, and whether left-out recordings keep the rate of alarms.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recordings : sequence of Recording
+        Held-out recordings without contacts.
+    false_alarms_per_hour : float
+        False alarms an hour that are asked for.
+    progress : Progress
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    CollisionValidation
+        Passes where a force that people may bear is detected and the alarms do not disprove the rate.
+
+    Raises
+    ------
+    DynidentError
+        For a rate that is not above 0, or a model that an observer cannot use.
+    """
+    _check_rate(false_alarms_per_hour)
+    robot = identification.model.robot
+    runs: list[list[Run]] = []
+    for k, recording in enumerate(recordings):
+        progress(k / (len(recordings) + 1), "observing the momentum")
+        runs.append(observe_recording(identification, recording))
+    contact = fit_contact_detection(robot, [run for own in runs for run in own], false_alarms_per_hour)
+    alarms, expected = 0, 0.0
+    for k, left_out in enumerate(runs):
+        others = [run for own in (*runs[:k], *runs[k + 1 :]) for run in own]
+        detection = fit_contact_detection(robot, others, false_alarms_per_hour)
+        if detection is not None:
+            alarms += sum(detection.count_alarms(*run) for run in left_out)
+            seconds = sum(len(run.residual) * period for run, period in left_out)
+            expected += detection.false_alarms_an_hour * seconds / 3600.0
+    return CollisionValidation(contact, alarms, expected, _judge_detection(contact, alarms, expected))
+
+
+def _judge_detection(contact: ContactDetection | None, alarms: int, expected: float) -> ValidationOutcome:
+    if contact is None:
+        reason = (
+            f"The recordings have less than {FEWEST_BLOCKS} s of motion for thresholds, or no joint feels a force at "
+            "the tool."
+        )
+        return ValidationOutcome("not_evaluated", reason)
+    text = contact.describe()
+    if expected > 0:
+        counted = f"{alarms} false alarm{'' if alarms == 1 else 's'}"
+        text += f" With thresholds from the other recordings, {counted} came up where {expected:.2g} were expected."
+    # Twice as many as stated are not disproved by a few more.
+    if alarms > 0 and pdtrc(alarms - 1, 2.0 * expected) < _DISPROVED:
+        return ValidationOutcome("fail", f"{text} The model is wrong in some motions more than in others.")
+    if contact.force > HAND_CONTACT_FORCE_LIMIT:
+        limit = f"{HAND_CONTACT_FORCE_LIMIT:g} N, an example of what a clamped hand can bear"
+        return ValidationOutcome("fail", f"{text} This is above {limit}.")
+    return ValidationOutcome("pass", text)
