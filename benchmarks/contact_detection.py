@@ -34,14 +34,13 @@ from dynident.recordings.joint_phases import SLOW
 from dynident.robot import Robot
 from dynident.validation.contact_detection import (
     ContactDetection,
-    Run,
     compute_block_maxima,
     compute_contact_forces,
     compute_threshold,
     fit_contact_detection,
-    observe_recording,
     validate_collision,
 )
+from dynident.validation.momentum_observer import Run, observe_recording
 
 STEP, RATE = 1e-3, 500.0
 LENGTH = 0.3

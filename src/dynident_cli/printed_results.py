@@ -223,9 +223,10 @@ COMMANDS_OF_NEXT_STEPS: Mapping[Action | None, str] = {
     "identify_gains": "dynident gains",
     "export_for_simulation": "dynident export MODEL -f urdf, or -f mjcf",
     "export_for_feed_forward": "dynident export MODEL -f c, or -f casadi",
+    "observe_momentum": "dynident validate MODEL collision RUN",
     "weigh_load": "dynident validate MODEL payload LOADED --unloaded RUN",
 }
-"""The command of each next step of a verdict; for the observer of contacts there is none."""
+"""The command of each next step of a verdict."""
 
 
 def show_verdict(console: Console, verdict: ModelVerdict) -> None:

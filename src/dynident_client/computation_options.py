@@ -12,6 +12,7 @@ ValidationKind = Literal[
     "inertia_matrix",
     "simulation",
     "drift",
+    "collision",
     "methods",
     "filters",
     "bootstrap",
@@ -392,6 +393,8 @@ class ValidationOptions(TypedDict, total=False):
     """filters: Position cut-offs to try, in Hz (0.0001 to 1e+06)"""
     draws: int | None
     """bootstrap: Number of resamplings; 999 by default (99 to 9999)"""
+    false_alarms_per_hour: float | None
+    """collision: False alarms an hour that the thresholds are made for; 1 by default (0.001 to 3600)"""
     horizons: Sequence[float] | None
     """drift: Times of simulation after which the drift is given; 0.1, 0.5 and 2 s by default, in s (0.01 to 10)"""
     limit: float | None

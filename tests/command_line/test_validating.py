@@ -102,6 +102,16 @@ def test_drift_of_positions_and_velocities(desk: Path):
     assert "2 s" not in answer.out.replace("0.2 s", "")
 
 
+def test_contact_detection_has_thresholds_by_joint(desk: Path):
+    answer = dynident("validate", desk / "model.npz", "collision", desk / "run2.csv", "--false-alarms-per-hour", "600")
+    assert answer.code in (0, 1), answer.err
+    assert "N at the tool in 67 ms while the arm moves" in " ".join(answer.out.split())
+    assert "Contact thresholds on the residual of the momentum observer" in " ".join(answer.out.split())
+    refused = dynident("validate", desk / "model.npz", "drift", desk / "run2.csv", "--false-alarms-per-hour", "600")
+    assert refused.code == 2
+    assert "--false-alarms-per-hour" in refused.err
+
+
 @pytest.mark.slow
 def test_the_simulator_and_the_filters(desk: Path):
     answer = dynident("validate", desk / "model.npz", "simulation", desk / "run2.csv", "--longest", "4", "--json")

@@ -17,7 +17,7 @@ from support.page_commands import run_commands
 
 from dynident.identification import thresholds
 from dynident.robot import robot_from_library, urdf_from_robot
-from dynident.verdict.fitness_by_use import HAND_CONTACT_FORCE_LIMIT
+from dynident.validation.contact_detection import HAND_CONTACT_FORCE_LIMIT
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -109,6 +109,20 @@ def test_the_simulator_answers_like_the_robot(tried: Tried) -> None:
     assert len(alone["drift"]["speed"][0]) == len(alone["drift"]["distance"][0])
 
 
+def test_contact_detection_says_force_time_and_rate(tried: Tried) -> None:
+    found = tried.ends("collision", false_alarms_per_hour=60.0)
+    assert found["verdict"] in ("pass", "fail")
+    contact = found["contact"]
+    assert contact["false_alarms_an_hour"] >= 60.0
+    assert contact["requested"] == 60.0
+    assert len(contact["thresholds"]) == len(tried.model["result"]["joints"])
+    assert f"in {1e3 * contact['within']:.0f} ms" in found["reason"]
+    # A single recording leaves nothing to be left out.
+    assert (found["alarms"], found["expected_alarms"]) == (0, 0.0)
+    titles = [table["name"] for table in found["tables"]] if "tables" in found else []
+    assert not titles or "thresholds" in titles
+
+
 def test_filters_are_tried_in_simulation(tried: Tried) -> None:
     found = tried.ends("filters", cutoffs=[2.0, 10.0], longest=6.0)
     filters = found["filters"]

@@ -17,9 +17,10 @@ from dynident.number_format import format_percent
 from dynident.recordings import Recording, Revision, recording_from_arrays
 from dynident.recordings.sample_hashes import SampleHashes
 from dynident.validation import ValidationOutcome
+from dynident.validation.contact_detection import CollisionValidation, ContactDetection
 from dynident.verdict import Action, NextStep, Outcome, find_overlaps, is_stopped, verdict
 from dynident.verdict.fitness_by_use import combine_findings, judge_collision_detection
-from dynident.verdict.held_out_evidence import DetectableForce, HeldOutEvidence
+from dynident.verdict.held_out_evidence import HeldOutEvidence
 from dynident.verdict.model_verdict import _CALLS
 
 ROBOT = arm("ur10")
@@ -119,7 +120,10 @@ def test_limits_of_forces_on_people_are_called_examples(
     evidence = HeldOutEvidence.from_identification(
         model, model.held_out, [OTHER], [Outcome("payload", ValidationOutcome("pass", "The load weighs 3 kg."))]
     )
-    findings = judge_collision_detection(evidence, DetectableForce(force, np.full(ROBOT.n, 1.0), 20.0))
+    contact = ContactDetection(
+        force, 1 / 15, 1.0, 30.0, np.ones((ROBOT.n, 2)), np.ones((ROBOT.n, 4)), 200.0, force_at_rest=3 * force
+    )
+    findings = judge_collision_detection(evidence, CollisionValidation(contact, 0, 0.0, ValidationOutcome("pass", "")))
     use = combine_findings("collision_detection", findings, NextStep("Export it."))
     assert use.state == state
     if example:

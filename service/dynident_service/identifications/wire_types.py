@@ -15,6 +15,7 @@ from dynident_service.measurements.wire_types import RevisionRequest, SeenMeasur
 from dynident_service.shared.request_bodies import derive_body, derive_query
 from dynident_service.shared.wire_types import (
     Computed,
+    ContactDetectionView,
     DriftView,
     EffectChoice,
     ErrorsView,
@@ -419,20 +420,6 @@ class DetectableForceView(ViewModel):
     force: float = Field(description="N, in 95 % of the directions and postures of the held-out motion")
     thresholds: list[float | None] = Field(
         description="Thresholds for every joint's filtered residual, N m or N; null: the joint moves too seldom"
-    )
-    seconds: float = Field(description="Duration of the held-out motion that it was computed from")
-
-
-class ContactDetectionView(ViewModel):
-    """Thresholds of a momentum observer, and the force at the tool that they detect as it happens."""
-
-    force: float = Field(description="N, in 95 % of the directions and postures of the held-out motion")
-    within: float = Field(description="Seconds within which it shows")
-    false_alarms_an_hour: float
-    gain: float = Field(description="Bandwidth of the observer, 1/s")
-    speeds: list[list[float | None]] = Field(description="rad/s or m/s between three classes of speed, per joint")
-    thresholds: list[list[float | None]] = Field(
-        description="N m or N, per joint: slow or just slow before, then by class of speed; null: too few data"
     )
     seconds: float = Field(description="Duration of the held-out motion that it was computed from")
 

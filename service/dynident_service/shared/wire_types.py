@@ -331,6 +331,28 @@ class UsedPreprocessing(ViewModel):
     reasons: list[str]
 
 
+class ContactDetectionView(ViewModel):
+    """Thresholds of a momentum observer, and the force at the tool that they detect as it happens."""
+
+    force: float = Field(
+        description="N, in 95 % of the directions and postures of the held-out motion, while a joint moves"
+    )
+    force_at_rest: float | None = Field(
+        default=None, description="N, where all joints are slow or have just been; null: that does not come up"
+    )
+    within: float = Field(description="Seconds within which it shows")
+    false_alarms_an_hour: float = Field(description="The rate that the thresholds are made for")
+    requested: float = Field(
+        default=1.0, description="The rate that was asked for: smaller where the held-out motion is too short for it"
+    )
+    gain: float = Field(description="Bandwidth of the observer, 1/s")
+    speeds: list[list[float | None]] = Field(description="rad/s or m/s between three classes of speed, per joint")
+    thresholds: list[list[float | None]] = Field(
+        description="N m or N, per joint: slow or just slow before, then by class of speed; null: too few data"
+    )
+    seconds: float = Field(description="Duration of the held-out motion that it was computed from")
+
+
 class DriftView(ViewModel):
     """Drift of an open-loop simulation under the measured torque, root mean square over many starts.
 

@@ -16,6 +16,7 @@ from dynident.reports.reported_data import ReportedValidation
 from dynident.schema.registry import kind_to_document
 from dynident.validation import (
     BootstrapValidation,
+    CollisionValidation,
     DriftValidation,
     FiltersBySimulation,
     InertiaMatrixValidation,
@@ -29,7 +30,7 @@ from dynident.validation import (
 )
 from dynident.validation.validation_request import Payload, Stated, Trial, build_trial
 from dynident_service.shared.field_by_field import show_errors, to_request, to_view
-from dynident_service.shared.wire_types import DriftView, to_plain_json
+from dynident_service.shared.wire_types import ContactDetectionView, DriftView, to_plain_json
 from dynident_service.validations import wire_types as wire
 
 if TYPE_CHECKING:
@@ -92,6 +93,9 @@ def describe_validation(trial: Trial, outcome: TrialResult, measurement_ids: Seq
         case DriftValidation():
             drift = None if outcome.drift is None else to_view(DriftView, outcome.drift)
             return _build_result(trial, outcome, drift=drift)
+        case CollisionValidation():
+            contact = None if outcome.contact is None else to_view(ContactDetectionView, outcome.contact)
+            return _build_result(trial, outcome, contact=contact)
         case FiltersBySimulation():
             return _build_result(trial, outcome, filters=to_view(wire.FiltersView, outcome))
     # The remaining kinds give one outcome a recording.

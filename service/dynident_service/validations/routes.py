@@ -121,7 +121,7 @@ def _select_measurements(body: ValidationRequest, model_request: StoredIdentific
             return motions
         case "inertia_matrix" | "bootstrap":
             return []
-        case "cross":
+        case "cross" | "collision":
             if not (stated_ids or model_request.validation_ids):
                 raise make_unusable("the model has no validation data; give measurement_ids", "/measurement_ids")
             return stated_ids or model_request.validation_ids

@@ -10,6 +10,7 @@ from dynident.validation.validation_request import TRIALS, Method, Stated
 from dynident_service.shared.request_bodies import derive_body, describe_choices
 from dynident_service.shared.wire_types import (
     Computed,
+    ContactDetectionView,
     DriftView,
     ErrorsView,
     Identifier,
@@ -46,10 +47,10 @@ class ValidationRequest(NamedRequest):
         default=None,
         min_length=1,
         max_length=100,
-        description="cross, methods: data that the model has not seen, by default its validation data; drift: motions "
-        "to simulate, by default its validation data or else all measurements of the identification; simulation, "
-        "filters: the motion to simulate, by default a measurement of the identification; payload: the runs "
-        "with the load",
+        description="cross, methods: data that the model has not seen, by default its validation data; collision: such "
+        "data without contacts; drift: motions to simulate, by default its validation data or else all measurements of "
+        "the identification; simulation, filters: the motion to simulate, by default a measurement of the "
+        "identification; payload: the runs with the load",
     )
 
 
@@ -216,6 +217,15 @@ class ValidationResult(ViewModel):
     simulations: list[SimulationOnMeasurement] = Field(default=[])
     drift: DriftView | None = Field(
         default=None, description="Over all measurements; null if no physical robot can have the parameters"
+    )
+    contact: ContactDetectionView | None = Field(
+        default=None, description="Thresholds and the force that they detect, from all measurements"
+    )
+    alarms: int | None = Field(
+        default=None, description="False alarms in the measurements, each with the thresholds from the others"
+    )
+    expected_alarms: Annotated[float | None, SourcePath("expected")] = Field(
+        default=None, description="How many the stated rates let expect there"
     )
     filters: FiltersView | None = None
     payloads: list[PayloadView] = Field(default=[])

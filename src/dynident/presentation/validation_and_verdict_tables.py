@@ -7,6 +7,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, Protocol
 
+import numpy as np
+
+from dynident.array_types import FloatArray
 from dynident.number_format import format_count, format_number, format_percent
 from dynident.presentation.labels import MarkedText
 from dynident.presentation.tables import (
@@ -36,6 +39,7 @@ VALIDATION_TITLES = {
     "methods": "Different methods on the same data",
     "simulation": "A simulator with the identified parameters",
     "drift": "Drift of a simulation without a controller",
+    "collision": "Contact detection by a momentum observer",
     "filters": "Filters, by simulating the identification",
     "bootstrap": "Standard deviations, from resampled blocks of time",
 }
@@ -103,22 +107,16 @@ def build_verdict_tables(verdict: ModelVerdict) -> Iterator[ReportedTable]:
     yield ReportedTable(title, ("use", "fit", "why", "what next"), rows, numbers_from=4, name="uses")
     if verdict.drift is not None:
         drift = verdict.drift
-        yield build_drift_table(drift.joint_names, drift.after, drift.share.T.tolist(), drift.starts)
+        distance, share = (_without_diverged(values) for values in (drift.distance, drift.share))
+        names, after, starts = drift.joint_names, drift.after, drift.starts
+        figures = SimpleNamespace(
+            joint_names=names, after=after, distance=distance, speed=[], share=share, starts=starts
+        )
+        yield from build_drift_tables(figures, "held-out data")
 
 
-def build_drift_table(
-    joints: Sequence[str], after: Sequence[float], shares: Sequence[Sequence[float | None]], starts: int
-) -> ReportedTable:
-    """Return how far a simulation drifts: of each joint `shares` of its travel, after each time in s."""
-    rows = tuple(
-        (Cell(joint), *(make_percent_cell(share, 2) for share in own))
-        for joint, own in zip(joints, shares, strict=True)
-    )
-    title = (
-        "Drift of an open-loop simulation under the measured torque, relative to the joint's travel "
-        f"({format_count(starts, 'start')} on held-out data)"
-    )
-    return ReportedTable(title, ("joint", *(f"after {time:g} s" for time in after)), rows, name="drift")
+def _without_diverged(values: FloatArray) -> list[list[float | None]]:
+    return [[float(value) if np.isfinite(value) else None for value in row] for row in values]
 
 
 def build_drift_tables(drift: DriftFigures, where: str = "") -> Iterator[ReportedTable]:
@@ -144,8 +142,43 @@ def build_drift_tables(drift: DriftFigures, where: str = "") -> Iterator[Reporte
         )
         place = f" on {where}" if where else ""
         starts = format_count(drift.starts, "start")
-        title = f"Drift of the {quantity} under the measured torque{place}, in {unit} ({starts})"
-        yield ReportedTable(title, ("joint", *(f"after {drift.after[k]:g} s" for k in reached)), rows)
+        title = f"Drift of the {quantity} under the measured torque{place}, rms, in {unit} ({starts})"
+        columns = ("joint", *(f"after {drift.after[k]:g} s" for k in reached))
+        yield ReportedTable(title, columns, rows, name="drift" if quantity == "position" else "drift_of_velocity")
+
+
+class ContactThresholds(Protocol):
+    """Thresholds of a momentum observer; None where a joint was not recorded long enough."""
+
+    @property
+    def speeds(self) -> Sequence[Sequence[float | None]]:
+        """Speeds between the classes (n, 2), rad/s or m/s."""
+
+    @property
+    def thresholds(self) -> Sequence[Sequence[float | None]]:
+        """Thresholds (n, 4), N m or N."""
+
+
+def build_threshold_table(contact: ContactThresholds, joints: Sequence[str]) -> ReportedTable:
+    """Return the contact thresholds of each joint, slow or just slow before, then by class of speed."""
+    rows = tuple(
+        (
+            Cell(joint),
+            *(make_number_cell(value) for value in thresholds),
+            Cell(" and ".join("–" if speed is None else format_number(speed, 2) for speed in speeds)),
+        )
+        for joint, speeds, thresholds in zip(joints, contact.speeds, contact.thresholds, strict=True)
+    )
+    columns = (
+        "joint",
+        "slow, or just before",
+        "moving slowly",
+        "at medium speed",
+        "fast",
+        "speeds between, rad/s or m/s",
+    )
+    title = "Contact thresholds on the residual of the momentum observer, N m or N"
+    return ReportedTable(title, columns, rows, name="thresholds")
 
 
 def _make_drift_cell(distance: float | None, share: float | None) -> Cell:
@@ -194,6 +227,8 @@ def build_figure_tables(document: Mapping[str, object], joints: Sequence[str]) -
                 yield from build_drift_tables(simulation.drift, simulation.name if len(result.simulations) > 1 else "")
     if result.drift is not None:
         yield from build_drift_tables(result.drift)
+    if result.contact is not None:
+        yield build_threshold_table(result.contact, joints)
     if result.filters is not None:
         yield _build_filter_table(result.filters)
     if result.bootstrap is not None and result.bootstrap.parameters:

@@ -17,7 +17,6 @@ from scipy.special import pdtrc
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.identification import Identification
-from dynident.identification.estimators.identified_robot_simulator import read_pieces
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
@@ -25,11 +24,11 @@ from dynident.recordings import Recording
 from dynident.robot import Robot, compute_tool_jacobian
 from dynident.validation.momentum_observer import (
     GAIN,
-    SETTLED,
     WITHIN,
-    MomentumObserver,
     ObservedContacts,
+    Run,
     compute_step_response,
+    observe_recording,
 )
 from dynident.validation.validation_outcome import ValidationOutcome
 
@@ -65,6 +64,9 @@ _POSTURES, _DIRECTIONS = 200, 60
 _SMALL = 1e-6
 # Share of the largest singular value below which an arm feels no force in a direction.
 _FLAT = 1e-3
+WRONG_IN_SOME_MOTIONS = "The model is wrong in some of the recordings more than in the others."
+"""What it means that the rate of false alarms is disproved."""
+
 # Chance of as many false alarms as were counted, from which on the stated rate is disproved.
 _DISPROVED = 0.01
 
@@ -148,10 +150,6 @@ def _format_rate(rate: float) -> str:
     return f"{digits:g} false alarm{'' if digits == 1 else 's'} an hour"
 
 
-Run = tuple[ObservedContacts, float]
-"""The residual of an uninterrupted motion, and its sampling period in s."""
-
-
 @single_threaded
 def calibrate_contact_detection(
     identification: Identification,
@@ -194,32 +192,6 @@ def _check_rate(false_alarms_an_hour: float) -> None:
         raise DynidentError(
             f"false_alarms_an_hour is {false_alarms_an_hour}; give a number above 0", pointer="/false_alarms_an_hour"
         )
-
-
-def observe_recording(identification: Identification, recording: Recording, gain: float = GAIN) -> list[Run]:
-    """Return the residual along every unbroken piece of a recording, without its beginning.
-
-    Parameters
-    ----------
-    identification : Identification
-        The identified model.
-    recording : Recording
-        The recording.
-    gain : float
-        Bandwidth of the observer in 1/s.
-    """
-    # The observer has filters of its own, which see no future samples.
-    raw = replace(identification.preprocessing, position_cutoff=None)
-    observer = MomentumObserver(identification, 1.0 / recording.sampling_rate, gain)
-    first = int(np.ceil(2 * SETTLED / gain * recording.sampling_rate))
-    runs = []
-    for motion in read_pieces(recording, raw):
-        if len(motion.tau) > first:
-            observer.reset()
-            whole = observer.observe(motion.reference.q, motion.tau)
-            parts = (values[first:] for values in (whole.residual, whole.q, whole.dq, whole.slow))
-            runs.append((ObservedContacts(*parts), observer.period))
-    return runs
 
 
 def fit_contact_detection(
@@ -297,7 +269,7 @@ def _compute_joint_thresholds(runs: Sequence[Run], speeds: FloatArray, joint: in
     ]
     if sum(map(len, maxima)) < FEWEST_BLOCKS:
         return np.full(len(scales), np.inf)
-    return compute_threshold([part for part in maxima if len(part)], share) * scales
+    return np.asarray(compute_threshold([part for part in maxima if len(part)], share) * scales)
 
 
 def compute_block_maxima(values: FloatArray, period: float) -> FloatArray:
@@ -437,6 +409,22 @@ class CollisionValidation:
     expected: float
     judged: ValidationOutcome
 
+    @property
+    def is_disproved(self) -> bool:
+        """Whether the left-out recordings have far more false alarms than twice those expected."""
+        return self.alarms > 0 and float(pdtrc(self.alarms - 1, 2.0 * self.expected)) < _DISPROVED
+
+    def describe(self) -> str:
+        """Describe what is detected, and how the rate of false alarms did on left-out recordings."""
+        text = "" if self.contact is None else self.contact.describe()
+        if not self.expected > 0:
+            return text
+        counted = f"{self.alarms} false alarm{'' if self.alarms == 1 else 's'}"
+        return (
+            f"{text} With thresholds from the other recordings, {counted} came up where {self.expected:.2g} were "
+            "expected."
+        )
+
 
 @single_threaded
 def validate_collision(
@@ -483,24 +471,21 @@ def validate_collision(
             alarms += sum(detection.count_alarms(*run) for run in left_out)
             seconds = sum(len(run.residual) * period for run, period in left_out)
             expected += detection.false_alarms_an_hour * seconds / 3600.0
-    return CollisionValidation(contact, alarms, expected, _judge_detection(contact, alarms, expected))
+    validation = CollisionValidation(contact, alarms, expected, ValidationOutcome("pass", ""))
+    return replace(validation, judged=_judge_detection(validation))
 
 
-def _judge_detection(contact: ContactDetection | None, alarms: int, expected: float) -> ValidationOutcome:
-    if contact is None:
+def _judge_detection(validation: CollisionValidation) -> ValidationOutcome:
+    if validation.contact is None:
         reason = (
             f"The recordings have less than {FEWEST_BLOCKS} s of motion for thresholds, or no joint feels a force at "
             "the tool."
         )
         return ValidationOutcome("not_evaluated", reason)
-    text = contact.describe()
-    if expected > 0:
-        counted = f"{alarms} false alarm{'' if alarms == 1 else 's'}"
-        text += f" With thresholds from the other recordings, {counted} came up where {expected:.2g} were expected."
-    # Twice as many as stated are not disproved by a few more.
-    if alarms > 0 and pdtrc(alarms - 1, 2.0 * expected) < _DISPROVED:
-        return ValidationOutcome("fail", f"{text} The model is wrong in some motions more than in others.")
-    if contact.force > HAND_CONTACT_FORCE_LIMIT:
+    text = validation.describe()
+    if validation.is_disproved:
+        return ValidationOutcome("fail", f"{text} {WRONG_IN_SOME_MOTIONS}")
+    if validation.contact.force > HAND_CONTACT_FORCE_LIMIT:
         limit = f"{HAND_CONTACT_FORCE_LIMIT:g} N, an example of what a clamped hand can bear"
         return ValidationOutcome("fail", f"{text} This is above {limit}.")
     return ValidationOutcome("pass", text)

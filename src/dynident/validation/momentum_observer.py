@@ -8,7 +8,7 @@ derivative is the velocity.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -19,7 +19,9 @@ from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.expressions import Program
 from dynident.identification import Estimate, Identification
+from dynident.identification.estimators.identified_robot_simulator import read_pieces
 from dynident.identification.identified_models.equation_of_motion import build_equation_of_motion
+from dynident.recordings import Recording
 from dynident.recordings.joint_phases import SLOW
 
 GAIN = 30.0
@@ -160,6 +162,36 @@ def _run_first_order(pole: float, inputs: FloatArray, before: FloatArray) -> Flo
     right_sides = inputs.copy()
     right_sides[0] += pole * before
     return np.asarray(lapack.dtbtrs(bands, right_sides, uplo="L", diag="U")[0])
+
+
+Run = tuple[ObservedContacts, float]
+"""The residual of an uninterrupted motion, and its sampling period in s."""
+
+
+def observe_recording(identification: Identification, recording: Recording, gain: float = GAIN) -> list[Run]:
+    """Return the residual along every unbroken piece of a recording, without its beginning.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recording : Recording
+        The recording.
+    gain : float
+        Bandwidth of the observer in 1/s.
+    """
+    # The observer has filters of its own, which see no future samples.
+    raw = replace(identification.preprocessing, position_cutoff=None)
+    observer = MomentumObserver(identification, 1.0 / recording.sampling_rate, gain)
+    first = int(np.ceil(2 * SETTLED / gain * recording.sampling_rate))
+    runs = []
+    for motion in read_pieces(recording, raw):
+        if len(motion.tau) > first:
+            observer.reset()
+            whole = observer.observe(motion.reference.q, motion.tau)
+            later = ObservedContacts(whole.residual[first:], whole.q[first:], whole.dq[first:], whole.slow[first:])
+            runs.append((later, observer.period))
+    return runs
 
 
 def compute_step_response(t: FloatArray, gain: float) -> FloatArray:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from dynident.recordings import Recording
     from dynident.validation import (
         BootstrapValidation,
+        CollisionValidation,
         DriftValidation,
         FiltersBySimulation,
         InertiaMatrixValidation,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
         | FiltersBySimulation
         | BootstrapValidation
         | DriftValidation
+        | CollisionValidation
         | list[PayloadValidation]
         | list[SimulationValidation]
     )
@@ -342,6 +344,26 @@ class DriftTrial(Trial):
 
 
 @dataclass(frozen=True)
+class CollisionTrial(Trial):
+    """Contact detection by a momentum observer: force, time, and rate of false alarms."""
+
+    name = "collision"
+    label = "collision detection"
+    words = "Which force at the tool does a momentum observer detect, how fast, and with how many false alarms?"
+
+    false_alarms_per_hour: float | None = declare_field(
+        "False alarms an hour that the thresholds are made for; 1 by default", default=None, at_least=1e-3, at_most=3600
+    )
+
+    def judge(self, tried: ValidationData) -> CollisionValidation:
+        """Make the validation over all recordings."""
+        from dynident.validation.contact_detection import FALSE_ALARMS_AN_HOUR, validate_collision
+
+        rate = self.false_alarms_per_hour or FALSE_ALARMS_AN_HOUR
+        return validate_collision(tried.model, tried.recordings, rate, tried.progress)
+
+
+@dataclass(frozen=True)
 class Filters(Trial):
     """Cut-off frequencies chosen by simulating the identification."""
 
@@ -390,13 +412,15 @@ class Bootstrap(Trial):
         return validate_bootstrap(tried.model, draws=self.draws or DRAWS, seed=self.seed, progress=tried.progress)
 
 
+_KINDS: tuple[type[Trial], ...] = (
+    Direct, Cross, InertiaMatrix, Simulation, DriftTrial, CollisionTrial, Methods, Filters, Bootstrap, Payload,
+)  # fmt: skip
+
+
 class _Trials:
     """All kinds of validation, by their names."""
 
-    by_name: Mapping[str, type[Trial]] = {
-        kind.name: kind
-        for kind in (Direct, Cross, InertiaMatrix, Simulation, DriftTrial, Methods, Filters, Bootstrap, Payload)
-    }
+    by_name: Mapping[str, type[Trial]] = {kind.name: kind for kind in _KINDS}
 
     @property
     def names(self) -> tuple[str, ...]:

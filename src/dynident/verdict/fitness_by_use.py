@@ -23,7 +23,12 @@ from dynident.identification.thresholds import (
 )
 from dynident.number_format import format_percent
 from dynident.regressors.errors_by_phase import compute_moving_errors
-from dynident.validation.contact_detection import FEWEST_BLOCKS, HAND_CONTACT_FORCE_LIMIT, ContactDetection
+from dynident.validation.contact_detection import (
+    FEWEST_BLOCKS,
+    HAND_CONTACT_FORCE_LIMIT,
+    WRONG_IN_SOME_MOTIONS,
+    CollisionValidation,
+)
 from dynident.validation.open_loop_drift import Drift, compute_open_loop_drift
 from dynident.verdict.held_out_evidence import HeldOutEvidence
 
@@ -167,7 +172,7 @@ _LONGER = NextStep(f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints
 
 
 def judge_collision_detection(
-    evidence: HeldOutEvidence, contact: ContactDetection | None, obstacle: str = ""
+    evidence: HeldOutEvidence, collision: CollisionValidation | None, obstacle: str = ""
 ) -> list[UseFinding]:
     """Judge the force at the tool that a momentum observer detects, how fast, and at which rate of false alarms.
 
@@ -175,10 +180,10 @@ def judge_collision_detection(
     ----------
     evidence : HeldOutEvidence
         The model with its held-out recordings, residuals and validations.
-    contact : ContactDetection or None
-        Which force a momentum observer detects, and how fast; None where nothing tells.
+    collision : CollisionValidation or None
+        Which force a momentum observer detects, and how fast; None where no observer can use the model.
     obstacle : str
-        Why no observer can use the model; empty where one can.
+        Why it cannot.
 
     Returns
     -------
@@ -186,15 +191,18 @@ def judge_collision_detection(
         Findings for and against the use.
     """
     findings = [*judge_errors(evidence), *judge_scale(evidence)]
-    if obstacle:
+    if collision is None:
         return [*findings, UseFinding("not_judged", f"The observer's thresholds cannot be computed: {obstacle}.")]
     if not evidence.recordings:
         sentence = "The threshold can only be computed from the held-out recordings."
         return [*findings, UseFinding("not_judged", sentence, GIVE_RECORDINGS)]
-    if contact is None:
+    if collision.contact is None:
         sentence = "The held-out data are too short to determine a threshold."
         return [*findings, UseFinding("not_judged", sentence, _LONGER)]
-    least, figures = contact.force, contact.describe()
+    least, figures = collision.contact.force, collision.contact.describe()
+    if collision.is_disproved:
+        figures = collision.describe()
+        findings.append(UseFinding("limited", WRONG_IN_SOME_MOTIONS, DIAGNOSE))
     if least > HAND_CONTACT_FORCE_LIMIT:
         against = (
             f"{figures} This is above {HAND_CONTACT_FORCE_LIMIT:g} N, an example of what a clamped hand can bear: it "

@@ -17,7 +17,7 @@ from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.recordings import Check, Recording
 from dynident.text_and_html_tables import join_html, render_list, render_paragraph
-from dynident.validation.contact_detection import ContactDetection, calibrate_contact_detection
+from dynident.validation.contact_detection import CollisionValidation, ContactDetection, validate_collision
 from dynident.validation.open_loop_drift import Drift
 from dynident.verdict.fitness_by_use import (
     DIAGNOSE,
@@ -131,6 +131,8 @@ class ModelVerdict:
                 "within": self.contact.within,
                 "false_alarms_per_hour": self.contact.false_alarms_an_hour,
             }
+            if self.contact.force_at_rest is not None:
+                values["force_at_rest"] = self.contact.force_at_rest
         if use == "payload":
             values["smallest_mass"] = self.mass
         return {name: value for name, value in values.items() if value is not None and np.isfinite(value)}
@@ -156,7 +158,7 @@ _CALLS: Mapping[Action, str] = {
     "identify_gains": "dynident.identification.identify_gains",
     "export_for_simulation": 'model.export("arm.urdf")',
     "export_for_feed_forward": 'model.export("arm.c")',
-    "observe_momentum": "dynident.verdict.MomentumObserver",
+    "observe_momentum": "dynident.validation.validate_collision",
     "weigh_load": "dynident.validation.validate_payload",
 }
 """How each next step is done in Python."""
@@ -233,11 +235,12 @@ def verdict(
             compute_detectable_force(robot, evidence.comparisons),
             compute_detectable_mass(robot, evidence.comparisons),
         )
-        contact, obstacle = _calibrate_contacts(evidence)
+        collision, obstacle = _validate_contacts(evidence)
+        contact = None if collision is None else collision.contact
         findings_by_use: dict[UseName, list[UseFinding]] = {
             "simulation": [*judge_errors(evidence), *judge_simulation(evidence, drift), *judge_units(evidence)],
             "feed_forward": [*judge_feed_forward(evidence), *judge_units(evidence)],
-            "collision_detection": judge_collision_detection(evidence, contact, obstacle),
+            "collision_detection": judge_collision_detection(evidence, collision, obstacle),
             "payload": judge_payload(evidence, mass),
         }
         uses = tuple(
@@ -258,10 +261,10 @@ def verdict(
     )
 
 
-def _calibrate_contacts(evidence: HeldOutEvidence) -> tuple[ContactDetection | None, str]:
+def _validate_contacts(evidence: HeldOutEvidence) -> tuple[CollisionValidation | None, str]:
     """Return the thresholds of a momentum observer, or what speaks against one of this model."""
     try:
-        return calibrate_contact_detection(evidence.identification, evidence.recordings), ""
+        return validate_collision(evidence.identification, evidence.recordings), ""
     except DynidentError as error:
         return None, error.detail
 
@@ -276,7 +279,7 @@ _WHEN_GOOD: Mapping[UseName, NextStep] = {
 _REVISES: Mapping[UseName, tuple[str, ...]] = {
     "simulation": ("simulation", "inertia_matrix", "cross", "direct"),
     "feed_forward": ("cross", "direct"),
-    "collision_detection": ("cross", "direct"),
+    "collision_detection": ("collision", "cross", "direct"),
     "payload": ("bootstrap", "methods", "cross", "direct"),
 }
 """Which validations speak of a use. The known load is in the findings of those that it speaks of."""

@@ -56,7 +56,8 @@ def validate(
         typer.Argument(
             metavar="[MEASUREMENT]…",
             help="direct, methods, filters: what the model was identified from; cross: what it has not seen; "
-            "simulation, drift: the motion; payload: runs with the load.",
+            "simulation, drift: the motion; collision: motions without contacts that it has not seen; payload: runs "
+            "with the load.",
             show_default=False,
         ),
         READABLE_FILE,

@@ -59,7 +59,6 @@ from dynident_client.answers.identifications import (
     CampaignDecision,
     CampaignOutcome,
     CommonView,
-    ContactDetectionView,
     CorrelationView,
     CurrentModelsResult,
     CurrentModelView,
@@ -120,6 +119,7 @@ from dynident_client.answers.resources import (
 )
 from dynident_client.answers.shared_answers import (
     CampaignRunView,
+    ContactDetectionView,
     Dependent,
     DriftView,
     EffectChoice,

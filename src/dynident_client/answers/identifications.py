@@ -6,6 +6,7 @@ from typing import Any, Literal, TypedDict
 
 from dynident_client.answers.shared_answers import (
     CampaignRunView,
+    ContactDetectionView,
     DriftView,
     EffectChoice,
     ErrorsView,
@@ -37,24 +38,6 @@ class CommonView(TypedDict):
     """The same samples, or the same motion once more"""
     share: float
     """Of the moving time, 0 to 1"""
-
-
-class ContactDetectionView(TypedDict):
-    """Thresholds of a momentum observer, and the force at the tool that they detect as it happens."""
-
-    false_alarms_an_hour: float
-    force: float
-    """N, in 95 % of the directions and postures of the held-out motion"""
-    gain: float
-    """Bandwidth of the observer, 1/s"""
-    seconds: float
-    """Duration of the held-out motion that it was computed from"""
-    speeds: list[list[float | None]]
-    """rad/s or m/s between three classes of speed, per joint"""
-    thresholds: list[list[float | None]]
-    """N m or N, per joint: slow or just slow before, then by class of speed; null: too few data"""
-    within: float
-    """Seconds within which it shows"""
 
 
 class CorrelationView(TypedDict):

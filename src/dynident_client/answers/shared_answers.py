@@ -28,6 +28,29 @@ class CampaignRunView(TypedDict):
     seconds: float
 
 
+class ContactDetectionView(TypedDict):
+    """Thresholds of a momentum observer, and the force at the tool that they detect as it happens."""
+
+    false_alarms_an_hour: float
+    """The rate that the thresholds are made for"""
+    force: float
+    """N, in 95 % of the directions and postures of the held-out motion, while a joint moves"""
+    force_at_rest: float | None
+    """N, where all joints are slow or have just been; null: that does not come up"""
+    gain: float
+    """Bandwidth of the observer, 1/s"""
+    requested: float
+    """The rate that was asked for: smaller where the held-out motion is too short for it"""
+    seconds: float
+    """Duration of the held-out motion that it was computed from"""
+    speeds: list[list[float | None]]
+    """rad/s or m/s between three classes of speed, per joint"""
+    thresholds: list[list[float | None]]
+    """N m or N, per joint: slow or just slow before, then by class of speed; null: too few data"""
+    within: float
+    """Seconds within which it shows"""
+
+
 class Dependent(TypedDict):
     """A resource that rests on another one."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypedDict
 
-from dynident_client.answers.shared_answers import DriftView, ErrorsView, UsedPreprocessing
+from dynident_client.answers.shared_answers import ContactDetectionView, DriftView, ErrorsView, UsedPreprocessing
 
 
 class BootstrapView(TypedDict):
@@ -187,10 +187,16 @@ class SimulationOnMeasurement(TypedDict):
 class ValidationResult(TypedDict):
     """Result of one validation, with the verdict and its reason in a sentence."""
 
+    alarms: int | None
+    """False alarms in the measurements, each with the thresholds from the others"""
     bootstrap: BootstrapView | None
+    contact: ContactDetectionView | None
+    """Thresholds and the force that they detect, from all measurements"""
     drift: DriftView | None
     """Over all measurements; null if no physical robot can have the parameters"""
     eigenvalue_standard_deviation: float | None
+    expected_alarms: float | None
+    """How many the stated rates let expect there"""
     filters: FiltersView | None
     inertia_matrix_positive_definite: bool | None
     kind: Literal[
@@ -199,6 +205,7 @@ class ValidationResult(TypedDict):
         "inertia_matrix",
         "simulation",
         "drift",
+        "collision",
         "methods",
         "filters",
         "bootstrap",

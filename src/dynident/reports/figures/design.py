@@ -20,6 +20,7 @@ from dynident.reports.figures.svg import (
     PREDICTED,
     RESIDUAL,
     Margins,
+    get_line_style,
     make_panels,
     set_panel_title,
     shorten_name,
@@ -28,9 +29,6 @@ from dynident.reports.figures.svg import (
 from dynident.robot import Robot
 from dynident.robot.forward_kinematics import tool_path
 
-# Okabe and Ito's palette without yellow, which paper does not show.
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d")
-_STYLES = ("-", "--", ":")
 _POINTS = 300
 _PATH_POINTS = 3000
 _LIMIT: dict[str, Any] = {"color": "#4d4d4d", "linewidth": 0.7, "linestyle": (0, (4, 3)), "zorder": 1}
@@ -123,14 +121,10 @@ def _insert_gaps(values: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
     return with_gaps
 
 
-def _get_line_style(joint: int) -> dict[str, Any]:
-    return {"color": _COLOURS[joint % len(_COLOURS)], "linestyle": _STYLES[joint // len(_COLOURS) % len(_STYLES)]}
-
-
 def _draw_over_time(axes: Axes, design: Design, values: FloatArray) -> None:
     for joint, name in enumerate(design.joint_names):
         rows = find_extremes(np.ascontiguousarray(values[:, joint]), _POINTS // 2)
-        axes.plot(design.t[rows], values[rows, joint], linewidth=1.0, label=name, **_get_line_style(joint))
+        axes.plot(design.t[rows], values[rows, joint], linewidth=1.0, label=name, **get_line_style(joint))
     inside = _find_exciting_rows(design)
     # The True at both ends makes edges come in pairs: the start and the end of every part that does not excite.
     edges = np.flatnonzero(np.diff(np.concatenate([[True], inside, [True]]).astype(int)))
@@ -147,7 +141,7 @@ def _draw_over_time(axes: Axes, design: Design, values: FloatArray) -> None:
 def _draw_velocity_over_position(axes: Axes, position: FloatArray, velocity: FloatArray) -> None:
     """Draw velocity over position: where no curve passes, friction and gravity are only extrapolated."""
     for joint in range(position.shape[1]):
-        axes.plot(position[:, joint], velocity[:, joint], linewidth=0.6, alpha=0.8, **_get_line_style(joint))
+        axes.plot(position[:, joint], velocity[:, joint], linewidth=0.6, alpha=0.8, **get_line_style(joint))
     axes.plot([-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1], **_LIMIT)
     axes.set_xlim(-1.1, 1.1)
     axes.set_ylim(-1.1, 1.1)
@@ -159,7 +153,7 @@ def _draw_tool_path(from_above: Axes, from_side: Axes, path: FloatArray) -> None
     """Draw the path (m, 3) of the last joint's origin in the base frame."""
     for axes, across, title, label in ((from_above, 1, "tool from above (m)", "x, upward y"),
                                        (from_side, 2, "tool from the side (m)", "x, upward z")):  # fmt: skip
-        axes.plot(path[:, 0], path[:, across], color=_COLOURS[0], linewidth=0.7)
+        axes.plot(path[:, 0], path[:, across], linewidth=0.7, **get_line_style(0))
         axes.plot(0.0, 0.0, "+", color="#4d4d4d", markersize=7)
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel(label, fontsize=8)

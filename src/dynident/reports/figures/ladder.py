@@ -1,4 +1,4 @@
-"""Figure of the ladder of models: error of each model, in total and by joint."""
+"""Figures of the ladder of models (error of each, in total and by joint), and of the drift of a simulation."""
 
 from __future__ import annotations
 
@@ -16,11 +16,14 @@ from dynident.reports.figures.svg import (
     FLOOR,
     HELD_OUT,
     STEP_COLOURS,
+    Margins,
+    get_line_style,
     make_panels,
     set_panel_title,
     shorten_name,
     to_svg,
 )
+from dynident.validation import Drift
 
 _NEAR_THE_AXIS = 0.12
 
@@ -137,3 +140,38 @@ def _draw_joints(
     if len(values) > 1 or floor is not None:
         # With a single model, the legend's only entry would look like another joint.
         axes.legend(fontsize=8, frameon=False, loc="best")
+
+
+def draw_drift(drift: Drift, prismatic: Sequence[bool]) -> Markup:
+    """Draw how far a simulation without a controller is off after each time, by joint.
+
+    Parameters
+    ----------
+    drift : Drift
+        The drift.
+    prismatic : sequence of bool
+        Which joints are prismatic: theirs is in mm, in a panel of its own.
+
+    Returns
+    -------
+    Markup
+        An inline SVG; a line ends where the simulation diverged.
+    """
+    kinds = [(linear, unit) for linear, unit in ((False, "mrad"), (True, "mm")) if linear in prismatic]
+    figure, grid = make_panels(1, len(kinds), 2.6, margins=Margins(right=1.7))
+    for axes, (linear, unit) in zip(grid[0], kinds, strict=True):
+        for j, name in enumerate(drift.joint_names):
+            if bool(prismatic[j]) is linear:
+                distance = 1e3 * np.where(np.isfinite(drift.distance[:, j]), drift.distance[:, j], np.nan)
+                label, style = shorten_name(name), get_line_style(j)
+                axes.plot(drift.after, distance, marker="o", markersize=4, linewidth=1.4, label=label, **style)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.set_xticks(drift.after, [f"{after:g} s" for after in drift.after])
+        axes.set_xticks([], minor=True)
+        set_panel_title(axes, f"rms distance from the recorded position ({unit})")
+        axes.set_xlabel("after", fontsize=8)
+    handles = [handle for axes in grid[0] for handle in axes.get_legend_handles_labels()[0]]
+    grid[0][-1].legend(handles=handles, fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    return to_svg(figure, f"Drift of a simulation without a controller. {drift.describe()}")

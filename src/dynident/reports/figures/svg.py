@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from html import escape
 from threading import Lock
-from typing import Literal
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -29,6 +29,9 @@ AxesGrid = list[list[Axes]]
 MEASURED, PREDICTED, RESIDUAL, BAND = "#4d4d4d", "#d55e00", "#0072b2", "#56b4e9"
 AT_REST, STANDING = "#f0b27a", "#ececec"
 FIT, HELD_OUT, FLOOR, GOOD, MUTED = "#56b4e9", "#d55e00", "#009e73", "#009e73", "#9a9a9a"
+# The palette without yellow, which paper does not show, and styles for more joints than it has colours.
+_JOINT_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d")
+_JOINT_STYLES = ("-", "--", ":")
 STEP_COLOURS = ("#9a9a9a", "#56b4e9", "#0072b2", "#e69f00", "#d55e00", "#cc79a7")
 
 WIDTH = 10.6
@@ -118,6 +121,12 @@ def set_panel_title(axes: Axes, text: str) -> None:
     """Write a title over a panel; names of joints in it are taken literally, not as formulas."""
     # Without a height given, matplotlib looks for ticks above the panel, and lays out every label a second time.
     axes.set_title(text, fontsize=8.5, loc="left", y=1.0, pad=4, color="#333333", parse_math=False)
+
+
+def get_line_style(joint: int) -> dict[str, Any]:
+    """Return colour and style of the line of a joint, by its index."""
+    count = len(_JOINT_COLOURS)
+    return {"color": _JOINT_COLOURS[joint % count], "linestyle": _JOINT_STYLES[joint // count % len(_JOINT_STYLES)]}
 
 
 def shorten_name(name: str) -> str:

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+from markupsafe import Markup
+
 from dynident.diagnosis import Diagnosis
 from dynident.identification import Identification
 from dynident.number_format import format_count, format_number
@@ -14,6 +16,7 @@ from dynident.presentation.ladder_tables import describe_gain
 from dynident.presentation.model_tables import build_quality_table
 from dynident.presentation.tables import ReportedTable
 from dynident.presentation.validation_and_verdict_tables import build_verdict_tables
+from dynident.reports.figures.ladder import draw_drift
 from dynident.reports.reported_data import ReportedRecording, ReportedValidation, Section
 from dynident.reports.sections.model import LadderFigure, build_ladder_figure
 from dynident.verdict import ModelVerdict, Outcome, verdict
@@ -42,6 +45,7 @@ class SummaryContent:
     data_warnings: tuple[str, ...]
     verdict: ModelVerdict
     verdict_tables: tuple[ReportedTable, ...]
+    drift: Markup | None
 
 
 def build_summary_section(
@@ -89,8 +93,15 @@ def build_summary_section(
         _join_data_warnings(runs),
         model_verdict,
         tuple(build_verdict_tables(model_verdict)),
+        _draw_drift(model_verdict, identification),
     )
     return Section("summary", "Summary", "summary", content)
+
+
+def _draw_drift(model_verdict: ModelVerdict, identification: Identification) -> Markup | None:
+    if model_verdict.drift is None or model_verdict.stop is not None:
+        return None
+    return draw_drift(model_verdict.drift, [joint.kind == "prismatic" for joint in identification.model.robot.joints])
 
 
 def _list_facts(identification: Identification, created: datetime) -> tuple[tuple[str, str], ...]:

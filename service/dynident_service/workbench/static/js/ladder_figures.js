@@ -1,4 +1,4 @@
-// Figure of one or several ladders: errors step by step; shared axes and grid.
+// Figures of ladders (errors step by step) and of the drift of a simulation; shared axes and grid.
 
 import { h, svg } from "./dom.js";
 import { judged } from "./joint_errors.js";
@@ -39,6 +39,40 @@ export function laddersFigure(title, width, lines, place) {
       names,
       drawn,
       lines.map((line, k) => [marker(line.marker, room.left + 12 + 120 * k, 14, line.css), svg("text", { x: room.left + 24 + 120 * k, y: 18 }, line.name)])),
+  );
+}
+
+const JOINT_COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8d8d8d"];
+
+/** How far a simulation without a controller is off after each time, by joint; a line ends where it diverged. */
+export function driftFigure({ joint_names: joints, after, distance }) {
+  const [width, height] = [560, 260];
+  const room = { left: 56, right: 150, top: 14, bottom: 34 };
+  const values = distance.flat().filter((value) => value > 0).map((value) => 1e3 * value);
+  if (!values.length) return null;
+  const [low, high] = [Math.log10(Math.min(...values)), Math.log10(Math.max(...values))];
+  const margin = 0.06 * (high - low) + 0.05;
+  const x = (k) => room.left + ((k + 0.5) / after.length) * (width - room.left - room.right);
+  const y = (value) => height - room.bottom - ((Math.log10(value) - low + margin) / (high - low + 2 * margin)) * (height - room.top - room.bottom);
+  const ticks = Array.from({ length: 12 }, (_, k) => 10 ** (Math.floor(low) + Math.floor(k / 2)) * [1, 3][k % 2]).filter((value) => y(value) <= height - room.bottom && y(value) >= room.top);
+  const lines = joints.map((joint, j) => {
+    const points = after.map((_, k) => [k, distance[k][j]]).filter(([, value]) => value > 0).map(([k, value]) => [x(k), y(1e3 * value)]);
+    const stroke = JOINT_COLOURS[j % JOINT_COLOURS.length];
+    const at = room.top + 8 + 18 * j;
+    return [
+      svg("polyline", { class: "line", style: { stroke }, points: points.map((point) => point.join(",")).join(" ") }),
+      points.map(([cx, cy]) => svg("circle", { class: "mark-of", style: { fill: stroke }, cx, cy, r: 4 })),
+      svg("line", { class: "line", style: { stroke }, x1: width - room.right + 10, x2: width - room.right + 28, y1: at, y2: at }),
+      svg("text", { x: width - room.right + 34, y: at + 4 }, joint),
+    ];
+  });
+  const title = "Drift under the measured torque, without a controller: rms of the position (mrad or mm)";
+  return h("figure", { class: "drawn", id: "drift-figure" },
+    h("figcaption", { class: "chart-title" }, title),
+    svg("svg", { viewBox: `0 0 ${width} ${Math.max(height, room.top + 18 * joints.length + 8)}`, style: { "max-width": `${width}px` }, role: "img", "aria-label": `${title}. The table has its values.` },
+      grid(ticks, y, room.left, width - room.right),
+      after.map((time, k) => svg("text", { x: x(k), y: height - 8, "text-anchor": "middle" }, `after ${number(time)} s`)),
+      lines),
   );
 }
 

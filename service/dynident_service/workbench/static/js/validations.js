@@ -3,6 +3,7 @@
 import { get, post } from "./api.js";
 import { announce, h, put, section } from "./dom.js";
 import { awaited } from "./jobs.js";
+import { driftFigure } from "./ladder_figures.js";
 import { pressed, problemBox } from "./problem.js";
 import { foldedTable } from "./tables.js";
 
@@ -42,7 +43,7 @@ async function newestByKind(model, fits, signal) {
 }
 
 function usable(model, kind) {
-  if (kind === "cross") return model.measurements.some((one) => one.heldOut);
+  if (kind === "cross" || kind === "collision") return model.measurements.some((one) => one.heldOut);
   return kind !== "payload";
 }
 
@@ -62,7 +63,7 @@ function lineOf(model, { name: kind, label, words: about }, signal) {
     const { result } = validation;
     chip.className = `chip verdict ${result.verdict}`;
     put(chip, verdictOf(validation));
-    put(said, h("p", {}, result.reason), details(validation, kind));
+    put(said, h("p", {}, result.reason), details(validation, kind), result.drift ? driftFigure(result.drift) : null);
     button.textContent = "Again";
   };
   const wait = async (made) => {

@@ -2,6 +2,7 @@
 
 import { get } from "./api.js";
 import { h, put, section } from "./dom.js";
+import { driftFigure } from "./ladder_figures.js";
 import { address } from "./page_address.js";
 import { orSay } from "./problem.js";
 import { byName, foldedTable } from "./tables.js";
@@ -31,7 +32,7 @@ function judged(found, robot) {
     h("div", { class: fit ? "box good" : "box warning", id: "fitness-summary" }, h("p", {}, found.summary)),
     // After a gross fault the uses mean nothing.
     uses ? h("ul", { class: "verdicts", id: "uses" }, uses.rows.map((cells, k) => useLine(found.uses[k], cells, robot))) : null,
-    h("div", { id: "drift" }, foldedTable(drift)),
+    h("div", { id: "drift" }, foldedTable(drift), found.drift && !found.stop ? driftFigure(found.drift) : null),
     found.common.length ? h("ul", { class: "note" }, found.common.map((one) => h("li", {}, one.detail))) : null,
     found.next_steps.length ? h("details", { id: "next-steps" }, h("summary", {}, "What to do about the error"), h("ol", {}, found.next_steps.map((one) => h("li", {}, one)))) : null,
   ];
