@@ -46,8 +46,8 @@ HAND_CONTACT_FORCE_LIMIT = 140.0
 that of ISO/TS 15066:2016, table A.2 (for hands arXiv:2311.13814, table 1), and some sources give others; the standard
 itself was not read. The limits that count are those of the user's risk assessment."""
 
-# Seconds of a block, whose largest value counts once: neighbouring samples depend on each other. Alarms that follow
-# each other within this time are one.
+# Seconds of a block, whose largest value counts once, since neighbouring samples depend on each other. An alarm of that
+# length is one.
 _BLOCK = 1.0
 _SPEED_CLASSES = 3
 # Seconds of a class of speed, at least, that tell how large its residual is.
@@ -119,9 +119,13 @@ class ContactDetection:
         return np.asarray(np.abs(observed.residual) > self.compute_thresholds(observed))
 
     def count_alarms(self, observed: ObservedContacts, period: float) -> int:
-        """Count the alarms of a motion, sampled every `period` s; those within a second of each other are one."""
-        samples = np.flatnonzero(self.find_contacts(observed).any(axis=1))
-        return int(len(samples) > 0) + int((np.diff(samples) * period > _BLOCK).sum())
+        """Count the alarms of a motion, sampled every `period` s; the second after an alarm belongs to it."""
+        times = period * np.flatnonzero(self.find_contacts(observed).any(axis=1))
+        count, end = 0, -np.inf
+        for time in times:
+            if time >= end:
+                count, end = count + 1, time + _BLOCK
+        return count
 
     def describe(self) -> str:
         """Describe what is detected, in a sentence or two."""

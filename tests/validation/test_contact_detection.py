@@ -1,0 +1,118 @@
+"""Contact thresholds keep their rate of false alarms, say which rate the data can state, and are tried in turn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.models_with_chosen_parameters import drives, from_standard, made_up, measured
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
+
+from dynident.errors import DynidentError
+from dynident.identification import Identification
+from dynident.recordings import Recording
+from dynident.validation import MomentumObserver, validate_collision
+from dynident.validation.contact_detection import (
+    ContactDetection,
+    compute_threshold,
+    fit_contact_detection,
+)
+from dynident.validation.momentum_observer import observe_recording
+from dynident.verdict.fitness_by_use import judge_collision_detection
+from dynident.verdict.held_out_evidence import HeldOutEvidence
+
+ROBOT = arm("ur10")
+RATE = 200.0
+
+
+@pytest.mark.parametrize("count", [25, 120])
+def test_a_threshold_is_met_as_often_as_stated_whatever_few_values_say_of_the_tail(count: int) -> None:
+    share, rng = 2e-4, np.random.default_rng(4)
+    # Of exponential values one is above x with the probability exp(-x).
+    met = np.exp([-compute_threshold([rng.exponential(size=count)], share) for _ in range(3000)])
+    assert 0.6 * share < met.mean() < 1.6 * share
+
+
+def test_a_motion_that_is_repeated_says_less_than_as_much_motion_that_is_not() -> None:
+    rng = np.random.default_rng(5)
+    once, other = rng.exponential(size=(2, 20))
+    repeated = compute_threshold([np.tile(once, 8)], 1e-4)
+    different = compute_threshold([rng.permutation(np.tile(once, 8))], 1e-4)
+    assert repeated > 1.2 * different
+    assert compute_threshold([np.ones(30)], 1e-4) == pytest.approx(1.0)
+    assert compute_threshold([other], 0.5) == pytest.approx(np.median(other), rel=0.3)
+
+
+def known() -> Identification:
+    return from_standard(ROBOT, drives(ROBOT))
+
+
+def move(seed: int, noise: float, duration: float = 20.0) -> Recording:
+    """A motion of the known arm, whose torque has noise of a tenth of a second's memory."""
+    motion, values = fourier_motion(ROBOT, duration, RATE, seed), drives(ROBOT)
+    rotor, dry, viscous = (np.array([values[f"{name}{j + 1}"] for j in range(ROBOT.n)]) for name in ("Ia", "Fc", "Fv"))
+    tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq)
+    tau += rotor * motion.ddq + dry * np.sign(motion.dq) + viscous * motion.dq
+    white = np.random.default_rng(seed).normal(size=tau.shape)
+    smooth = np.apply_along_axis(np.convolve, 0, white, np.ones(20) / 20, "same")
+    return record(ROBOT, motion, tau + noise * smooth, f"run{seed}")
+
+
+def test_short_recordings_state_the_rate_that_they_can_state() -> None:
+    runs = observe_recording(known(), move(1, 1.0))
+    detection = fit_contact_detection(ROBOT, runs, 1.0)
+    assert detection is not None
+    assert detection.requested == 1.0
+    assert detection.false_alarms_an_hour == pytest.approx(180.0 / detection.seconds)
+    assert "To state 1 false alarm an hour, hold out 180 s." in detection.describe()
+    often = fit_contact_detection(ROBOT, runs, 100.0)
+    assert often is not None
+    assert often.false_alarms_an_hour == 100.0
+    assert often.force < detection.force
+    assert "hold out" not in often.describe()
+    assert fit_contact_detection(ROBOT, observe_recording(known(), move(1, 1.0, 5.0)), 1.0) is None
+
+
+def test_a_recording_that_the_others_do_not_speak_for_disproves_the_rate() -> None:
+    alike = validate_collision(known(), [move(seed, 1.0) for seed in (1, 2, 3)], 60.0)
+    assert alike.judged.verdict == "pass", alike.judged.reason
+    assert alike.expected > 0.5
+    other = validate_collision(known(), [move(1, 1.0), move(2, 1.0), move(3, 8.0)], 60.0)
+    assert other.is_disproved
+    assert other.judged.verdict == "fail"
+    assert f"{other.alarms} false alarms came up where" in other.judged.reason
+    findings = judge_collision_detection(evidence(), other)
+    (limit,) = (finding for finding in findings if "in some of the recordings" in finding.sentence)
+    assert limit.state == "limited"
+
+
+def evidence() -> HeldOutEvidence:
+    model, robot = measured(), arm("scara")
+    motion = fourier_motion(robot, 5.0, RATE, 1)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq)
+    return HeldOutEvidence.from_identification(model, model.fit, [record(robot, motion, tau)], [])
+
+
+def test_what_follows_an_alarm_within_a_second_belongs_to_it() -> None:
+    ((observed, period),) = observe_recording(known(), move(1, 0.0, 8.0))
+    quiet = replace(observed, residual=np.zeros_like(observed.residual))
+    detection = ContactDetection(10.0, 1 / 15, 1.0, 30.0, np.ones((ROBOT.n, 2)), np.full((ROBOT.n, 4), 5.0), 8.0)
+    assert detection.count_alarms(quiet, period) == 0
+    for second, joint in ((1.0, 0), (1.4, 3), (1.9, 0), (2.5, 1), (4.0, 5)):
+        quiet.residual[round(second / period), joint] = -6.0
+    assert detection.count_alarms(quiet, period) == 3
+    # An alarm that never ends is one a second.
+    quiet.residual[:, 0] = 7.0
+    assert abs(detection.count_alarms(quiet, period) - len(quiet.residual) * period) <= 1
+
+
+def test_what_no_observer_can_know_is_said() -> None:
+    with pytest.raises(DynidentError, match="above 0"):
+        validate_collision(known(), [], 0.0)
+    with pytest.raises(DynidentError, match="temperature") as caught:
+        MomentumObserver(made_up(arm("scara"), ("rigid_body", "temperature_friction")), 1e-3)
+    findings = judge_collision_detection(evidence(), None, caught.value.detail)
+    (reason,) = (finding.sentence for finding in findings if finding.state == "not_judged")
+    assert "temperature" in reason
+    assert validate_collision(known(), []).judged.verdict == "not_evaluated"
