@@ -21,6 +21,7 @@ SMALL = {
     "changes": "--pairs 1 --processes 1",
     "clean_residuals": "--cases 1 --processes 1",
     "closed_loops": "",
+    "contact_detection": "--quick",
     "controller_code": "",
     "corrupted_samples": "--arms 1",
     "decision_level": "--draws 5",

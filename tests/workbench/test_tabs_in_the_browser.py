@@ -148,6 +148,7 @@ def test_the_verdict_is_the_services_and_leads_to_the_next_click(page: Any, mode
         expect(line.locator(".chip")).to_have_text(words[use["state"]])
     if found["drift"] is not None:
         expect(page.locator("#drift tbody tr")).to_have_count(len(found["drift"]["joint_names"]))
+        expect(page.locator("#drift-figure polyline")).to_have_count(len(found["drift"]["joint_names"]))
     page.click("#next-click")
     chosen(page, "Data" if found["stop"] else "Missing")
 

@@ -71,7 +71,7 @@ export function driftFigure({ joint_names: joints, after, distance }) {
     h("figcaption", { class: "chart-title" }, title),
     svg("svg", { viewBox: `0 0 ${width} ${Math.max(height, room.top + 18 * joints.length + 8)}`, style: { "max-width": `${width}px` }, role: "img", "aria-label": `${title}. The table has its values.` },
       grid(ticks, y, room.left, width - room.right),
-      after.map((time, k) => svg("text", { x: x(k), y: height - 8, "text-anchor": "middle" }, `after ${number(time)} s`)),
+      after.map((time, k) => svg("text", { x: x(k), y: height - 8, "text-anchor": "middle" }, `after ${time} s`)),
       lines),
   );
 }
