@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from html import escape
 from threading import Lock
-from typing import Any, Literal
+from typing import Literal, TypedDict
 
 import matplotlib as mpl
 import numpy as np
@@ -123,7 +123,14 @@ def set_panel_title(axes: Axes, text: str) -> None:
     axes.set_title(text, fontsize=8.5, loc="left", y=1.0, pad=4, color="#333333", parse_math=False)
 
 
-def get_line_style(joint: int) -> dict[str, Any]:
+class LineStyle(TypedDict):
+    """Colour and style of a line, as arguments of `Axes.plot`."""
+
+    color: str
+    linestyle: str
+
+
+def get_line_style(joint: int) -> LineStyle:
     """Return colour and style of the line of a joint, by its index."""
     count = len(_JOINT_COLOURS)
     return {"color": _JOINT_COLOURS[joint % count], "linestyle": _JOINT_STYLES[joint // count % len(_JOINT_STYLES)]}
