@@ -3,11 +3,11 @@
     python benchmarks/contact_detection.py [--arms 3] [--minutes 30] [--contacts 200] [--rate 30] [--seed 0] [--quick]
 
 Arms that MuJoCo moves, whose friction has more in it than the identified model (Stribeck friction and friction that
-depends on the position, of drawn size). Each is identified on 30 s; thresholds come from 4 minutes of other motions.
-Then it moves for `--minutes` without contacts, and false alarms are counted; then it is pushed at drawn times, at drawn
-points of its last link, in drawn directions, with 1 to 2 times the stated force, and the pushes that are found within
-the stated time are counted. A fixed threshold a joint, made for the same rate, stands beside the thresholds by speed
-and phase. Recordings of real arms follow, where there are any: false alarms in the held-out recordings that the
+depends on the position, of drawn size). Each is identified on a minute; thresholds come from 4 minutes of other
+motions. Then it moves for `--minutes` without contacts, and false alarms are counted; then it is pushed at drawn times,
+at drawn points of its last link, in drawn directions, with 1 to 2 times the stated force, and the pushes that are found
+within the stated time are counted. A fixed threshold a joint, made for the same rate, stands beside the thresholds by
+speed and phase. Recordings of real arms follow, where there are any: false alarms in the held-out recordings that the
 thresholds come from, and in each of them with thresholds from the others.
 """
 
@@ -113,7 +113,7 @@ class Cell:
         # Slow enough for the drives: a saturated actuator is no longer what MuJoCo's integrator takes it for.
         if number % 2:
             return point_to_point_motion(self.robot, duration, seed, STEP, pace=0.7)
-        return fourier_motion(self.robot, duration, seed, STEP, period=duration)
+        return fourier_motion(self.robot, duration, seed, STEP, period=min(duration, 12.0) if number < 2 else duration)
 
     def record(self, number: int, duration: float, pushes: Sequence[Push] = ()) -> Recording:
         motion = self.plan(number, duration)
@@ -161,7 +161,9 @@ def judge_arm(cell: Cell, options: argparse.Namespace) -> tuple[int, float, int,
     """Print the table of an arm; return false alarms counted and stated, pushes found and made while the arm moves."""
     length = 60.0 if not options.quick else 20.0
     held_out = [cell.record(number, length) for number in range(2, 6)]
-    model = dy.identify(cell.robot, [cell.record(0, 30.0)], validation=held_out).identification
+    model = dy.identify(
+        cell.robot, [cell.record(number, 30.0) for number in (0, 1)], validation=held_out
+    ).identification
     runs = [run for recording in held_out for run in observe_recording(model, recording)]
     detection = fit_contact_detection(cell.robot, runs, options.rate)
     if detection is None:

@@ -256,24 +256,31 @@ def _compute_joint_thresholds(runs: Sequence[Run], speeds: FloatArray, joint: in
     """Return the thresholds (4,) of a joint, one a class."""
     sizes = [np.abs(run.residual[:, joint]) for run, _ in runs]
     classes = [_find_classes(run, speeds)[:, joint] for run, _ in runs]
-    weights = [np.full(len(run.residual), period) for run, period in runs]
-    size, number, period = (np.concatenate(parts) for parts in (sizes, classes, weights))
-    # A class with too few seconds has no scale of its own; the joint's as a whole stands for it.
-    scales = np.array(
-        [
-            np.quantile(size[number == k] if period[number == k].sum() >= _FEWEST_OF_CLASS else size, _SCALE)
-            for k in range(_SPEED_CLASSES + 1)
-        ]
-    )
-    # In units of its class, all of the residual has one tail, which is told from all seconds together.
-    scales = np.maximum(scales, np.finfo(float).tiny)
-    maxima = [
-        compute_block_maxima(own / scales[k], run_period)
-        for own, k, (_, run_period) in zip(sizes, classes, runs, strict=True)
-    ]
-    if sum(map(len, maxima)) < FEWEST_BLOCKS:
+    size, number = np.concatenate(sizes), np.concatenate(classes)
+    seconds = np.concatenate([np.full(len(run.residual), period) for run, period in runs])
+    scales = np.empty(_SPEED_CLASSES + 1)
+    for k in range(len(scales)):
+        # A class with too few seconds has no scale of its own; the joint's as a whole stands for it.
+        own = number == k if seconds[number == k].sum() >= _FEWEST_OF_CLASS else ...
+        scales[k] = max(np.quantile(size[own], _SCALE), np.finfo(float).tiny)
+    # In units of their class, residuals at all speeds have one tail. Slow joints have another: friction bounds it.
+    relative = [own / scales[k] for own, k in zip(sizes, classes, strict=True)]
+    whole = [compute_block_maxima(own, step) for own, (_, step) in zip(relative, runs, strict=True)]
+    if sum(map(len, whole)) < FEWEST_BLOCKS:
         return np.full(len(scales), np.inf)
-    return np.asarray(compute_threshold([part for part in maxima if len(part)], share) * scales)
+    thresholds = np.empty(len(scales))
+    for group in (slice(0, 1), slice(1, None)):
+        inside = np.zeros(len(scales), dtype=bool)
+        inside[group] = True
+        apart = [
+            compute_block_maxima(np.where(inside[k], own, 0.0), step)
+            for own, k, (_, step) in zip(relative, classes, runs, strict=True)
+        ]
+        is_rare = sum(int(np.count_nonzero(part)) for part in apart) < FEWEST_BLOCKS
+        thresholds[group] = scales[group] * compute_threshold(
+            [part for part in (whole if is_rare else apart) if len(part)], share / 2
+        )
+    return thresholds
 
 
 def compute_block_maxima(values: FloatArray, period: float) -> FloatArray:
