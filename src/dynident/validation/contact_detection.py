@@ -46,8 +46,7 @@ HAND_CONTACT_FORCE_LIMIT = 140.0
 that of ISO/TS 15066:2016, table A.2 (for hands arXiv:2311.13814, table 1), and some sources give others; the standard
 itself was not read. The limits that count are those of the user's risk assessment."""
 
-# Seconds of a block, whose largest value counts once, since neighbouring samples depend on each other. An alarm of that
-# length is one.
+# Seconds of a block, whose largest value counts once, and of an alarm: neighbouring samples depend on each other.
 _BLOCK = 1.0
 _SPEED_CLASSES = 3
 # Seconds of a class of speed, at least, that tell how large its residual is.
@@ -60,10 +59,8 @@ _TAIL, _FEWEST_PEAKS = 0.2, 5
 _FARTHEST = 20.0
 # Postures along the motion and directions in each that a force is tried in.
 _POSTURES, _DIRECTIONS = 200, 60
-# Jacobian (m/rad) below which a force moves no joint.
-_SMALL = 1e-6
-# Share of the largest singular value below which an arm feels no force in a direction.
-_FLAT = 1e-3
+# Jacobian (m/rad) below which a force moves no joint; share of the largest below which none is felt in a direction.
+_SMALL, _FLAT = 1e-6, 1e-3
 WRONG_IN_SOME_MOTIONS = "The model is wrong in some of the recordings more than in the others."
 """What it means that the rate of false alarms is disproved."""
 
@@ -295,8 +292,9 @@ def compute_threshold(maxima: Sequence[FloatArray], share: float) -> float:
 
     The excesses of the largest values over a level have an exponential tail. What their number leaves open about its
     mean counts: of k independent excesses with the mean m, a further one is above x with the probability
-    (1 + x / (k m))⁻ᵏ (the predictive distribution; Lawless 1973). So few values make a threshold that is higher, but
-    neither one that is met more rarely than stated in the mean nor one that is met more often.
+    (1 + x / (k m))⁻ᵏ (the predictive distribution; Lawless 1973). So few values make a higher threshold, by as much as
+    the stated rate needs to hold in the mean. A tail with an end that the data tell, as of bounded friction, was tried:
+    at five alarms an hour there were twenty times as many.
 
     Parameters
     ----------
@@ -311,7 +309,7 @@ def compute_threshold(maxima: Sequence[FloatArray], share: float) -> float:
     if ratio <= 1.0:
         return float(np.quantile(values, 1.0 - min(share, 1.0)))
     level, mean = float(values[count]), float(np.mean(values[:count] - values[count]))
-    independent = max(count * _count_independent_blocks(maxima) / len(values), 2.0)
+    independent = max(count * _count_independent_blocks(maxima) / len(values), float(_FEWEST_PEAKS))
     return level + independent * mean * float(ratio ** (1.0 / independent) - 1.0)
 
 
@@ -337,8 +335,8 @@ def compute_contact_forces(
 ) -> tuple[float | None, float | None]:
     """Return the forces in N that show within the stated time in nearly all postures and directions.
 
-    The first is for moments in which a joint moves, the second for those in which all joints are slow or have just
-    been; None where there are no such moments, or the force does not show.
+    The first is for moments in which a joint moves, the second for those in which all are slow or have just been; None
+    where there are no such moments, or the force does not show.
 
     Parameters
     ----------
