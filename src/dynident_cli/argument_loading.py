@@ -15,6 +15,7 @@ from dynident.api.robot_files import load_robot
 from dynident.api.robot_files import set_drive_gains as set_gains
 from dynident.effects import EffectChoice
 from dynident.effects.effect_text_format import parse_effects
+from dynident.errors import DynidentError
 from dynident.identification.shape_search import check_choices
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import RecordingError, RecordingMetadata
@@ -168,5 +169,24 @@ def read_effects(texts: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]
 
 
 def parse_unchecked_effects(texts: Sequence[str]) -> tuple[EffectChoice, ...]:
-    """Parse effects without checking them against a robot."""
-    return parse_effects(texts, "--effects")
+    """Parse effects without checking them against a robot; `run=2` is a run by its number, which `name_runs` names."""
+    choices = []
+    for choice in parse_effects(texts, "--effects"):
+        constants = dict(choice.shape)
+        run = constants.pop("run", None)
+        choices.append(choice if run is None else replace(choice, shape=tuple(constants.items()), runs=(f"{run:g}",)))
+    return tuple(choices)
+
+
+def name_runs(choices: Sequence[EffectChoice], names: Sequence[str]) -> tuple[EffectChoice, ...]:
+    """Replace the numbers of runs, counted from 1 in the order of the measurements, by the names of these."""
+    by_number = {str(k + 1): name for k, name in enumerate(names)}
+    for choice in choices:
+        for run in choice.runs:
+            if run not in by_number:
+                raise DynidentError(
+                    f"{choice.effect} is to be in run {run}, but the measurements are run 1 to {len(names)}",
+                    pointer="--effects",
+                    title="Unusable effect",
+                )
+    return tuple(replace(choice, runs=tuple(by_number[run] for run in choice.runs)) for choice in choices)

@@ -468,6 +468,23 @@ def test_runs_of_one_simulation_are_told_apart_by_segment_and_a_payload_is_in_on
     assert "there are the runs 1, 2" in refused.err
 
 
+def test_a_load_of_the_second_run_is_identified(tmp_path: Path) -> None:
+    motion, runs, model = tmp_path / "t.csv", [tmp_path / "empty.csv", tmp_path / "carrying.csv"], tmp_path / "m.npz"
+    dynident("design", "scara", "--no-floor", "--kind", "random", "--duration", 8, "--rate", 200, "--out", motion)
+    for run, effects in zip(runs, ((), ("--effects", "payload:run=1,Mp=4,MXp=0.2")), strict=True):
+        answer = dynident("simulate", "scara", "--trajectory", motion, *effects, "-o", run)
+        assert answer.code == 0, answer.err
+    answer = dynident("identify", "scara", *runs, "--effects", "default,payload:run=2", "--out", model, "--json")
+    assert answer.code == 0, answer.err
+    (mass,) = (one for one in answer.document["parameters"] if one["name"].startswith("Mp"))
+    assert mass["value"] == pytest.approx(4.0, rel=0.05)
+    # A SCARA does not turn its load about all axes.
+    assert "does not determine MZp4 of the load" in dynident("export", model, "--out", tmp_path / "load.script").err
+    refused = dynident("identify", "scara", *runs, "--effects", "default,payload:run=3", "--out", model)
+    assert refused.code == 2
+    assert "run 1 to 2" in refused.err
+
+
 def test_effects_lists_the_catalogue() -> None:
     found = dynident("effects", "--json").document
     assert [item["id"] for item in found["items"]] == list(CATALOGUE)

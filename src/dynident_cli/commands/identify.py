@@ -36,6 +36,7 @@ from dynident_cli.shared_options import (
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from dynident.effects import EffectChoice
     from dynident.identification.column_inference import Inspection
 
 
@@ -115,7 +116,9 @@ def remove(model: ModelArgument, effects: Effects, result: OutputOptions) -> Non
     from dynident_cli import argument_loading, printed_results
 
     identified = load_model(model)
-    removed = argument_loading.parse_unchecked_effects(effects)
+    removed = argument_loading.name_runs(
+        argument_loading.parse_unchecked_effects(effects), identified.identification.data.measurement_names
+    )
     if not removed:
         raise DynidentError("the effects to remove are missing; give --effects", pointer="--effects")
     printed_results.write_extended_model(result, identified.remove(*removed), model.stem, identified)
@@ -143,21 +146,23 @@ def extend(
     identified = load_model(model)
     robot = identified.robot
     added = argument_loading.read_effects(effects, robot)
+    recommended: tuple[EffectChoice, ...] = ()
     if diagnosis is not None:
         stored_diagnosis = contract_documents.load_diagnosis(diagnosis)
-        added += stored_diagnosis.recommended
-        if not added:
+        recommended = stored_diagnosis.recommended
+        if not (added or recommended):
             why = f"Nothing was added, because the diagnosis recommends nothing. {stored_diagnosis.summary}"
             command_output.write_model(result, "the same model", identified, lambda console: console.print(why))
             return
-    if not added:
+    if not (added or recommended):
         raise DynidentError(
             "the effects to add are missing; give --effects, or --diagnosis with a file", pointer="--effects"
         )
     with argument_loading.read_recordings("extend", measurements, robot, reading, validation) as data:
         recordings, held_out, progress = data
         whole = replace(identified.with_data(recordings), validation=held_out)
-        extended = whole.extend(*added, progress=progress)
+        named = argument_loading.name_runs(added, recordings.names)
+        extended = whole.extend(*named, *recommended, progress=progress)
         verdict = extended.verdict()
     printed_results.write_extended_model(result, extended, model.stem, identified, verdict)
     if verdict.stop is not None:
@@ -216,6 +221,7 @@ def identify(
         "identify", [*measurements, *further.friction], machine, reading, further.validation, further.friction
     ) as data:
         recordings, held_out, progress = data
+        choices = replace(choices, effects=argument_loading.name_runs(chosen_effects, recordings.names))
         model = identify_model(
             machine, recordings, validation=held_out, choices=choices, filters=filters, progress=progress
         )
