@@ -26,10 +26,12 @@ from dynident.number_format import format_estimate, format_number, format_percen
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.recordings.joint_phases import Phase
 from dynident.reports import ReportedRecording, html_report
+from dynident.reports.figures.ladder import draw_drift
 from dynident.reports.figures.residuals import draw_residuals, draw_spectra
 from dynident.reports.figures.signals_over_time import draw_torque
 from dynident.reports.sections import accuracy
 from dynident.robot import Joint, Robot
+from dynident.validation import Drift
 
 PLAIN = arm("scara")
 NASTY = '<script>alert("x")</script> & $\\frac{1}$'
@@ -278,6 +280,18 @@ def test_the_diagnosis_shows_verdict_ranking_and_evidence() -> None:
         assert candidate.evidence in whole_page().text["diagnosis"]
     drops = whole_page().data_values["diagnosis"][::3]
     assert drops == [candidate.error_drop for candidate in findings().candidates]
+
+
+def test_the_drift_of_a_simulation_is_a_table_and_a_figure() -> None:
+    assert "Drift of the position under the measured torque on held-out data" in html()
+    assert "Drift of a simulation without a controller. Without a controller, under the measured torque" in html()
+    distance = np.array([[0.001, 0.002], [0.01, np.inf], [0.1, np.nan]])
+    drift = Drift(("swing", "lift"), (0.1, 0.5, 2.0), distance, distance, np.ones((3, 2)), 7)
+    angle, length = draw_drift(drift, [False, True]).figure.axes  # type: ignore[attr-defined]
+    np.testing.assert_allclose(angle.lines[0].get_ydata(), [1.0, 10.0, 100.0])
+    # A line ends where the simulation diverged, and metres have a panel of their own.
+    assert np.isfinite(length.lines[0].get_ydata()).tolist() == [True, False, False]
+    assert "(mm)" in length.get_title("left")
 
 
 def test_what_a_second_look_is_for_is_folded_away_and_what_was_found_is_not() -> None:
