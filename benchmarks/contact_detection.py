@@ -1,6 +1,6 @@
 """Does a momentum observer keep its rate of false alarms, and find the contacts that it says it finds?
 
-    python benchmarks/contact_detection.py [--arms 3] [--minutes 30] [--contacts 200] [--rate 30] [--seed 0] [--quick]
+    python benchmarks/contact_detection.py [--arms NAMES] [--minutes 30] [--contacts 200] [--rate 30] [--seed 0] …
 
 Arms that MuJoCo moves, whose friction has more in it than the identified model (Stribeck friction and friction that
 depends on the position, of drawn size). Each is identified on a minute; thresholds come from 4 minutes of other
@@ -137,7 +137,7 @@ class Cell:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--arms", type=int, default=3, help="how many arms: two of the library, then drawn ones")
+    parser.add_argument("--arms", help="names, separated by commas; ur10, franka_panda and a drawn one by default")
     parser.add_argument("--minutes", type=float, default=30.0, help="motion of each arm without contacts")
     parser.add_argument("--contacts", type=int, default=200, help="pushes of each arm")
     parser.add_argument("--rate", type=float, default=30.0, help="false alarms an hour that are asked for")
@@ -145,15 +145,15 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="one arm, one minute, ten pushes, no recordings")
     options = parser.parse_args()
     if options.quick:
-        options.arms, options.minutes, options.contacts = 1, 1.0, 10
-    names = ["ur10", "franka_panda", *(f"six-{options.seed + k}" for k in range(options.arms))][: options.arms]
-    counts = [judge_arm(Cell(name, options.seed), options) for name in names]
+        options.arms, options.minutes, options.contacts = "ur10", 1.0, 10
+    names = options.arms or f"ur10,franka_panda,six-{options.seed}"
+    counts = [judge_arm(Cell(name, options.seed), options) for name in names.split(",")]
     alarms, expected, found, pushed = (sum(values) for values in zip(*counts, strict=True))
     print(
         f"\nTogether: {alarms} false alarms where {expected:.1f} were stated ({alarms / expected:.2f} times); "
         f"{found} of {pushed} pushes found ({100 * found / max(pushed, 1):.1f} %)"
     )
-    if RECORDINGS.is_dir() and not options.quick:
+    if RECORDINGS.is_dir() and not (options.arms or options.quick):
         judge_recordings()
 
 

@@ -260,7 +260,8 @@ def _compute_joint_thresholds(runs: Sequence[Run], speeds: FloatArray, joint: in
         # A class with too few seconds has no scale of its own; the joint's as a whole stands for it.
         own = number == k if seconds[number == k].sum() >= _FEWEST_OF_CLASS else ...
         scales[k] = max(np.quantile(size[own], _SCALE), np.finfo(float).tiny)
-    # In units of their class, residuals at all speeds have one tail. Slow joints have another: friction bounds it.
+    # In units of their class, residuals at all speeds have one tail. Slow joints have another: friction bounds it. Both
+    # have the joint's whole share, as if it were slow or moving in each second.
     relative = [own / scales[k] for own, k in zip(sizes, classes, strict=True)]
     whole = [compute_block_maxima(own, step) for own, (_, step) in zip(relative, runs, strict=True)]
     if sum(map(len, whole)) < FEWEST_BLOCKS:
@@ -274,9 +275,8 @@ def _compute_joint_thresholds(runs: Sequence[Run], speeds: FloatArray, joint: in
             for own, k, (_, step) in zip(relative, classes, runs, strict=True)
         ]
         is_rare = sum(int(np.count_nonzero(part)) for part in apart) < FEWEST_BLOCKS
-        thresholds[group] = scales[group] * compute_threshold(
-            [part for part in (whole if is_rare else apart) if len(part)], share / 2
-        )
+        maxima = [part for part in (whole if is_rare else apart) if len(part)]
+        thresholds[group] = scales[group] * compute_threshold(maxima, share)
     return thresholds
 
 
