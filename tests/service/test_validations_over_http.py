@@ -120,6 +120,8 @@ def test_contact_detection_says_force_time_and_rate(tried: Tried) -> None:
     assert f"in {1e3 * contact['within']:.0f} ms" in found["reason"]
     # A single recording leaves nothing to be left out.
     assert (found["alarms"], found["expected_alarms"]) == (0, 0.0)
+    assert tried.refused("collision", measurements=[tried.training]) == (422, "/measurement_ids/0")
+    assert tried.refused("drift", false_alarms_per_hour=2.0) == (422, "/false_alarms_per_hour")
     shown = tried.client.validations.get(made.id)
     assert "thresholds" in [table["name"] for table in shown["tables"]]
 

@@ -73,8 +73,8 @@ def _require_measurements(services: Services, body: ValidationRequest, model: Re
     model_request = StoredIdentification.model_validate(model.request)
     robot = services.resources.get("robot", model.get_dependency("robot"))
     chosen_ids = _select_measurements(body, model_request, _select_motions(services, model_request.measurement_ids))
-    # Both tell how a model does on data that no parameter saw.
-    if body.kind in ("cross", "methods"):
+    # These tell how a model does on data that no parameter saw.
+    if body.kind in ("cross", "collision", "methods"):
         for index, identifier in enumerate(chosen_ids):
             if identifier in model_request.measurement_ids:
                 detail = f"the model was identified from {identifier!r}; give data that it has not seen"

@@ -101,8 +101,8 @@ def validate(
 ) -> Validations:
     """Test a model on its own recordings, on others, and its inertia matrix over the whole joint range (§12.7).
 
-    `dynident.validation` has more tests: a known load, a simulator against a recording, its drift, contact detection, all
-    methods in one table.
+    `dynident.validation` has more tests: a known load, a simulator against a recording, its drift, contact detection,
+    all methods in one table.
 
     Parameters
     ----------
