@@ -54,7 +54,7 @@ _FEWEST_OF_CLASS = 3.0
 # The residual of each class is measured by this quantile, near the tail but still of many samples.
 _SCALE = 0.99
 # Share of the blocks whose largest values count as the tail, and fewest of them.
-_TAIL, _FEWEST_PEAKS = 0.2, 5
+_TAIL, _FEWEST_PEAKS = 0.1, 5
 # Times the held-out motion over which one alarm is stated at most: further out, nothing has tested the tail.
 _FARTHEST = 20.0
 # Postures along the motion and directions in each that a force is tried in.
@@ -260,8 +260,8 @@ def _compute_joint_thresholds(runs: Sequence[Run], speeds: FloatArray, joint: in
         # A class with too few seconds has no scale of its own; the joint's as a whole stands for it.
         own = number == k if seconds[number == k].sum() >= _FEWEST_OF_CLASS else ...
         scales[k] = max(np.quantile(size[own], _SCALE), np.finfo(float).tiny)
-    # In units of their class, residuals at all speeds have one tail. Slow joints have another: friction bounds it. Both
-    # have the joint's whole share, as if it were slow or moving in each second.
+    # In units of their class, residuals at all speeds have one tail. Slow joints have another: friction bounds it. Each
+    # of the two has half of the joint's share.
     relative = [own / scales[k] for own, k in zip(sizes, classes, strict=True)]
     whole = [compute_block_maxima(own, step) for own, (_, step) in zip(relative, runs, strict=True)]
     if sum(map(len, whole)) < FEWEST_BLOCKS:
@@ -276,7 +276,7 @@ def _compute_joint_thresholds(runs: Sequence[Run], speeds: FloatArray, joint: in
         ]
         is_rare = sum(int(np.count_nonzero(part)) for part in apart) < FEWEST_BLOCKS
         maxima = [part for part in (whole if is_rare else apart) if len(part)]
-        thresholds[group] = scales[group] * compute_threshold(maxima, share)
+        thresholds[group] = scales[group] * compute_threshold(maxima, share / 2)
     return thresholds
 
 
