@@ -64,7 +64,7 @@ def test_only_the_joints_between_two_bodies_move_them():
     robot = robot_with(0.1)
     space = build_bounds(robot, {}, surroundings=Surroundings(assume_floor=False)).space
     moving = {
-        name: {robot.joint_names[joint] for joint in space.list_moving_joints(name)}
+        name: {robot.joint_names[joint] for joint in space.contacts.list_moving_joints(name)}
         for name in ("fore – trunk", "fore – other", "no such pair")
     }
     assert moving["fore – trunk"] == {"shoulder", "elbow"}

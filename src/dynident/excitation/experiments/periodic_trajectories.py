@@ -260,10 +260,10 @@ def fit_within_limits(
 def _list_shrunk_joints(task: DesignTask, margins: Sequence[Margin]) -> tuple[int, ...]:
     """Return the joints whose amplitude has to become smaller: where bodies come too near, those that move them."""
     broken = [margin for margin in margins if margin.share > 1.0]
-    space, every = task.bounds.space, tuple(range(task.model.robot.n))
-    if space is None or any(margin.limit != "clearance" for margin in broken):
-        return every
-    return tuple(sorted({joint for margin in broken for joint in space.list_moving_joints(margin.joint)}))
+    contacts = None if task.bounds.space is None else task.bounds.space.contacts
+    if contacts is None or any(margin.limit != "clearance" for margin in broken):
+        return tuple(range(task.model.robot.n))
+    return tuple(sorted({joint for margin in broken for joint in contacts.list_moving_joints(margin.joint)}))
 
 
 def _change_pace(family: Family, pace: float, rate: float) -> Family:

@@ -16,6 +16,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.motion.collision.smooth_clearance import compute_segment_distances
+from dynident.robot.collision_reader import BASE, Body
 from dynident.robot.collision_shapes import Block, Capsule, Cylinder, Shape, enclose_shape
 from dynident.robot.forward_kinematics import joint_frames
 from dynident.robot.robot_model import Robot
@@ -258,6 +259,19 @@ class ContactCheck:
                 near[doubtful] = self._compute_distances(pair, _PlacedPostures(frames[doubtful])) < pair.clearance
         return near
 
+    def list_moving_joints(self, name: str) -> tuple[int, ...]:
+        """Return the joints that change the distance of a pair of bodies, by the name of the pair; else all of them."""
+        joints: set[int] = set()
+        # Of closed loops all joints move everything.
+        for pair in () if self._robot.linkage is not None else self.pairs:
+            if pair.name == name:
+                chains = [
+                    set() if solid.joint == BASE else set(self._robot.list_ancestors(solid.joint))
+                    for solid in (pair.moving, pair.other)
+                ]
+                joints |= chains[0] ^ chains[1]
+        return tuple(sorted(joints)) or tuple(range(self._robot.n))
+
     def find_nearest(self, q: FloatArray) -> list[Nearest]:
         """Return for every body (in the order of `bodies`) the nearest solid at each of the postures q (m, n)."""
         postures = _PlacedPostures(joint_frames(self._robot, q))
@@ -447,3 +461,15 @@ def _align_z_axis(direction: FloatArray, length: float) -> FloatArray:
     x = np.cross(helper, z)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
+
+
+def list_nonadjacent(robot: Robot, bodies: Sequence[Body]) -> list[tuple[Body, Body]]:
+    """Return pairs of bodies that are not neighbours, the one nearer to the base first."""
+    shaped = {body.joint for body in bodies}
+
+    def find_predecessor(joint: int) -> int:
+        parent = robot.joints[joint].parent
+        # Bodies without a shape are skipped: what they join are neighbours all the same.
+        return parent if parent in shaped or parent == BASE else find_predecessor(parent)
+
+    return [(a, b) for index, b in enumerate(bodies) for a in bodies[:index] if find_predecessor(b.joint) != a.joint]

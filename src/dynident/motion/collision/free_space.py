@@ -21,6 +21,7 @@ from dynident.motion.collision.exact_distances import (
     build_half_space_solid,
     build_pair,
     build_solid,
+    list_nonadjacent,
 )
 from dynident.motion.collision.obstacle_geometry import (
     FLOOR_ASSUMED,
@@ -38,7 +39,7 @@ from dynident.motion.collision.smooth_clearance import (
     ClearancePairs,
     cover_with_balls,
 )
-from dynident.robot.collision_reader import BASE, Body, CollisionGeometry, collision_geometry
+from dynident.robot.collision_reader import BASE, CollisionGeometry, collision_geometry
 from dynident.robot.collision_shapes import drop_contained, enclose_shape
 from dynident.robot.forward_kinematics import tool_path
 from dynident.robot.json_fields import join_names
@@ -121,19 +122,6 @@ class FreeSpace:
             if nearest.slack < 0:
                 return word_contact(nearest.name, nearest.distance, nearest.wanted)
         return None
-
-    def list_moving_joints(self, name: str) -> tuple[int, ...]:
-        """Return the joints that change the distance of a pair of bodies, by the name of the pair; else all of them."""
-        pairs = () if self.contacts is None or self.robot.linkage is not None else self.contacts.pairs
-        joints: set[int] = set()
-        for pair in pairs:
-            if pair.name == name:
-                chains = [
-                    set() if solid.joint == BASE else set(self.robot.list_ancestors(solid.joint))
-                    for solid in (pair.moving, pair.other)
-                ]
-                joints |= chains[0] ^ chains[1]
-        return tuple(sorted(joints)) or tuple(range(self.robot.n))
 
     def describe_narrowness(self, q: FloatArray) -> str:
         """Return what leaves no room to move at a posture (n,) that is clear itself, as the end of a sentence."""
@@ -226,7 +214,7 @@ def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, 
     if surroundings.self_collision:
         candidates = [
             build_pair(tree, solids[b.joint], solids[a.joint], ends, surroundings.clearance)
-            for a, b in _list_nonadjacent(tree, geometry.bodies)
+            for a, b in list_nonadjacent(tree, geometry.bodies)
             if frozenset((a.joint, b.joint)) not in may_touch
         ]
         check = ContactCheck(robot, candidates)
@@ -377,18 +365,6 @@ def _read_allowed_contacts(
                     f"there is no link '{name}'; links: {join_names(known)}", pointer=f"/surroundings/may_touch/{index}"
                 )
     return {frozenset(known[name] for name in pair) for pair in surroundings.may_touch}
-
-
-def _list_nonadjacent(robot: Robot, bodies: Sequence[Body]) -> list[tuple[Body, Body]]:
-    """Return pairs of bodies that are not neighbours, the one nearer to the base first."""
-    shaped = {body.joint for body in bodies}
-
-    def find_predecessor(joint: int) -> int:
-        parent = robot.joints[joint].parent
-        # Bodies without a shape are skipped: what they join are neighbours all the same.
-        return parent if parent in shaped or parent == BASE else find_predecessor(parent)
-
-    return [(a, b) for index, b in enumerate(bodies) for a in bodies[:index] if find_predecessor(b.joint) != a.joint]
 
 
 def _note_self_collision(geometry: CollisionGeometry, touching: Sequence[str]) -> list[str]:
