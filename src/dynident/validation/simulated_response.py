@@ -186,7 +186,9 @@ def simulate_open_loop(
     progress : Progress
         Called with the fraction done and a message.
     """
-    starts = choose_drift_starts(motions, horizons, most)
+    sensing = simulator.robot.sensing
+    driven = [replace(m, tau=sensing.recover_motor_torque(m.reference, m.tau, m.label)) for m in motions]
+    starts = choose_drift_starts(driven, horizons, most)
     outcomes: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for motion, start in starts:
         progress(len(outcomes) / len(starts), "simulating without a controller")
@@ -318,10 +320,8 @@ def _judge_drift(drift: Drift) -> ValidationOutcome:
         return ValidationOutcome("not_evaluated", reason)
     if not drift.worst_share <= LARGEST_DRIFT:
         until = "half a second" if drift.judged_until == _JUDGED_UNTIL else f"{drift.judged_until:g} s"
-        complaint = (
-            f"More than {format_percent(LARGEST_DRIFT, decimals=0)} of the travel within {until} is too much for "
-            "a simulation."
-        )
+        limit = format_percent(LARGEST_DRIFT, decimals=0)
+        complaint = f"More than {limit} of the travel within {until} is too much for a simulation."
         return ValidationOutcome("fail", f"{drift.describe()} {complaint}")
     return ValidationOutcome("pass", drift.describe())
 
