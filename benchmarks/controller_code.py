@@ -4,9 +4,9 @@
     python benchmarks/controller_code.py
 
 Both are called in one program at the same random states of a 6-joint and a 7-joint arm, and both are optimised for any
-processor of the architecture: Pinocchio's algorithms are those of the library in its wheel. Pinocchio has no friction;
-ours includes Coulomb and viscous friction. Needs a C++ compiler, Eigen's headers (`EIGEN3_INCLUDE_DIR`, or
-/usr/include/eigen3) and the Pinocchio wheel, whose headers are used.
+processor of the architecture, ours with -O3; Pinocchio's algorithms are those of the library in its wheel. Pinocchio
+has no friction; ours includes Coulomb and viscous friction. Needs a C++ compiler, the Pinocchio wheel, and Eigen's
+headers: `EIGEN3_INCLUDE_DIR`, /usr/include/eigen3, or those in CasADi's wheel.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ OPTIONS += ("-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS", "-DBOOST_MPL_LIMIT_LIST_S
 OPTIONS += ("-DBOOST_MPL_LIMIT_VECTOR_SIZE=30", "-DBOOST_FUSION_INVOKE_MAX_ARITY=12")
 OPTIONS += ("-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION",)
 RIVALS = {"inverse_dynamics": "rnea", "mass_matrix": "crba", "forward_dynamics": "aba"}
+# What the program compares, over the largest of all states; accelerations by the torque that they need.
+DIFFERENCES = {"torque": "torque", "mass": "mass matrix", "motion": "accelerations"}
 PROGRAM = """
 #include <ctime>
 #include <cstdio>
@@ -81,7 +83,7 @@ template <class Ours> void measure(const pin::Model &model)
     std::uniform_real_distribution<double> draw(-2.0, 2.0);
     std::vector<Eigen::VectorXd> q(count), dq(count), ddq(count), tau(count);
     std::vector<Vector> fixed_q(count), fixed_dq(count), fixed_ddq(count), fixed_tau(count);
-    double off = 0.0, sum = 0.0;
+    double torque_off = 0.0, mass_off = 0.0, motion_off = 0.0, torque_size = 0.0, mass_size = 0.0, sum = 0.0;
     for (int k = 0; k < count; ++k) {
         q[k] = dq[k] = ddq[k] = Eigen::VectorXd(model.nv);
         for (int j = 0; j < model.nv; ++j) { q[k][j] = draw(generator); dq[k][j] = draw(generator); ddq[k][j] = draw(generator); }
@@ -89,16 +91,20 @@ template <class Ours> void measure(const pin::Model &model)
         tau[k] = pin::rnea(model, data, q[k], dq[k], ddq[k]);
         fixed_tau[k] = tau[k];
         const Vector friction = ours.friction(fixed_q[k], fixed_dq[k]);
-        const double size = tau[k].cwiseAbs().maxCoeff();
+        torque_size = std::max(torque_size, tau[k].cwiseAbs().maxCoeff());
         const Vector torque = ours.inverse_dynamics(fixed_q[k], fixed_dq[k], fixed_ddq[k]) - friction;
-        off = std::max(off, (torque - fixed_tau[k]).cwiseAbs().maxCoeff() / size);
+        torque_off = std::max(torque_off, (torque - fixed_tau[k]).cwiseAbs().maxCoeff());
         pin::crba(model, data, q[k], pin::Convention::WORLD);
         Eigen::MatrixXd mass = data.M.selfadjointView<Eigen::Upper>();
-        off = std::max(off, (ours.mass_matrix(fixed_q[k]) - mass).cwiseAbs().maxCoeff() / mass.maxCoeff());
+        mass_size = std::max(mass_size, mass.maxCoeff());
+        mass_off = std::max(mass_off, (ours.mass_matrix(fixed_q[k]) - mass).cwiseAbs().maxCoeff());
+        /* As a torque: a light wrist turns rounding of the torque into any acceleration. */
         const Eigen::VectorXd motors = fixed_tau[k] + friction;
-        off = std::max(off, (ours.forward_dynamics(fixed_q[k], fixed_dq[k], motors) - fixed_ddq[k]).cwiseAbs().maxCoeff());
+        const Vector moved = ours.forward_dynamics(fixed_q[k], fixed_dq[k], motors) - fixed_ddq[k];
+        motion_off = std::max(motion_off, (mass * moved).cwiseAbs().maxCoeff());
     }
-    std::printf("{\\"joints\\": %d, \\"difference\\": %.3g", model.nv, off);
+    std::printf("{\\"joints\\": %d, \\"torque\\": %.3g, \\"mass\\": %.3g, \\"motion\\": %.3g", model.nv,
+                torque_off / torque_size, mass_off / mass_size, motion_off / torque_size);
     const auto print = [](const char *name, double value) { std::printf(", \\"%s\\": %.6g", name, value); };
     print("inverse_dynamics", time_of([&](int k) { sum += ours.inverse_dynamics(fixed_q[k], fixed_dq[k], fixed_ddq[k])[0]; }));
     print("rnea", time_of([&](int k) { sum += pin::rnea(model, data, q[k], dq[k], ddq[k])[0]; }));
@@ -152,7 +158,8 @@ def report(name: str, times: dict[str, float]) -> None:
     for ours, rival in RIVALS.items():
         compared(f"{ours} in C++, {n} joints", 1e-9 * times[ours], f"Pinocchio's {rival}", 1e-9 * times[rival])
         rows.append((ours, f"{times[ours]:.0f}", rival, f"{times[rival]:.0f}", f"{times[ours] / times[rival]:.2f}"))
-    show(f"{name}: {n} joints; largest relative difference to Pinocchio {times['difference']:.1e}", rows)
+    off = ", ".join(f"{word} {times[key]:.1e}" for key, word in DIFFERENCES.items())
+    show(f"{name}: {n} joints; largest difference to Pinocchio: {off}", rows)
 
 
 def write_pinocchio_model(identified: Identification) -> str:
@@ -183,9 +190,11 @@ def write_pinocchio_model(identified: Identification) -> str:
 
 def build(folder: Path) -> None:
     compiler = shutil.which(os.environ.get("CXX", "g++"))
-    wheel = Path(sysconfig.get_path("purelib")) / "cmeel.prefix"
-    eigen = os.environ.get("EIGEN3_INCLUDE_DIR", "/usr/include/eigen3")
-    if compiler is None or not Path(eigen, "Eigen").exists():
+    packages = Path(sysconfig.get_path("purelib"))
+    wheel = packages / "cmeel.prefix"
+    places = os.environ.get("EIGEN3_INCLUDE_DIR"), "/usr/include/eigen3", str(packages / "casadi/include/eigen3")
+    eigen = next((place for place in places if place and Path(place, "Eigen").exists()), None)
+    if compiler is None or eigen is None:
         sys.exit("this benchmark needs g++ and Eigen's headers (EIGEN3_INCLUDE_DIR)")
     includes = ["-isystem", eigen, "-isystem", str(wheel / "include")]
     libraries = ["-L", str(wheel / "lib"), f"-Wl,-rpath,{wheel / 'lib'}", "-lpinocchio_default"]

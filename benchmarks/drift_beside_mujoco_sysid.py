@@ -5,11 +5,12 @@
 Both begin with the same description of the robot and the same recording for the fit. Ours is identified with default
 effects and offsets, diagnosed, and extended by what the diagnosis recommends. `mujoco.sysid` optimises links (its
 feasible parametrisation), armature, damping and frictionloss of every joint so that simulations of half a second,
-spread over the recording, follow the robot. Both are then simulated from the same measured states
-of a recording that neither saw, under the measured torque. The starting states come from the same filtered positions.
+spread over the recording, follow the robot. Both are then simulated from the same measured states of recordings that
+neither saw, under the measured torque. The starting states come from the same filtered positions.
 
-Needs the wheels of `mujoco[sysid]`. The UR10e is read from ../shared/data, where that exists; the other arm is a UR10
-that MuJoCo moves, with friction that falls with the speed and grows with the load.
+Needs the Python of an environment with dynident and the wheels of `mujoco[sysid]`. The UR10e is read from
+../shared/data, where that exists; the other arm is a UR10 that MuJoCo moves, with friction that falls with the speed
+and grows with the load.
 """
 
 from __future__ import annotations
@@ -33,7 +34,13 @@ from mujoco.rollout import rollout
 
 import dynident as dy
 from dynident.identification.estimators.identified_robot_simulator import RecordedMotion, read_pieces
-from dynident.recordings import RecordedJoints, Recording, import_recording, recording_from_arrays
+from dynident.recordings import (
+    RecordedJoints,
+    Recording,
+    RecordingMetadata,
+    import_recording,
+    recording_from_arrays,
+)
 from dynident.robot import Robot, robot_from_library
 from dynident.validation.open_loop_drift import choose_drift_starts, compute_open_loop_drift
 
@@ -51,12 +58,12 @@ GAINS = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A robot, the recording that models are fitted to, and the recording that they are judged on."""
+    """A robot, the recording that models are fitted to, and the recordings that they are judged on."""
 
     title: str
     robot: Robot
     fit: Recording
-    held_out: Recording
+    held_out: tuple[Recording, ...]
 
 
 def main() -> None:
@@ -77,11 +84,16 @@ def read_cases(only: str | None, seconds: float, folder: Path) -> Iterator[Case]
     if only != "simulated" and RECORDINGS.is_dir():
         robot = dy.load_robot(RECORDINGS / "ur10e" / "robot.urdf")
         joints = RecordedJoints(robot.joint_names, gains=GAINS)
-        fit, held_out = (
-            import_recording(RECORDINGS / "ur10e" / f"{name}.parquet", folder / f"{name}.parquet", joints)[0]
-            for name in ("id_30s_12harm", "val_ptp10")
+        fit, *held_out = (
+            import_recording(
+                RECORDINGS / "ur10e" / f"{name}.parquet",
+                folder / f"{name}.parquet",
+                joints,
+                metadata=RecordingMetadata(name=name),
+            )[0]
+            for name in ("id_30s_12harm", "val_ptp10", "id_50s_12harm")
         )
-        yield Case("UR10e, fitted to id_30s_12harm, judged on val_ptp10", robot, fit, held_out)
+        yield Case("UR10e, fitted to id_30s_12harm", robot, fit, tuple(held_out))
 
 
 def simulate_arm(seconds: float) -> Case:
@@ -93,30 +105,32 @@ def simulate_arm(seconds: float) -> Case:
     recordings = []
     for seed in (0, 1):
         run = record(arm, fourier_motion(robot, seconds, seed), Instruments(rate=250.0), seed)
-        recordings.append(recording_from_arrays(run.t, run.q, run.tau, joint_names=robot.joint_names))
-    return Case(f"UR10 in MuJoCo, {seconds:g} s each", robot, *recordings)
+        recordings.append(
+            recording_from_arrays(run.t, run.q, run.tau, joint_names=robot.joint_names, name=f"seed {seed}")
+        )
+    return Case(f"UR10 in MuJoCo, {seconds:g} s each", robot, recordings[0], tuple(recordings[1:]))
 
 
 def compare_drift(case: Case, iterations: int, pieces: int) -> None:
-    plain = dy.identify(case.robot, [case.fit], validation=[case.held_out], effects=("default", "offset"))
+    plain = dy.identify(case.robot, [case.fit], effects=("default", "offset"))
     grown = plain.extend(dy.diagnose(plain))
     rival = SysidModel(case.robot)
     preprocessing = plain.identification.preprocessing
     evaluations = rival.fit(read_pieces(case.fit, preprocessing), iterations, pieces)
-    motions = read_pieces(case.held_out, preprocessing)
-    drifts = {
-        "dynident, default effects": compute_open_loop_drift(plain.identification, [case.held_out], HORIZONS).distance,
-        "dynident, after a diagnosis": compute_open_loop_drift(
-            grown.identification, [case.held_out], HORIZONS
-        ).distance,
-        f"mujoco.sysid, {evaluations}": rival.compute_drift(motions),
-    }
-    rows = [("", *(f"after {horizon:g} s" for horizon in HORIZONS), "by joint after 0.5 s")]
-    for name, distance in drifts.items():
-        totals = np.sqrt(np.mean(distance**2, axis=1))
-        joints = " ".join(f"{1e3 * value:.1f}" for value in distance[1])
-        rows.append((name, *(f"{1e3 * total:.2f}" for total in totals), joints))
-    show(f"{case.title}: rms drift in mrad", rows)
+    for held_out in case.held_out:
+        motions = read_pieces(held_out, preprocessing)
+        ours = {"default effects": plain.identification, "after a diagnosis": grown.identification}
+        drifts = {
+            f"dynident, {title}": compute_open_loop_drift(model, [held_out], HORIZONS).distance
+            for title, model in ours.items()
+        }
+        drifts[f"mujoco.sysid, {evaluations}"] = rival.compute_drift(motions)
+        rows = [("", *(f"after {horizon:g} s" for horizon in HORIZONS), "by joint after 0.5 s")]
+        for name, distance in drifts.items():
+            totals = np.sqrt(np.mean(distance**2, axis=1))
+            joints = " ".join(f"{1e3 * value:.1f}" for value in distance[1])
+            rows.append((name, *(f"{1e3 * total:.2f}" for total in totals), joints))
+        show(f"{case.title}, judged on {held_out.name}: rms drift in mrad", rows)
 
 
 class SysidModel:

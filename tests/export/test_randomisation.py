@@ -21,6 +21,7 @@ from dynident.export import (
     export_model,
     measure_disturbance,
 )
+from dynident.export.torque_disturbance import CENTRAL_90, DRAWS
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.identified_models.torque_prediction import compute_gravity
 from dynident.recordings import Recording
@@ -120,6 +121,13 @@ def test_the_disturbance_is_measured_as_it_is(model: Identification, runs: list[
     np.testing.assert_allclose(drawn.std(axis=(0, 1)), LACKING.deviation, rtol=0.05)
     correlation = np.mean(drawn[:, 0] * drawn[:, -1], axis=0) / LACKING.deviation**2
     np.testing.assert_allclose(correlation, np.exp(-0.59 / LACKING.time), atol=0.06)
+
+
+def test_the_central_share_of_few_draws_is_that_of_student() -> None:
+    rng = np.random.default_rng(0)
+    draws, recorded = rng.standard_normal((DRAWS, 200_000)), rng.standard_normal(200_000)
+    off = np.abs(recorded - draws.mean(axis=0)) / (draws.std(axis=0, ddof=1) * np.sqrt(1 + 1 / DRAWS))
+    assert np.mean(off <= CENTRAL_90) == pytest.approx(0.9, abs=0.003)
 
 
 def test_recordings_that_are_too_short_say_so(model: Identification) -> None:

@@ -37,6 +37,7 @@ from dynident.export import (
     to_urdf,
     to_usd,
 )
+from dynident.export.urdf import ROTOR_TAG
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
 from dynident.robot import Robot, robot_from_urdf
@@ -173,6 +174,37 @@ def test_the_error_that_a_file_states_for_drake_is_what_drake_finds(kind: str) -
     file = export_model(measured_model(), kind)
     torque = torque_in_drake(file.content.decode(), ARM.gravity, held_out(), ARM.joint_names, kind)
     assert error_of(torque) == pytest.approx(stated_error(file, "Drake has no Coulomb friction"), rel=0.05)
+
+
+def test_the_errors_that_a_urdf_states_are_what_pinocchio_finds() -> None:
+    file, motion = export_model(measured_model(), "urdf"), held_out()
+    text = file.content.decode()
+    model = pin.buildModelFromXML(text)
+    data = model.createData()
+    places = [model.joints[model.getJointId(name)].idx_v for name in ARM.joint_names]
+    states = np.empty((3, *motion.q.shape))
+    states[:, :, places] = motion.q, motion.dq, motion.ddq
+    torque = np.array([pin.rnea(model, data, q, dq, ddq) for q, dq, ddq in zip(*states, strict=True)])
+    torque = (torque + model.damping * states[1] + model.friction * np.sign(states[1]))[:, places]
+    # Pinocchio does not read the tags of rotors; who wants them sets `armature`.
+    assert error_of(torque) == pytest.approx(stated_error(file, "do not read them compute the torque with"), rel=0.05)
+    joints = {joint.get("name"): joint for joint in ElementTree.fromstring(text).findall("joint")}
+    tags = [joints[name].find(ROTOR_TAG) for name in ARM.joint_names]
+    rotors = np.array([0.0 if tag is None else float(tag.get("inertia", "nan")) for tag in tags])
+    assert error_of(torque + rotors * motion.ddq) == pytest.approx(stated_error(file, OF_FILE), rel=0.05)
+
+
+def test_mjx_finds_the_error_that_an_mjcf_states() -> None:
+    jax, mjx = import_engine("jax"), import_engine("mujoco.mjx")
+    jax.config.update("jax_enable_x64", True)
+    file, motion = export_model(measured_model(), "mjcf"), held_out()
+    model = mjx.put_model(mujoco.MjModel.from_xml_string(file.content.decode()))
+
+    def compute_torque(q: Any, dq: Any, ddq: Any) -> Any:
+        return mjx.inverse(model, mjx.make_data(model).replace(qpos=q, qvel=dq, qacc=ddq)).qfrc_inverse
+
+    torque = np.asarray(jax.jit(jax.vmap(compute_torque))(motion.q, motion.dq, motion.ddq))
+    assert error_of(torque) == pytest.approx(stated_error(file, OF_FILE), rel=0.05)
 
 
 def model_of_stage(content: bytes, folder: Path) -> tuple[pin.Model, dict[str, FloatArray]]:
@@ -430,6 +462,26 @@ def test_accelerations_of_an_fmu_are_those_of_the_model(tmp_path: Path) -> None:
         # The first step is 1 µs long.
         np.testing.assert_allclose(fmu.get("ddq", ARM.n), motion.ddq[k], rtol=1e-3, atol=1e-3)
         fmu.close()
+
+
+def test_an_fmu_has_the_error_of_the_model_on_held_out_motion(tmp_path: Path) -> None:
+    model, motion, n = measured_model(), held_out(), ARM.n
+    file, rows = to_fmu(model), np.flatnonzero(moving(held_out()))[::60]
+    measured, own = needed(motion, 1)[rows], predicted(model, motion)[rows]
+    residual, fmu = np.empty_like(measured), Fmu(file, tmp_path)
+    for i, k in enumerate(rows):
+        accelerations = []
+        for extra in (np.zeros(n), *np.eye(n)):
+            fmu.slave.reset()
+            values = {"q": motion.q[k], "dq": motion.dq[k], "tau": measured[i] + extra}
+            fmu.begin(**{f"{name}[{j + 1}]": float(v) for name, of in values.items() for j, v in enumerate(of)})
+            accelerations.append(fmu.get("ddq", n))
+        # The torque that the FMU lacks for the recorded acceleration, by the mobility that it shows itself.
+        mobility = np.column_stack([moved - accelerations[0] for moved in accelerations[1:]])
+        residual[i] = np.linalg.solve(mobility, accelerations[0] - motion.ddq[k])
+    fmu.close()
+    error = np.linalg.norm(residual) / np.linalg.norm(measured)
+    assert error == pytest.approx(np.linalg.norm(measured - own) / np.linalg.norm(measured), rel=0.05)
 
 
 def test_an_fmu_rests_carries_a_load_and_goes_back_to_a_state(tmp_path: Path) -> None:

@@ -87,6 +87,25 @@ def test_late_torque_is_that_of_an_earlier_instant_with_its_jumps(robot: Robot, 
     assert np.abs(found.tau - found.truth.tau).max() > 1.0
 
 
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [("drive_gain_error", {"eps": -0.3}), ("drive_gain_saturation", {"sat": 1e-3}), ("torque_delay", {"delay": 0.012}),
+     ("encoder_zero_error", {"dq0": 1e-3})],
+)  # fmt: skip
+def test_the_torque_of_the_motors_is_recovered_from_what_sensors_show(
+    robot: Robot, reference: Reference, effect: str, values: dict[str, float]
+) -> None:
+    joint = "" if effect == "torque_delay" else robot.joint_names[JOINT]
+    gain = TrueEffect("drive_gain_error", robot.joint_names[2], (("eps", 0.05),))
+    viscous = spread_over_joints(robot, "viscous", "Fv", [5.0] * robot.n)
+    arm = VirtualRobot(robot, (*viscous, gain, TrueEffect(effect, joint, tuple(values.items()))))
+    found = arm.measure(reference, EXACT)
+    motion = Reference(found.t, found.truth.q, found.truth.dq, found.truth.ddq)
+    recovered = arm.sensing.recover_motor_torque(motion, found.tau, "")
+    assert share(found.tau, found.truth.tau) > 1e-3
+    assert share(recovered, found.truth.tau) < 1e-6
+
+
 def test_an_encoder_that_is_off_shows_the_torque_of_the_true_position(robot: Robot, reference: Reference) -> None:
     found = measured(robot, reference, on_joint(robot, "encoder_zero_error", {"dq0": 1e-3}))
     q = found.truth.q.copy()

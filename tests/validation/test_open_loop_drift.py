@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -77,6 +79,22 @@ def test_what_a_tracking_controller_makes_up_for_does_not_pass() -> None:
     assert wrong.position_share.max() < 0.02
     assert wrong.judged.verdict == "fail"
     assert "half a second" in wrong.judged.reason
+
+
+@pytest.mark.parametrize(("effect", "gain", "delay"), [("drive_gain_error", 1.02, 0.0), ("torque_delay", 1.0, 0.02)])
+def test_errors_of_the_sensors_do_not_move_the_robot(effect: str, gain: float, delay: float) -> None:
+    recordings = []
+    for seed in (3, 4):
+        motion = fourier_motion(ROBOT, 10.0, 200.0, seed)
+        tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq)
+        shown = np.column_stack([np.interp(motion.t - delay, motion.t, column) for column in tau.T])
+        shown[:, 1] *= gain
+        recordings.append(record(ROBOT, motion, shown, f"run{seed}"))
+    joints = (ROBOT.joint_names[1],) if effect == "drive_gain_error" else ()
+    choices = replace(LINKS, effects=(*LINKS.effects, EffectChoice(effect, joints)))
+    right, wrong = (compute_open_loop_drift(identify(ROBOT, recordings[:1], choices=how), recordings[1:])
+                    for how in (choices, LINKS))  # fmt: skip
+    assert np.linalg.norm(right.share[1]) < 0.3 * np.linalg.norm(wrong.share[1])
 
 
 def _record_links(factor: float, duration: float, seed: int) -> Recording:

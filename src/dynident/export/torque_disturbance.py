@@ -27,9 +27,10 @@ from dynident.validation.open_loop_drift import simulate_open_loop
 _TIMES = np.geomspace(0.1, 10.0, 100)
 _BLOCKS = (0.2, 1.0)
 # Drawn models and starts of a simulated drift.
-_DRAWS, _STARTS = 20, 40
-# Half width of the central 90 % of a normal distribution, in standard deviations.
-NORMAL_90 = 1.6449
+DRAWS, _STARTS = 20, 40
+# Half width of the central 90 % of a normal distribution, in standard deviations that come from so many draws: the 95 %
+# quantile of Student's distribution with 19 degrees of freedom.
+CENTRAL_90 = 1.7291
 # rad or m: what encoders and filters make of a standing joint's position. Smaller drift says nothing about the model.
 _POSITION_NOISE = 3e-4
 
@@ -127,7 +128,7 @@ def compute_drift_coverage(
     links = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest)
     ratios = _simulate_drift(distribution, links, recordings, horizons, progress)
     missing = np.isnan(ratios)
-    inside = np.where(missing, 0.0, ratios <= NORMAL_90).sum(axis=0)
+    inside = np.where(missing, 0.0, ratios <= CENTRAL_90).sum(axis=0)
     count = (~missing).sum(axis=0)
     return np.asarray(np.where(count > 0, inside / np.maximum(count, 1), np.nan))
 
@@ -142,10 +143,10 @@ def _simulate_drift(
     """Return how far (s, h, n) recorded positions are from the middle of simulated ones, in standard deviations."""
     projected, n = links.projected, len(distribution.disturbance.deviation)
     motions = [piece for recording in recordings for piece in read_pieces(recording, projected.preprocessing)]
-    parameters = distribution.draw_base_parameters(_DRAWS, seed=1)
+    parameters = distribution.draw_base_parameters(DRAWS, seed=1)
     off = []
     for number, values in enumerate(parameters):
-        progress(number / _DRAWS, "simulating drawn models")
+        progress(number / DRAWS, "simulating drawn models")
         disturbed = []
         for place, motion in enumerate(motions):
             t = motion.reference.t
@@ -167,4 +168,4 @@ def _simulate_drift(
     filled = np.where(some, drift, 0.0)
     spread = np.hypot(np.nanstd(filled, axis=0, ddof=1), _POSITION_NOISE)
     # The middle is known from few draws only.
-    return np.asarray(np.where(some, np.abs(np.nanmean(filled, axis=0)) / (spread * np.sqrt(1 + 1 / _DRAWS)), np.nan))
+    return np.asarray(np.where(some, np.abs(np.nanmean(filled, axis=0)) / (spread * np.sqrt(1 + 1 / DRAWS)), np.nan))

@@ -19,6 +19,7 @@ from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.expressions import Program
 from dynident.robot.robot_model import Robot
+from dynident.simulation.reference_motion import Reference
 from dynident.simulation.simulated_recording import Truth
 from dynident.simulation.simulated_signals import SensorSignals, SimulatedSignals
 from dynident.simulation.true_effects import TrueEffect, build_reference, build_true_columns
@@ -27,6 +28,10 @@ from dynident.simulation.virtual_robot_request import Sensors
 # Hz: links behind elastic gears do not follow what is faster.
 _ELASTIC_BAND = 25.0
 _ORDER = 3
+# Rounds in which the torque of the motors is recovered: a gain that is off by a half leaves less than a millionth.
+_RECOVERY_ROUNDS = 25
+# Place of the torque of the motors among the inputs of what sensors add.
+_MOTOR = 9
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,17 +109,48 @@ class SensorEffects:
         """
         torque = truth.tau
         if self.added is not None:
-            third, fourth = _differentiate_twice(t, truth.ddq)
-            memory = MemoryStates(self.signals.memory_signals).push(self.signals.robot.positions(truth.q))
-            present = np.array([float(effect.is_in(run)) for effect in self.effects])
-            clock, period = t[:, None], np.array([_compute_period(t)])
-            state = (truth.q, truth.dq, truth.ddq, third, fourth)
-            inputs = (*state, clock, period, temperature, memory, truth.tau, present)
-            torque = torque + self.added(*inputs)
+            torque = torque + self.added(*self._list_inputs(t, truth, temperature, run))
         # The delay comes last: it holds for all that the sensor shows, the added torque included.
         if self.delay:
             torque = np.column_stack([np.interp(t - self.delay, t, column) for column in torque.T])
         return torque
+
+    def recover_motor_torque(self, motion: Reference, tau: FloatArray, run: str) -> FloatArray:
+        """Return the torque (m, n) of the motors with which the sensors show the torque `tau` along a motion.
+
+        Errors of the drive gains and a delay belong to the sensors: they do not move the robot.
+
+        Parameters
+        ----------
+        motion : Reference
+            The motion; temperatures are zero where it has none.
+        tau : (m, n)
+            The torque that the sensors show.
+        run : str
+            Label of the run.
+        """
+        t, torque = motion.t, tau
+        if self.delay:
+            torque = np.column_stack([np.interp(t + self.delay, t, column) for column in torque.T])
+        if self.added is None:
+            return torque
+        temperature = np.zeros_like(tau) if motion.temperature is None else motion.temperature
+        inputs = self._list_inputs(t, Truth(motion.q, motion.dq, motion.ddq, tau), temperature, run)
+        motor = torque
+        # What a sensor adds is a small share of the torque, so that each round leaves that share of the difference.
+        for _ in range(_RECOVERY_ROUNDS):
+            inputs[_MOTOR] = motor
+            motor = torque - self.added(*inputs)
+        return motor
+
+    def _list_inputs(self, t: FloatArray, truth: Truth, temperature: FloatArray, run: str) -> list[FloatArray]:
+        """Return the inputs of `added`, with the torque of `truth` as that of the motors."""
+        third, fourth = _differentiate_twice(t, truth.ddq)
+        memory = MemoryStates(self.signals.memory_signals).push(self.signals.robot.positions(truth.q))
+        present = np.array([float(effect.is_in(run)) for effect in self.effects])
+        clock, period = t[:, None], np.array([_compute_period(t)])
+        state = (truth.q, truth.dq, truth.ddq, third, fourth)
+        return [*state, clock, period, temperature, memory, truth.tau, present]
 
 
 def _list_delay_parameters(effect: TrueEffect) -> list[str]:

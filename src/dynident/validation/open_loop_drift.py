@@ -182,7 +182,9 @@ def simulate_open_loop(
     progress : Progress
         Called with the fraction done and a message.
     """
-    starts = choose_drift_starts(motions, horizons, most)
+    sensing = simulator.robot.sensing
+    driven = [replace(m, tau=sensing.recover_motor_torque(m.reference, m.tau, m.label)) for m in motions]
+    starts = choose_drift_starts(driven, horizons, most)
     outcomes: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for motion, start in starts:
         progress(len(outcomes) / len(starts), "simulating without a controller")
