@@ -34,6 +34,9 @@ _ROWS = 2500
 _ROWS_PER_COLUMN = 13
 """Rows for each independent parameter that a fit needs, at least, to tell one order of the columns from another."""
 
+_ROWS_PER_SAMPLE = 0.5 * OVERSAMPLING
+"""Rows for each independent sample of a signal below the cut-off."""
+
 _EXPLAINED = 0.2
 """Share left of an average joint's torque, or of the worst joint's, from which on lower cut-offs
 are tried: an elastic arm leaves that with the filters of an identification, and half of it with lower ones."""
@@ -154,7 +157,8 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion
     # drives a joint does not count: it tells a wrong sign, and not which rows are explained.
     best, most, narrow = wide, CLEARLY / int(unexplained.moving.sum()), filter_whole_motion(recording, octaves=1)
     octaves = 1
-    while narrow is not None and has_enough_rows(narrow[0], judges.plain_fit):
+    # Twice as many rows as independent samples: in fewer ones a wrong order may explain as much as the right one.
+    while narrow is not None and has_enough_rows(narrow[0], judges.plain_fit, _ROWS_PER_SAMPLE):
         fall = unexplained.compute_fall_to(judges.plain_fit.measure_unexplained(thin_out(narrow[0])))
         if fall >= most:
             best, most = narrow, fall
@@ -199,6 +203,6 @@ def report_torque_steps(
     )
 
 
-def has_enough_rows(motion: Motion, judge: HeldOutFit) -> bool:
-    """Tell whether there are enough rows to decide anything."""
-    return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns
+def has_enough_rows(motion: Motion, judge: HeldOutFit, times: float = 1.0) -> bool:
+    """Tell whether there are enough rows to decide anything, and so many times more."""
+    return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= times * _ROWS_PER_COLUMN * judge.n_columns
