@@ -30,10 +30,10 @@ SHARP = 50.0
 30. This is half way between, in logarithms."""
 
 BESIDE_OFFSETS = 0.1
-"""Share of this that has to fall beside constant torques as well, which a robot may have. In short right motions of one
-that has them it was mostly less than nothing, and at most 0.09; of what can be planted in two recordings of a KR300,
-where most of it has a small share, one in twenty gave less. What comes of it is among the short motions of
-`benchmarks/gross_mistakes.py`."""
+"""Share of what falls without a fault that has to fall beside constant torques as well, which a robot may have. In
+short right motions of one that has them it was mostly less than nothing, and at most 0.09; of what can be planted in
+two recordings of a KR300, where most of it has a small share, one in twenty gave less. What comes of it is among the
+short motions of `benchmarks/gross_mistakes.py`."""
 
 # Delays in s that are tried, closer together near zero; between them a parabola finds the lowest point.
 _CANDIDATES = np.array([-0.045, -0.03, -0.02, -0.012, -0.006, 0.0, 0.006, 0.012, 0.02, 0.03, 0.045])
