@@ -478,6 +478,8 @@ ACCEPT = (
     "torque_order", "joint_order", "torque_sign", "joint_sign", "position_unit", "velocity_unit", "gravity_direction",
     "joint_coupling", "torque_scale",
 )  # fmt: skip
+_OCTAVES = 4
+"""Cut-offs that are tried, each half of the one before."""
 SURELY = 2.5
 """Standard errors, among blocks of time, by which more has to be left with a mistake than without."""
 
@@ -490,8 +492,8 @@ def is_told_by_data(robot: Robot, untouched: Recording, planted: Planted) -> boo
     read = read_file(planted.robot or robot, planted.columns, RecordingMetadata(accept=ACCEPT))
     if read.recording is None:
         return True
-    for narrow in (False, True):
-        whole = [filter_whole_motion(one, narrow=narrow) for one in (untouched, read.recording)]
+    for octaves in range(_OCTAVES):
+        whole = [filter_whole_motion(one, octaves=octaves) for one in (untouched, read.recording)]
         usual, bad = (None if one is None else thin_out(one[0]) for one in whole)
         if usual is None or bad is None or whole[0] is None:
             continue

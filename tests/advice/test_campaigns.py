@@ -50,10 +50,11 @@ def measured(design, seed: int, hidden: str = ""):
     return simulate(ARM, SimulationRequest(motion, effects, sensors=Sensors(sampling_rate=200.0), seed=seed))
 
 
-def recorded(design, name: str, hidden: str = ""):
-    """The same as a recording."""
+def recorded(design, name: str, hidden: str = "", silent: int | None = None):
+    """The same as a recording; the torque of a joint may be missing."""
     run = measured(design, int(name.removeprefix("run")), hidden)
-    data = {"t": run.t, "q": run.q, "tau": run.tau}
+    tau = run.tau if silent is None else np.where(np.arange(ARM.n) == silent, np.nan, run.tau)
+    data = {"t": run.t, "q": run.q, "tau": tau}
     return replace(dy.read_recordings(data, robot=ARM)[0].recording, name=name)
 
 
@@ -137,6 +138,16 @@ def test_decisions_say_what_is_in_the_way():
     assert (hopeless.code, "Give more minutes" in hopeless.sentence) == ("not_reachable", True)
     broken = decided(parameters=0.5, lacking=0.0, promised=0.01)
     assert "less than promised" in broken.sentence
+
+
+def test_a_joint_without_torque_never_reaches_the_goal():
+    plan, _, _ = first_run()
+    state = start_campaign(ARM, replace(REQUEST, error=1.0))
+    for name in ("run1", "run2"):
+        state = add_run(state, recorded(plan.design, name, silent=1))
+        assert state.runs[-1].errors[1] >= 1.0
+        assert state.decision.code == "not_reachable"
+        assert f"The torque of {ARM.joint_names[1]} was not recorded" in state.decision.sentence
 
 
 def test_a_promise_counts_for_its_own_motion_alone():

@@ -414,7 +414,7 @@ class Left:
     fine_inside: float
 
 
-@pytest.mark.parametrize(("inside", "beside", "is_fault"), [(1.0, 1.0, True), (0.2, 1.0, False), (1.0, 0.05, False)])
+@pytest.mark.parametrize(("inside", "beside", "is_fault"), [(1.0, 1.0, True), (0.05, 1.0, False), (1.0, 0.05, False)])
 def test_a_delay_that_helps_only_where_nothing_was_fitted_or_without_constant_torques_is_none(
     inside: float, beside: float, is_fault: bool
 ) -> None:

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+from support.oracles import Motion, arm, crooked_urdf, fourier_motion, pinocchio_torque, record
 
 from dynident.identification import identify
 from dynident.identification.column_inference.column_statistics import Sample
@@ -20,7 +20,13 @@ from dynident.identification.recording_faults import (
 )
 from dynident.identification.recording_faults.description_fit import find_description_units
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
-from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
+from dynident.identification.recording_faults.joint_angle_faults import report_zeros_from_start
+from dynident.identification.recording_faults.rows_for_fault_search import (
+    HeldOutFits,
+    filter_for_search,
+    filter_motion,
+    filter_whole_motion,
+)
 from dynident.identification.recording_faults.torque_scale import refine_factor_by_masses
 from dynident.identification.recording_faults.tree_fit import find_parallel_axes
 from dynident.recordings import Check, Recording, Revision
@@ -138,6 +144,32 @@ def test_a_joint_that_was_not_homed_is_named_with_the_angle_that_it_reads_too_mu
     assert (check.name, check.status) == ("joint_zero", "warning")
     assert check.apply is not None
     assert check.apply.zeros == {f"q{joint}": pytest.approx(off, abs=0.03)}
+
+
+def test_positions_from_the_start_are_told_where_no_fault_of_single_columns_explains_as_much() -> None:
+    robot = robot_from_urdf("few", crooked_urdf(3, 4, ()))
+    motion = fourier_motion(robot, 10.0, 100.0, 9)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + 0.3 * np.sign(motion.dq)
+    tau += 0.03 * np.random.default_rng(2).normal(size=tau.shape)
+    recording = record(robot, replace(motion, q=motion.q - motion.q[0]), tau)
+    rows, fit = filter_motion(recording), HeldOutFits(robot).plain_fit
+    assert rows is not None
+    as_is, right = (fit.measure_unexplained(replace(rows, q=rows.q + zeros)) for zeros in (0.0, motion.q[0]))
+    check = report_zeros_from_start(robot, recording, rows, fit, (as_is, as_is), Q)
+    assert check is not None
+    assert check.status == "error"
+    assert report_zeros_from_start(robot, recording, rows, fit, (as_is, right), Q) is None
+
+
+def test_torques_that_are_exchanged_are_named_where_the_positions_rattle_close_above_the_motion() -> None:
+    motion, tau = measured()
+    rattle = 0.04 * np.sin(2.0 * np.pi * 4.5 * motion.t[:, None] + np.arange(6))
+    recording = record(ROBOT, replace(motion, q=motion.q + rattle), tau[:, [1, 0, 2, 3, 4, 5]])
+    wide, rows = filter_whole_motion(recording), filter_for_search(recording, HeldOutFits(ROBOT))
+    assert wide is not None
+    assert rows is not None
+    assert rows[1] > 3.0 * wide[1]
+    assert [check.name for check in findings(recording)] == ["torque_order"]
 
 
 @pytest.mark.parametrize(("scale", "first"), [(0.5, 1.0), (1.0, -1.0)])

@@ -23,6 +23,7 @@ from dynident.identification import (
     remove,
     to_bytes,
 )
+from dynident.identification.identified_models.torque_prediction import predict
 from dynident.recordings import Recording, RecordingError, open_recording
 from dynident.recordings.joint_phases import Phase
 from dynident.validation import validate_simulation
@@ -193,3 +194,15 @@ def test_inspection_tells_it_and_asks_nothing(joint: int) -> None:
     assert found.questions == ()
     (told,) = [one for one in found.guesses if one.field == f"columns/tau{joint + 1}"]
     assert f"{given.robot.joint_names[joint]} has no torque" in told.reason
+
+
+def test_nothing_is_predicted_of_a_joint_without_torque(folder: Path) -> None:
+    name, joint, seed, rate = CASES[0]
+    model = identified(folder, name, joint, seed, rate)
+    n = model.model.robot.n
+    q = np.random.default_rng(seed).normal(size=(3, n))
+    predicted = predict(model.estimate, q, q, q)
+    for values in (predicted.torque, predicted.lower, predicted.upper, predicted.mean_half_width):
+        assert (np.isnan(values) == (np.arange(n) == joint)).all()
+    silent = model.model.robot.joint_names[joint]
+    assert not [column.name for column in model.model.kept if column.link == silent and column.effect == "viscous"]

@@ -9,6 +9,7 @@ import pytest
 from support.recording_data import JOINTS, motion, write_parquet
 
 from dynident.recordings import (
+    Check,
     JointLimits,
     RecordedJoints,
     RecordingError,
@@ -20,10 +21,10 @@ from dynident.recordings import (
 LIMITS = tuple(JointLimits(position=(-3.0, 3.0), velocity=6.0, effort=200.0) for _ in JOINTS)
 
 
-def given(tmp_path, columns, *, limits=None, **metadata):
-    source = write_parquet(tmp_path / "run.parquet", columns)
+def given(tmp_path, columns, *, limits=None, against=None, **metadata):
+    source, joints = write_parquet(tmp_path / "run.parquet", columns), RecordedJoints(JOINTS, limits=limits)
     return import_recording(
-        source, tmp_path / "stored", RecordedJoints(JOINTS, limits=limits), metadata=RecordingMetadata(**metadata)
+        source, tmp_path / "stored", joints, metadata=RecordingMetadata(**metadata), against=against
     )
 
 
@@ -311,6 +312,14 @@ def test_torque_that_was_not_recorded_is_refused(tmp_path):
 def test_a_torque_of_the_wrong_sign_is_refused_and_named(tmp_path, joint):
     error = refused(tmp_path, changed(f"tau{joint}", np.negative, motion(9000)))
     assert (error.title, error.pointer) == ("Torque sign", f"tau{joint}")
+
+
+def test_friction_says_nothing_of_signs_where_a_model_says_that_the_zeros_are_wrong(tmp_path):
+    def against(recording, q, tau):
+        return (Check("joint_zero", "warning", "the zeros are elsewhere", q[0]),)
+
+    _, checks = given(tmp_path, changed("tau2", np.negative, motion(9000)), against=against)
+    assert [check.name for check in checks if check.status != "ok"] == ["joint_zero"]
 
 
 @pytest.mark.parametrize("order", [(2, 1, 3), (1, 3, 2), (3, 2, 1), (2, 3, 1)])

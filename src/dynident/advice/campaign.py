@@ -356,7 +356,9 @@ def add_run(
     comparison = compare_with_run(identification, recording)
     lacking = np.zeros(len(state.targets))
     if isinstance(measure, RegionRows):
-        lacking = comparison.lacking / measure.torque
+        # Of a torque that was not recorded the model lacks all, and not nothing.
+        lacking = np.ones(len(state.targets))
+        np.divide(comparison.lacking, measure.torque, out=lacking, where=identification.model.robot.has_torque)
     run = CampaignRun(
         name=recording.name,
         seconds=_measure_seconds(recording),
@@ -401,6 +403,13 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
     """
     assert state.identification is not None
     run, goal, names = state.runs[-1], state.request.largest_error, state.targets
+    silent = state.identification.model.robot.joints_without_torque
+    if silent and state.request.goal == "torque":
+        return Decision(
+            "not_reachable",
+            f"The torque of {', '.join(silent)} was not recorded, and the model predicts nothing of it. Record it, or "
+            "lock what moves without a drive (locked_joints).",
+        )
     worst = int(np.argmax(run.errors))
     reached = _word_error(state.request.goal, names[worst], float(run.errors[worst]))
     remarks = _describe_promise(run, names)

@@ -204,7 +204,8 @@ class ModelResults:
         Returns
         -------
         array of the shape of q, or PredictedTorque
-            Torque in N m, or N; projected as its equations are, if the robot has contacts. With `interval` an object
+            Torque in N m, or N; projected as its equations are, if the robot has contacts; NaN for a joint whose torque
+            was not recorded. With `interval` an object
             with `torque`, and `lower` and `upper` of what would be measured: the covariance of the parameters and the
             variance of the residual. `mean_half_width` belongs to the model's own torque, without the residual.
 

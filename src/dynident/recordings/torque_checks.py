@@ -87,7 +87,7 @@ def check_torque(
     if wrong:
         # A command against gravity has no torque at all where gravity has none: that is then what is wrong.
         return [*(doubt for doubt in model_checks or () if doubt.name == COMMANDED), *checks]
-    if any(doubt.name in ("torque_order", COMMANDED) for doubt in model_checks or ()):
+    if any(doubt.name in ("torque_order", "joint_zero", COMMANDED) for doubt in model_checks or ()):
         # By all of the torque, where the corners of friction alone call right recordings early; and not beside another
         # mistake, which looks like a delay as well.
         return [*checks, *(model_checks or ())]

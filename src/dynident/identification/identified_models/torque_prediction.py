@@ -32,7 +32,8 @@ class PredictedTorque:
     Parameters
     ----------
     torque : (m, n)
-        Predicted torque in N m or N.
+        Predicted torque in N m or N. NaN, as all of the interval, for a joint whose torque was not recorded: the model
+        has no equation of it.
     mean_half_width : (m, n)
         Half-width of the interval of the model's own torque, from the covariance of the parameters.
     half_width : (m, n)
@@ -120,7 +121,11 @@ def predict(
     deviation = compute_prediction_deviation(observation, entries, estimate.statistics.covariance)
     quantile, of_noise = estimate.statistics.prediction_quantiles(level)
     mean = quantile * deviation
-    return PredictedTorque(torque, mean, np.hypot(mean, of_noise * estimate.noise), level)
+    has_torque = observation.robot.has_torque
+    torque, mean, wide = (
+        np.where(has_torque, part, np.nan) for part in (torque, mean, np.hypot(mean, of_noise * estimate.noise))
+    )
+    return PredictedTorque(torque, mean, wide, level)
 
 
 def compute_prediction_deviation(observation: Observation, entries: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -29,19 +29,15 @@ SHARP = 50.0
 20 ms planted in the open recordings of arms that are rigid it was 96 and more, of a right elastic arm that looked early
 30. This is half way between, in logarithms."""
 
-INSIDE = 0.5
-"""Share of this that has to fall where the blocks are fitted to, too, with a delay that cannot be either: right motions
-that are short, from point to point, gave 0.03 to 0.4; recordings whose torque was made late or early 0.6 and more, and
-a delay that differs by up to 9 ms. What comes of it is among the short motions of `benchmarks/gross_mistakes.py`."""
-
 BESIDE_OFFSETS = 0.1
-"""Share of this that has to fall beside constant torques as well, which a robot may have. In short right motions of one
-that has them it was mostly less than nothing, and at most 0.09; of what can be planted in two recordings of a KR300,
-where most of it has a small share, one in twenty gave less. What comes of it is among the short motions of
-`benchmarks/gross_mistakes.py`."""
+"""Share of what falls without a fault that has to fall beside constant torques as well, which a robot may have. In
+short right motions of one that has them it was mostly less than nothing, and at most 0.09; of what can be planted in
+two recordings of a KR300, where most of it has a small share, one in twenty gave less. What comes of it is among the
+short motions of `benchmarks/gross_mistakes.py`."""
 
 # Delays in s that are tried, closer together near zero; between them a parabola finds the lowest point.
 _CANDIDATES = np.array([-0.045, -0.03, -0.02, -0.012, -0.006, 0.0, 0.006, 0.012, 0.02, 0.03, 0.045])
+_NOW = int(np.flatnonzero(_CANDIDATES == 0.0)[0])
 _FEW = 8
 
 
@@ -119,22 +115,35 @@ def estimate_delay(
         return replace(motion, tau=torque(np.clip(rows + seconds / period, 0.0, rows[-1])))
 
     unexplained = [left_of(shift_torque(float(seconds))) for seconds in _CANDIDATES]
-    seconds = _find_lowest(np.array([trial.fine.mean() for trial in unexplained]))
-    inside = np.array([trial.fine_inside for trial in unexplained])
-    now, then = unexplained[int(np.flatnonzero(_CANDIDATES == 0.0)[0])], left_of(shift_torque(seconds))
+    held_out, inside = _average(unexplained), np.array([trial.fine_inside for trial in unexplained])
+    seconds = _find_lowest(held_out)
+    now, then = unexplained[_NOW], left_of(shift_torque(seconds))
     fall = now.fine - then.fine
     # A paired comparison over the same blocks.
     error = float(fall.std(ddof=1)) / np.sqrt(len(fall))
-    least = max(CLEARLY, SURELY * error, SHARP * seconds**2)
-    sure = float(fall.mean()) >= least and now.fine_inside - inside.min() >= INSIDE * fall.mean()
-    # Both the held-out estimate and that inside the fit have to be outside of what drives do: in short motions one
-    # alone is chance.
-    mistaken = sure and not is_possible_delay(seconds) and not is_possible_delay(_find_lowest(inside))
-    # Tested last, as it needs a second model: made only where all others say yes.
-    if mistaken:
-        fall_beside_offsets = (left_beside(motion).fine - left_beside(shift_torque(seconds)).fine).mean()
-        mistaken = fall_beside_offsets >= BESIDE_OFFSETS * fall.mean()
-    return Delay(seconds, bool(mistaken), float(np.exp(now.fine.mean())), float(np.exp(then.fine.mean())))
+    is_fault = (
+        float(fall.mean()) >= SURELY * error
+        and _is_impossible(held_out, seconds)
+        and _is_impossible(inside, seconds)
+        # Tested last, as it needs a second model: made only where all others say yes.
+        and _is_impossible(_average([left_beside(shift_torque(float(seconds))) for seconds in _CANDIDATES]), seconds)
+    )
+    return Delay(seconds, is_fault, float(np.exp(now.fine.mean())), float(np.exp(then.fine.mean())))
+
+
+def _average(unexplained: Sequence[UnexplainedShares]) -> FloatArray:
+    return np.array([trial.fine.mean() for trial in unexplained])
+
+
+def _is_impossible(unexplained: FloatArray, seconds: float) -> bool:
+    """Tell whether the lowest of the shares (candidates,) is clear, and at a delay that no drive has.
+
+    On the side of zero that `seconds` are on. Held out, inside the fit and beside constant torques alike: in short
+    motions one of these alone is chance.
+    """
+    lowest = _find_lowest(unexplained)
+    clear = unexplained[_NOW] - unexplained.min() >= max(CLEARLY, SHARP * lowest**2)
+    return bool(clear) and not is_possible_delay(lowest) and (lowest > 0) == (seconds > 0)
 
 
 def is_possible_delay(seconds: float) -> bool:

@@ -157,13 +157,14 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     if not has_enough_rows(motion, judges.plain_fit):
         return DynamicsCheck(described, None)
     as_is = judges.plain_fit.measure_unexplained(motion)
-    from_start = report_zeros_from_start(machine, recording, motion, judges.plain_fit, as_is, q)
-    if from_start is not None:
-        return DynamicsCheck((from_start, *described), as_is)
     search_result = search_faults(machine, motion, judges)
     if search_result is None:
         return DynamicsCheck(described, None)
     faults, now = search_result
+    # A zero for each joint fits many faults half-way, so that it has to explain more than a single one of the columns.
+    from_start = report_zeros_from_start(machine, recording, motion, judges.plain_fit, (as_is, now), q)
+    if from_start is not None:
+        return DynamicsCheck((from_start, *described), as_is)
     mounted = None if _is_explained_by_one(faults, now) else find_other_mounting(machine, motion, as_is)
     # One cause for the whole robot is more likely than several for some joints.
     if mounted is not None and (len(faults) > 1 or mounted.explains.score <= now.score + ALIKE):

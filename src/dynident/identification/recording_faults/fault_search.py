@@ -475,10 +475,14 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
         lambda delayed: judge.measure_unexplained(thin_out(delayed)),
         lambda delayed: judges.offset_fit.measure_unexplained(thin_out(delayed)),
     )
+    if delay is None or not delay.is_fault or find_moving_joints(motion).sum() == 1:
+        return delay
     # A log that is late is late for all joints. Where the motors of all others are off, one joint alone may look late
     # by the way in which it breaks loose.
-    one_alone = find_moving_joints(motion).sum() > 1 and find_driving_joints(thin_out(motion), surely=False).sum() < 2
-    return replace(delay, is_fault=False) if delay is not None and one_alone else delay
+    driven = find_driving_joints(thin_out(motion), surely=False) | find_joints_with_friction(
+        judge.measure_frictions(thin_out(motion))
+    )
+    return replace(delay, is_fault=bool(driven.sum() > 1))
 
 
 def measure_unexplained_share(robot: Robot, motion: Motion) -> float:

@@ -53,7 +53,12 @@ def begins_at_zero(recording: Recording) -> bool:
 
 
 def report_zeros_from_start(
-    robot: Robot, recording: Recording, motion: Motion, fit: HeldOutFit, as_is: UnexplainedTorque, q: Sequence[str]
+    robot: Robot,
+    recording: Recording,
+    motion: Motion,
+    fit: HeldOutFit,
+    otherwise: tuple[UnexplainedTorque, UnexplainedTorque],
+    q: Sequence[str],
 ) -> Check | None:
     """Report positions that begin at 0 and do not go with the description's zeros; None where they do.
 
@@ -67,16 +72,17 @@ def report_zeros_from_start(
         Its filtered rows.
     fit : HeldOutFit
         That of the robot.
-    as_is : UnexplainedTorque
-        What it leaves of the torque as it is.
+    otherwise : tuple of UnexplainedTorque
+        What it leaves of the torque as it is, and without the faults of the columns that were found.
     q : sequence of str
         Names of the columns of positions.
     """
+    as_is = otherwise[0]
     if as_is.worst_share < _POOR or not begins_at_zero(recording):
         return None
     zeros = _find_zeros(robot, motion, fit)
     unexplained = fit.measure_unexplained(replace(motion, q=motion.q - zeros))
-    if not as_is.is_surely_above(unexplained):
+    if not all(other.is_surely_above(unexplained) for other in otherwise):
         return None
     stated_zeros = {f"q{joint + 1}": float(f"{zero:.4g}") for joint, zero in enumerate(zeros) if zero}
     remedy = Remedy("zeros", stated_zeros)

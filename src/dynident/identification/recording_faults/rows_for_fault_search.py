@@ -21,7 +21,7 @@ from dynident.identification.recording_faults.unexplained_torque import (
 from dynident.number_format import format_percent
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.nonparametric_fit import shorten_recording
-from dynident.recordings.preprocessing import LEAST_HARMONICS, OVERSAMPLING, find_motion_band
+from dynident.recordings.preprocessing import OVERSAMPLING
 from dynident.recordings.recording import SampleBlock
 from dynident.recordings.recording_metadata import Check
 from dynident.regressors.dynamic_model_rows import filter_in_parallel
@@ -34,9 +34,12 @@ _ROWS = 2500
 _ROWS_PER_COLUMN = 13
 """Rows for each independent parameter that a fit needs, at least, to tell one order of the columns from another."""
 
+_ROWS_PER_SAMPLE = 0.5 * OVERSAMPLING
+"""Rows for each independent sample of a signal below the cut-off."""
+
 _EXPLAINED = 0.2
-"""Share left of an average joint's torque, or of the worst joint's, from which on the motion's own band is looked at
-instead: an elastic arm leaves that with the filters of an identification, and half of it there."""
+"""Share left of an average joint's torque, or of the worst joint's, from which on lower cut-offs
+are tried: an elastic arm leaves that with the filters of an identification, and half of it with lower ones."""
 
 
 class HeldOutFits:
@@ -91,25 +94,25 @@ def thin_out(motion: Motion) -> Motion:
     return Motion(q, dq, ddq, tau, block, np.ascontiguousarray(motion.t[::step]))
 
 
-def filter_whole_motion(recording: Recording, *, narrow: bool = False) -> tuple[Motion, float] | None:
+def filter_whole_motion(recording: Recording, *, octaves: int = 0) -> tuple[Motion, float] | None:
     """Return the filtered rows in their order, and the seconds between them; None where the recording is too short.
 
     Parameters
     ----------
     recording : Recording
         The recording.
-    narrow : bool
-        Keep a few harmonics of the motion alone. A fault of the columns shows there, while an elastic arm, or one with
-        backlash, has most of what no rigid robot explains above that.
+    octaves : int
+        How many times the cut-off of an identification is halved. A fault of the columns shows at low frequencies, too,
+        while an elastic arm, or one with backlash, has most of what no rigid robot explains above them.
     """
     try:
         choice = choose_preprocessing([recording])
-        cutoff = choice.torque_cutoff
-        if narrow and cutoff is not None:
-            cutoff = min(cutoff, LEAST_HARMONICS * find_motion_band([recording]))
-            choice = replace(choice, decimation=max(1, floor(recording.sampling_rate / (OVERSAMPLING * cutoff))))
     except DynidentError:
         return None
+    cutoff = choice.torque_cutoff
+    if octaves and cutoff is not None:
+        cutoff /= 2.0**octaves
+        choice = replace(choice, decimation=max(1, floor(recording.sampling_rate / (OVERSAMPLING * cutoff))))
     # Positions and torques go through the same filters, so that neither lags. The fits are only compared with each
     # other, so the filters need not be those of an identification.
     choice = replace(choice, position_cutoff=cutoff, torque_cutoff=cutoff)
@@ -130,7 +133,7 @@ def filter_whole_motion(recording: Recording, *, narrow: bool = False) -> tuple[
 
 
 def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion, float] | None:
-    """Filter a recording as an identification does; or narrower, where much less is unexplained then.
+    """Filter a recording as an identification does; or by octaves narrower, where much less is unexplained then.
 
     Parameters
     ----------
@@ -150,15 +153,18 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion
     unexplained = judges.plain_fit.measure_unexplained(thin_out(wide[0]))
     if max(unexplained.average_share, unexplained.worst_share) < _EXPLAINED:
         return wide
-    # What a rigid robot does not explain is mostly at high frequencies: an elastic arm, or backlash.
-    narrow = filter_whole_motion(recording, narrow=True)
-    if narrow is None or not has_enough_rows(narrow[0], judges.plain_fit):
-        return wide
-    return (
-        narrow
-        if unexplained.compute_summed_fall_to(judges.plain_fit.measure_unexplained(thin_out(narrow[0]))) >= CLEARLY
-        else wide
-    )
+    # What a rigid robot does not explain is mostly at high frequencies: an elastic arm, or backlash. Friction that
+    # drives a joint does not count: it tells a wrong sign, and not which rows are explained.
+    best, most, narrow = wide, CLEARLY / int(unexplained.moving.sum()), filter_whole_motion(recording, octaves=1)
+    octaves = 1
+    # Twice as many rows as independent samples: in fewer ones a wrong order may explain as much as the right one.
+    while narrow is not None and has_enough_rows(narrow[0], judges.plain_fit, _ROWS_PER_SAMPLE):
+        fall = unexplained.compute_fall_to(judges.plain_fit.measure_unexplained(thin_out(narrow[0])))
+        if fall >= most:
+            best, most = narrow, fall
+        octaves += 1
+        narrow = filter_whole_motion(recording, octaves=octaves)
+    return best
 
 
 def report_torque_steps(
@@ -197,6 +203,6 @@ def report_torque_steps(
     )
 
 
-def has_enough_rows(motion: Motion, judge: HeldOutFit) -> bool:
-    """Tell whether there are enough rows to decide anything."""
-    return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns
+def has_enough_rows(motion: Motion, judge: HeldOutFit, times: float = 1.0) -> bool:
+    """Tell whether there are enough rows to decide anything, and so many times more."""
+    return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= times * _ROWS_PER_COLUMN * judge.n_columns

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -365,8 +366,11 @@ def _compare_with_masses(robot: Robot, motion: Motion) -> list[tuple[float, floa
     return None if load is None else [_compare_load(load[:, joint], motion, joint) for joint in range(robot.n)]
 
 
+@lru_cache(maxsize=1)
 def compute_described_load(robot: Robot, motion: Motion) -> FloatArray | None:
     """Return the torque (m, n) that the links need as the description has them; None without masses.
+
+    That of the last motion is kept, since several checks ask for it.
 
     Parameters
     ----------

@@ -98,12 +98,14 @@ class _MotionRows:
     Here and below n counts the joints of one tree.
 
     `of_joints`: the numbers of these rows (m,), and the rows (m, p) in those columns that the joint's torque depends
-    on.
+    on. `right` and `measured` are Wᵀτ and τᵀτ of its own torque, as in `GramMatrices`.
     """
 
     motion: Motion
     inner: FloatArray
     of_joints: tuple[tuple[IntArray, FloatArray], ...]
+    right: FloatArray
+    measured: FloatArray
 
     def is_same_motion(self, other: Motion) -> bool:
         """Tell whether another motion is the same but for its torque."""
@@ -382,14 +384,11 @@ class TreeFit:
         return values, squares
 
     def _compute_grams(self, motion: Motion, known: _MotionRows) -> GramMatrices:
-        right = np.zeros((BLOCKS + 1, len(self.joints), self.n_columns))
-        measured = np.zeros((BLOCKS + 1, len(self.joints)))
-        for joint, (at, rows) in enumerate(known.of_joints):
-            tau, columns = motion.tau[at, joint], self._layout[joint][1]
-            for number, part in enumerate(_list_blocks(motion, at)):
-                right[number, joint, columns] = tau[part] @ rows[part]
-                measured[number, joint] = tau[part] @ tau[part]
-        right[-1], measured[-1] = right[:-1].sum(axis=0), measured[:-1].sum(axis=0)
+        right, measured = known.right.copy(), known.measured.copy()
+        # Most candidates change the torque of one or two joints.
+        for joint in np.flatnonzero((motion.tau != known.motion.tau).any(axis=0)).tolist():
+            products = _multiply_by_torque(motion, joint, *known.of_joints[joint])
+            right[:, joint, self._layout[joint][1]], measured[:, joint] = products[:, :-1], products[:, -1]
         return GramMatrices(known.inner, right, measured)
 
     def _get_rows(self, motion: Motion, own: Motion) -> _MotionRows:
@@ -411,13 +410,16 @@ class TreeFit:
         return self._add_inner_products(own, of_joints)
 
     def _add_inner_products(self, motion: Motion, of_joints: Sequence[tuple[IntArray, FloatArray]]) -> _MotionRows:
-        inner = np.zeros((BLOCKS + 1, len(self.joints), self.n_columns, self.n_columns))
+        c, shape = self.n_columns, (BLOCKS + 1, len(self.joints))
+        inner, right, measured = np.zeros((*shape, c, c)), np.zeros((*shape, c)), np.zeros(shape)
         for joint, (at, rows) in enumerate(of_joints):
             columns = self._layout[joint][1]
+            products = _multiply_by_torque(motion, joint, at, rows)
+            right[:, joint, columns], measured[:, joint] = products[:, :-1], products[:, -1]
             parts = [rows[part] for part in _list_blocks(motion, at)]
             inner[:-1, joint, columns[:, None], columns] = [part.T @ part for part in parts]
         inner[-1] = inner[:-1].sum(axis=0)
-        return _MotionRows(motion, inner, tuple(of_joints))
+        return _MotionRows(motion, inner, tuple(of_joints), right, measured)
 
     def _fit_all_but_each(self, grams: GramMatrices, noise: FloatArray) -> FloatArray:
         """Return the parameters (blocks + 1, c) of all blocks but each, and of all.
@@ -466,6 +468,13 @@ def _solve_normal_equations(normal: FloatArray, right: FloatArray) -> FloatArray
     scale = np.sqrt(np.maximum(np.einsum("bii->bi", normal), np.finfo(float).tiny))
     scaled = normal / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(normal.shape[-1])
     return np.asarray(np.linalg.solve(scaled, (right / scale)[:, :, None])[:, :, 0] / scale)
+
+
+def _multiply_by_torque(motion: Motion, joint: int, at: IntArray, rows: FloatArray) -> FloatArray:
+    """Return [Wᵀτ τᵀτ] (blocks + 1, p + 1) of a joint in each block, and in all."""
+    both = np.column_stack([rows, motion.tau[at, joint]])
+    products = np.stack([both[part, -1] @ both[part] for part in _list_blocks(motion, at)])
+    return np.vstack([products, products.sum(axis=0)])
 
 
 def _list_blocks(motion: Motion, at: IntArray) -> list[slice]:

@@ -150,11 +150,11 @@ class HeldOutFit:
 
     def __init__(self, robot: Robot, more: tuple[EffectChoice, ...] = (), like: HeldOutFit | None = None) -> None:
         self._robot = robot
-        models = _build_models(robot, more)
-        parameters = [model[2] for model in (models if like is None else _build_models(like._robot, more))]
+        # Columns that depend on others are those of the fit whose parameters are taken.
+        parameters = [model[2] for model in _build_models(robot if like is None else like._robot, more)]
         self._trees = [
             TreeFit(robot, joints, observation, independent)
-            for (joints, observation, _), independent in zip(models, parameters, strict=True)
+            for (joints, observation), independent in zip(_build_observations(robot, more), parameters, strict=True)
         ]
 
     @property
@@ -296,26 +296,34 @@ def measure_gain_by_other_scales(robot: Robot, motion: Motion, factor: float) ->
 
 
 @lru_cache(maxsize=8)
-def _build_models(
+def _build_observations(
     robot: Robot, more: tuple[EffectChoice, ...]
-) -> tuple[tuple[tuple[int, ...], Observation, IntArray], ...]:
-    """Build the columns of each tree's links, rotors and friction, and number those that do not depend on others.
-
-    They are the same for each recording of a robot.
-    """
+) -> tuple[tuple[tuple[int, ...], Observation], ...]:
+    """Build the columns of each tree's links, rotors and friction. They are the same for each recording of a robot."""
     signals = Signals(robot)
     columns = build_columns((*DEFAULT_EFFECTS, *more), signals)
     trees = list_trees(robot)
-    models = []
+    observations = []
     for joints in trees:
         names = {robot.joint_names[joint] for joint in joints}
         own = columns if len(trees) == 1 else [column for column in columns if column.link in names]
-        observation = Observation.from_columns(robot, own, signals)
+        observations.append((tuple(joints), Observation.from_columns(robot, own, signals)))
+    return tuple(observations)
+
+
+@lru_cache(maxsize=8)
+def _build_models(
+    robot: Robot, more: tuple[EffectChoice, ...]
+) -> tuple[tuple[tuple[int, ...], Observation, IntArray], ...]:
+    """Build the same, and number those columns of each tree that do not depend on others."""
+    models = []
+    for joints, observation in _build_observations(robot, more):
+        own = observation.columns
         # Friction first: no parameter of a link may stand for it.
         order = sorted(range(len(own)), key=lambda k: not get_effect(own[k].effect).is_friction)
         rows = evaluate_at_random_states(observation, _STATES_PER_COLUMN * len(own) // len(joints) + 20)[:, order]
         base = select_base(rows, tuple(own[k].name for k in order))
-        models.append((tuple(joints), observation, np.sort(np.array(order)[list(base.kept)])))
+        models.append((joints, observation, np.sort(np.array(order)[list(base.kept)])))
     return tuple(models)
 
 
@@ -327,7 +335,7 @@ def compute_load(robot: Robot, motion: Motion) -> FloatArray | None:
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
     load = np.zeros_like(motion.tau)
-    for _, observation, _ in _build_models(robot, ()):
+    for _, observation in _build_observations(robot, ()):
         memory = np.zeros((len(motion.q), observation.n_memory))
         reference = ReferenceParameters.massless(robot)
         entries = observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
