@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 import dynident as dy
-from dynident.api.robot_files import needs_xacro
+from dynident.api.robot_files import has_includes, needs_xacro
 from dynident.diagnosis.diagnosis_request import DiagnosisChoices
 from dynident.errors import DynidentError
 from dynident.excitation.design_request import DesignRequest
@@ -67,7 +67,15 @@ class Folder:
             return text
         path = self.find_file(text, pointer)
         # Expanding would read whatever files it names, and evaluate its expressions.
-        if needs_xacro(path.read_text(encoding="utf-8", errors="replace")):
+        content = path.read_text(encoding="utf-8", errors="replace")
+        if has_includes(content):
+            raise DynidentError(
+                f"{text} includes files, which may lie outside of the folder; let MuJoCo write the whole model to one "
+                "file first (mj_saveLastXML)",
+                pointer=pointer,
+                title="Unusable MJCF",
+            )
+        if needs_xacro(content):
             raise DynidentError(
                 f"{text} is xacro, which can read files outside of the folder; expand it first "
                 "(xacro robot.xacro > robot.urdf)",
