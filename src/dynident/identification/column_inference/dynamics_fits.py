@@ -152,12 +152,16 @@ class DynamicsFits:
         return unexplained if np.isfinite(unexplained) else None
 
 
-class PoseFits(DynamicsFits):
-    """Fits of a robot to poses at which it stands, a row each."""
+class NoFits(DynamicsFits):
+    """In place of fits of a robot whose base moves: the joints alone do not tell what their torques have to be."""
 
     def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
-        """Return None: there is no motion."""
+        """Return None: there is no motion that can be fitted."""
         return None
+
+
+class PoseFits(NoFits):
+    """Fits of a robot to poses at which it stands, a row each."""
 
     def measure_unexplained(self, q: FloatArray, tau: FloatArray) -> float | None:
         """Return the share of the torque that gravity and constant torques leave; None where rows are too few."""
