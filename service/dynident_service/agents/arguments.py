@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 import dynident as dy
-from dynident.api.robot_files import has_includes, needs_xacro
+from dynident.api.robot_files import needs_xacro
 from dynident.diagnosis.diagnosis_request import DiagnosisChoices
 from dynident.errors import DynidentError
 from dynident.excitation.design_request import DesignRequest
@@ -20,6 +20,7 @@ from dynident.known_robots import list_library_arms, list_stock_robots
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Filters, RecordingMetadata
 from dynident.recordings.file_names_and_digests import JOINT, split_path
+from dynident.robot.mjcf_xml import has_includes
 from dynident.validation import LARGEST_ERROR
 from dynident_service.designs.wire_types import Criterion, Trajectory
 from dynident_service.identifications.wire_types import Preprocessing

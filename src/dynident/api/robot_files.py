@@ -30,7 +30,8 @@ from dynident.robot.json_fields import (
 )
 from dynident.robot.limits_and_drives import split_hardware
 from dynident.robot.link_meshes import find_package
-from dynident.robot.xml_text import Element, parse_xml, read_root, write_xml
+from dynident.robot.mjcf_xml import expand_includes
+from dynident.robot.xml_text import read_root
 from dynident.schema.fields import point_within
 from dynident.text_encoding import decode_document
 
@@ -99,60 +100,6 @@ def expand_xacro(path: Path, content: str) -> str:
                 "name:=value > robot.urdf)"
             )
         raise DynidentError(f"xacro cannot expand it: {reason}", pointer=str(path), title=_XACRO_TITLE) from error
-
-
-def has_includes(content: str) -> bool:
-    """Return whether the content of a file is an MJCF model that includes other files."""
-    return "<include" in content and (root := read_root(content)) is not None and root.tag == "mujoco"
-
-
-def expand_includes(path: Path, content: str) -> str:
-    """Return an MJCF model with the elements of the files that it includes; `content` itself where it includes none.
-
-    Parameters
-    ----------
-    path : Path
-        The model's file; names of files are relative to its folder, as MuJoCo reads them.
-    content : str
-        Of the file.
-
-    Raises
-    ------
-    DynidentError
-        For a file that is missing, is included twice, or is no such XML.
-    """
-    if not has_includes(content):
-        return content
-    included = {path.resolve()}
-
-    def expand(element: Element) -> list[Element]:
-        if element.tag != "include":
-            children = [expanded for child in element.children for expanded in expand(child)]
-            return [replace(element, children=children)]
-        name = element.attributes.get("file", "")
-        file = (path.parent / name).resolve()
-        if not name or not file.is_file():
-            raise _include_error(f"line {element.line}: the file {name!r} of this <include> is not there")
-        if file in included:
-            raise _include_error(f"line {element.line}: {name} is included twice, or includes itself")
-        included.add(file)
-        try:
-            root = parse_xml(_read_text(file), "An MJCF", "", _MJCF_TITLE)
-        except DynidentError as error:
-            raise _include_error(f"{name}: {error.detail}") from error
-        return [expanded for child in root.children for expanded in expand(child)]
-
-    return write_xml(expand(parse_xml(content, "An MJCF", _CONTENT, _MJCF_TITLE))[0], indent=True)
-
-
-_MJCF_TITLE = "Unusable MJCF"
-
-
-def _include_error(reason: str) -> DynidentError:
-    return DynidentError(
-        f"{reason}; put it beside the model, or let MuJoCo write the whole model to one file (mj_saveLastXML).",
-        title=_MJCF_TITLE,
-    )
 
 
 class _PackageNotFound(Exception):
@@ -344,7 +291,9 @@ def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
                 name or ("" if root is None else root.attributes.get("model" if is_mjcf else "name")) or path.stem
             )
             if is_mjcf:
-                return robot_from_description(robot_name, Description("mjcf", expand_includes(path, content)), **stated)
+                return robot_from_description(
+                    robot_name, Description("mjcf", expand_includes(path, content, _CONTENT)), **stated
+                )
             return robot_from_description(robot_name, Description("urdf", expand_xacro(path, content)), **stated)
         # Neither XML nor JSON: the only text format that is left is a Denavit-Hartenberg table.
         if not content.lstrip().startswith(("{", "[")):

@@ -214,8 +214,7 @@ _OURS: tuple[Signal, ...] = ("q", "dq", "ddq", "tau", "current", "temperature")
 
 _PENDANTS = (
     ((("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2"), ("wrist", "3")), "base, …, wrist 3"),
-    (tuple((letter,) for letter in "slurbt"), "S, L, U, R, B, T"),
-    (tuple((letter,) for letter in "sleurbt"), "S, L, E, U, R, B, T"),
+    *((tuple((letter,) for letter in axes), ", ".join(axes.upper())) for axes in ("slurbt", "sleurbt")),
 )
 """What makers' pendants call the joints, and how that is shown."""
 
