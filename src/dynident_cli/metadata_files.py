@@ -84,6 +84,18 @@ class StatedAnswers:
         return any(not key or _signal_kind(signal) == _signal_kind(key) for signal in answered)
 
 
+_ANSWERS = {
+    ("drives", False): "--drive-gains G1,G2,…",
+    ("columns/t", True): "--columns t=COLUMN, or --rate HZ",
+    ("columns/base_qx", True): "--columns base_qx=COLUMN,base_qy=COLUMN,…",
+    ("effort_kind", False): (
+        '--columns tau1=COLUMN,…, or --metadata FILE with {"effort_kind": "joint_torque"} if they were measured all '
+        "the same, as where a maker calls the torque of the drives a reference"
+    ),
+}
+"""Options that answer questions, by field and whether the question has choices."""
+
+
 def describe_answer(question: Question) -> str:
     """Return the options that answer a question, as they are typed; "" where no option does."""
     about, _, key = question.field.partition("/")
@@ -99,8 +111,8 @@ def describe_answer(question: Question) -> str:
                    for choice in question.choices[:3]]  # fmt: skip
         others = {"t": "--rate HZ", "tau": "--drive-gains G1,…"}
         return " or ".join([*options, others[key]] if key in others else options)
-    if question.field == "columns/t" and question.choices:
-        return "--columns t=COLUMN, or --rate HZ"
+    if (question.field, bool(question.choices)) in _ANSWERS:
+        return _ANSWERS[question.field, bool(question.choices)]
     if about == "effort_kind" and question.choices:
         return f"--metadata FILE with effort_kind: {' or '.join(question.choices)}"
     if about == "columns" and key and question.choices:

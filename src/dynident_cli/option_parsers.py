@@ -234,6 +234,12 @@ def check_readable(path: Path) -> None:
     """Raise `DynidentError` where a file is missing or may not be read."""
     # Files that are one recording are given together, as q.csv+dq.csv+tau.csv.
     for part in split_path(path):
+        if part.is_dir():
+            raise DynidentError(
+                f"{part} is a folder; give the files in it, those of one recording joined as q.csv+tau.csv",
+                pointer=str(path),
+                title="No such file",
+            )
         if not part.is_file():
             hint = "; this is a robot, which comes before the recordings" if str(part) in list_library_arms() else ""
             raise DynidentError(f"there is no file {part}{hint}", pointer=str(path), title="No such file")

@@ -58,6 +58,7 @@ class MeasurementOptions(TypedDict, total=False):
         "mcap",
         "rsi",
         "zip",
+        "diadem",
         None,
     ]
     """Detected from the file if not given"""

@@ -218,6 +218,11 @@ def test_xacro_which_reads_what_it_likes_is_refused(agent: Agent) -> None:
     assert agent.refusal("inspect", file="run1.csv", robot="arm.xacro")["title"] == "Unusable xacro"
 
 
+def test_a_model_that_includes_files_is_refused(agent: Agent) -> None:
+    (agent.folder / "arm.xml").write_text('<mujoco><include file="../secret.xml"/></mujoco>')
+    assert agent.refusal("inspect", file="run1.csv", robot="arm.xml")["title"] == "Unusable MJCF"
+
+
 def test_a_refusal_is_the_problem_document_of_the_service(agent: Agent) -> None:
     wrong = agent.refusal("identify", robot="scara", recordings=["run1.csv"], out="x.npz", prior_error=11, bogus=1)
     assert {field["pointer"] for field in wrong["errors"]} == {"/prior_error", "/bogus"}

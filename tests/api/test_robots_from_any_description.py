@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from pathlib import Path
@@ -112,3 +113,93 @@ def test_a_description_that_cannot_be_used_says_what_to_do(tmp_path: Path, old: 
     (tmp_path / "arm.urdf").write_text(ends.replace(old, new, 1))
     with pytest.raises(DynidentError, match=words):
         dy.load_robot(tmp_path / "arm.urdf")
+
+
+MODEL = """<mujoco model="arm"><compiler angle="degree"/><include file="parts/defaults.xml"/><worldbody>
+<body name="upper"><joint class="swing" name="a"/><geom size="0.1" mass="1"/><include file="parts/fore.xml"/></body>
+</worldbody></mujoco>"""
+DEFAULTS = '<mujocoinclude><default><default class="swing"><joint range="-30 40" axis="0 1 0"/></default></default>'
+FORE = """<mujocoinclude><body name="fore" pos="0 0 0.4"><joint class="swing" name="b"/><geom size="0.1" mass="0.5"/>
+</body></mujocoinclude>"""
+
+
+def write_model(folder: Path, fore: str = FORE) -> Path:
+    (folder / "parts").mkdir()
+    (folder / "parts" / "defaults.xml").write_text(f"{DEFAULTS}</mujocoinclude>")
+    (folder / "parts" / "fore.xml").write_text(fore)
+    (folder / "arm.xml").write_text(MODEL)
+    return folder / "arm.xml"
+
+
+def test_an_mjcf_model_is_read_with_the_files_that_it_includes(tmp_path: Path) -> None:
+    robot = dy.load_robot(write_model(tmp_path))
+    assert (robot.name, robot.joint_names) == ("arm", ("a", "b"))
+    assert robot.joints[1].limits.position == pytest.approx((-0.5236, 0.6981), abs=1e-4)
+    # What is stored of the robot needs no other file.
+    assert "<include" not in robot.description.content
+
+
+@pytest.mark.parametrize(
+    ("fore", "words"),
+    [
+        (None, "the file 'parts/fore.xml' of this <include> is not there"),
+        ('<mujocoinclude><include file="parts/defaults.xml"/></mujocoinclude>', "included twice, or includes itself"),
+        ("<mujocoinclude><body>", "parts/fore.xml: .*malformed"),
+    ],
+)
+def test_an_include_that_cannot_be_followed_says_why(tmp_path: Path, fore: str | None, words: str) -> None:
+    path = write_model(tmp_path, fore or "")
+    if fore is None:
+        (tmp_path / "parts" / "fore.xml").unlink()
+    with pytest.raises(DynidentError, match=words):
+        dy.load_robot(path)
+
+
+URDF = """<?xml version="1.0"?>
+<robot name="it's"><link name="base"/><link name="upper"/><joint name="a" type="revolute"><parent link="base"/>
+<child link="upper"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="2" effort="5"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    "printed",
+    [
+        f"String value is: {URDF}",
+        f"data: {json.dumps(URDF)}\n---\n",
+        "data: '" + URDF.replace("'", "''") + "'\n---\n",
+        "robot_description: |\n" + "".join(f"  {line}\n" for line in URDF.splitlines()),
+    ],
+    ids=["parameter", "quoted", "single", "block"],
+)
+def test_a_description_that_ros_printed_is_read(tmp_path: Path, printed: str) -> None:
+    (tmp_path / "arm.txt").write_text(printed)
+    robot = dy.load_robot(tmp_path / "arm.txt")
+    assert (robot.name, robot.joint_names) == ("it's", ("a",))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("solid base\n facet normal 0 0 1\n", "a mesh"),
+        ("# from CAD\nv 0 0 1\nv 0 1 0\n", "a mesh"),
+        ("#usda 1.0\n", "a stage of USD"),
+        ("L(1) = Link([0 0.1 0 pi/2]);\n", "a program: write the Denavit-Hartenberg table"),
+    ],
+)
+def test_a_file_that_describes_no_robot_is_named(tmp_path: Path, content: str, words: str) -> None:
+    (tmp_path / "arm.txt").write_text(content)
+    with pytest.raises(DynidentError, match=words):
+        dy.load_robot(tmp_path / "arm.txt")
+
+
+@pytest.mark.parametrize(
+    ("inside", "words"),
+    [
+        ('<xacro:macro name="arm" params="p"><link name="${p}"/></xacro:macro>', "the file that calls its macros"),
+        ('<xacro:arg name="reach"/><link name="a"/>', "its default, or expand the file with it first"),
+    ],
+)
+def test_xacro_without_what_it_needs_says_what_to_do(tmp_path: Path, inside: str, words: str) -> None:
+    pytest.importorskip("xacro")
+    (tmp_path / "arm.xacro").write_text(f'<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro">{inside}</robot>')
+    with pytest.raises(DynidentError, match=words):
+        dy.load_robot(tmp_path / "arm.xacro")

@@ -11,7 +11,7 @@ from support.running_commands import dynident, write_run
 
 from dynident.identification.column_inference import Question
 from dynident.recordings import RecordingMetadata
-from dynident_cli.metadata_files import StatedAnswers
+from dynident_cli.metadata_files import StatedAnswers, describe_answer
 
 
 @pytest.fixture
@@ -155,3 +155,21 @@ def test_without_a_robot_the_columns_are_listed(foreign):
     answer = dynident("inspect", foreign[0], "--json")
     assert answer.document["preview"]["columns"][1] == "act_pos_1"
     assert answer.document["format"] == "csv"
+
+
+@pytest.mark.parametrize(
+    ("question", "option"),
+    [
+        (Question("drives", "they are currents"), "--drive-gains"),
+        (Question("columns/base_qx", "?", ("a", "b")), "--columns base_qx=COLUMN"),
+        (Question("effort_kind", "they are commanded"), '{"effort_kind": "joint_torque"}'),
+        (Question("columns/t", "?", ("a", "b")), "--rate HZ"),
+    ],
+)
+def test_a_question_names_the_option_that_answers_it(question, option):
+    assert option in describe_answer(question)
+
+
+def test_a_folder_is_called_one(tmp_path):
+    refused = dynident("inspect", tmp_path, "--robot", "scara")
+    assert (refused.code, "is a folder" in refused.err) == (2, True)

@@ -320,3 +320,14 @@ def test_a_prior_is_what_open_parameters_stay_near_to() -> None:
     found = complete_parameters(model)
     assert found.exact
     np.testing.assert_allclose(found.inertias[:, 9], robot.inertias[:, 9], rtol=0.02)
+
+
+@pytest.mark.parametrize("stated", ["", ' type="pr2_mechanism_model/SimpleTransmission"'])
+def test_a_transmission_without_a_type_gets_one_since_drake_reads_no_other(stated: str) -> None:
+    bare = OWN.replace("<transmission", f"<transmission{stated}")
+    assert "<transmission" in bare
+    assert "<type>" not in bare
+    root = ElementTree.fromstring(to_urdf(identified(robot_from_urdf("mine", bare))).content.decode())
+    kinds = {found.get("type") or found.findtext("type") for found in root.findall("transmission")}
+    usual = {"transmission_interface/SimpleTransmission"}
+    assert kinds == (usual if not stated else usual | {"pr2_mechanism_model/SimpleTransmission"})

@@ -193,6 +193,16 @@ def test_what_cannot_be_is_refused_with_a_sentence() -> None:
     two = MJCF.replace("</worldbody>", '<body name="ball"><freejoint/><geom size="1"/></body></worldbody>')
     with pytest.raises(DynidentError, match="The bodies trunk, ball all hang on the world"):
         robot_from_description("leg", Description("mjcf", two.format(joint="<freejoint/>", key="")))
+    carried = TREE.replace('<link name="trunk">', '<link name="world"/><link name="trunk">').replace(
+        "</robot>",
+        '<joint name="carrier" type="floating"><parent link="world"/><child link="trunk"/><origin rpy="{} 2"/></joint>'
+        "</robot>",
+    )
+    assert walker("planar", carried.format("0 0")).joint_names[:3] == ("base_x", "base_y", "base_yaw")
+    assert walker("floating", carried.format("0 0.4")).base == "floating"
+    for tilt in ("0 0.4", "-0.01 0"):
+        with pytest.raises(DynidentError, match="'carrier' tilts the root link, but the z axis of a planar base"):
+            walker("planar", carried.format(tilt))
     tilted = MJCF.format(joint="", key="")  # by 11°
     with pytest.raises(DynidentError, match="Body 'trunk' is tilted, but the z axis of a planar base is vertical"):
         set_base(robot_from_description("leg", Description("mjcf", tilted)), "planar")

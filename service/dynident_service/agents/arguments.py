@@ -20,6 +20,7 @@ from dynident.known_robots import list_library_arms, list_stock_robots
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Filters, RecordingMetadata
 from dynident.recordings.file_names_and_digests import JOINT, split_path
+from dynident.robot.mjcf_xml import has_includes
 from dynident.validation import LARGEST_ERROR
 from dynident_service.designs.wire_types import Criterion, Trajectory
 from dynident_service.identifications.wire_types import Preprocessing
@@ -67,7 +68,15 @@ class Folder:
             return text
         path = self.find_file(text, pointer)
         # Expanding would read whatever files it names, and evaluate its expressions.
-        if needs_xacro(path.read_text(encoding="utf-8", errors="replace")):
+        content = path.read_text(encoding="utf-8", errors="replace")
+        if has_includes(content):
+            raise DynidentError(
+                f"{text} includes files, which may lie outside of the folder; let MuJoCo write the whole model to one "
+                "file first (mj_saveLastXML)",
+                pointer=pointer,
+                title="Unusable MJCF",
+            )
+        if needs_xacro(content):
             raise DynidentError(
                 f"{text} is xacro, which can read files outside of the folder; expand it first "
                 "(xacro robot.xacro > robot.urdf)",

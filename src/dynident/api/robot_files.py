@@ -30,6 +30,7 @@ from dynident.robot.json_fields import (
 )
 from dynident.robot.limits_and_drives import split_hardware
 from dynident.robot.link_meshes import find_package
+from dynident.robot.mjcf_xml import expand_includes
 from dynident.robot.xml_text import read_root
 from dynident.schema.fields import point_within
 from dynident.text_encoding import decode_document
@@ -81,7 +82,10 @@ def expand_xacro(path: Path, content: str) -> str:
         ) from missing
     try:
         with _find_packages_near(path):
-            return str(xacro.process_file(str(path)).toprettyxml(indent="  "))
+            expanded = str(xacro.process_file(str(path)).toprettyxml(indent="  "))
+        if "<link" not in expanded:
+            raise ValueError("it defines parts and uses none of them; give the file that calls its macros")
+        return expanded
     except Exception as error:  # xacro raises many kinds of errors, all about the file
         cause: Any = error
         # xacro wraps what our own search raises, perhaps several times. Its message would hide ours.
@@ -90,6 +94,11 @@ def expand_xacro(path: Path, content: str) -> str:
         reason = str(cause if isinstance(cause, _PackageNotFound) else error).strip() or type(error).__name__
         if "is not defined" in reason:
             reason += "; define it by <xacro:property> or <xacro:arg>, or write its value there"
+        if "xacro:arg" in reason and "default" in reason:
+            reason += (
+                "; write the argument's value as its default, or expand the file with it first (xacro robot.xacro "
+                "name:=value > robot.urdf)"
+            )
         raise DynidentError(f"xacro cannot expand it: {reason}", pointer=str(path), title=_XACRO_TITLE) from error
 
 
@@ -271,7 +280,7 @@ def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
     if path is None:
         arm = robot_from_library(str(source))
         return robot_from_description(name or arm.name, arm.description, **stated)
-    content = _read_text(path)
+    content = _strip_printed(_read_text(path))
     place_of_content = _CONTENT
     try:
         # The content decides on the format: the endings of such files are used for several formats.
@@ -282,7 +291,9 @@ def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
                 name or ("" if root is None else root.attributes.get("model" if is_mjcf else "name")) or path.stem
             )
             if is_mjcf:
-                return robot_from_description(robot_name, Description("mjcf", content), **stated)
+                return robot_from_description(
+                    robot_name, Description("mjcf", expand_includes(path, content, _CONTENT)), **stated
+                )
             return robot_from_description(robot_name, Description("urdf", expand_xacro(path, content)), **stated)
         # Neither XML nor JSON: the only text format that is left is a Denavit-Hartenberg table.
         if not content.lstrip().startswith(("{", "[")):
@@ -300,6 +311,25 @@ def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
         raise
 
 
+_PRINTED = re.compile(r"\s*(?:String value is:|robot_description:|data:)\s*(?=[\"'<|])")
+"""What stands before a description that ROS printed: `ros2 param get`, and `ros2 topic echo /robot_description`."""
+
+
+def _strip_printed(content: str) -> str:
+    """Return the description itself where a program of ROS printed it."""
+    printed = _PRINTED.match(content)
+    if printed is None:
+        return content
+    text = content[printed.end() :].strip().removesuffix("---").strip()
+    if text.startswith('"'):
+        try:
+            # A quoted text goes on behind line breaks that end with a backslash.
+            return str(json.loads(re.sub(r"\\\n\s*\\?", "", text), strict=False))
+        except ValueError:
+            return content
+    return text.strip("'|").replace("''", "'") if text.startswith(("'", "|")) else text
+
+
 def _robot_from_table(name: str, content: str, stated: dict[str, Any]) -> Robot:
     try:
         return robot_from_description(name, Description("dh", content), **stated)
@@ -309,7 +339,25 @@ def _robot_from_table(name: str, content: str, stated: dict[str, Any]) -> Robot:
         detail = f"this is neither XML (URDF, MJCF) nor JSON; read as a Denavit-Hartenberg table: {error.detail}"
         if re.match(r"[^\n]*\b(?:t|time)[,;\t][^\n]*q_?1", content):
             detail = "this looks like a recording: the robot's description comes first, and the recordings after it"
+        for beginning, reason in _NO_DESCRIPTIONS:
+            if re.match(beginning, content, re.IGNORECASE):
+                detail = reason
         raise DynidentError(detail, pointer=error.pointer, title=error.title) from error
+
+
+_NO_DESCRIPTIONS = (
+    (
+        r"solid\b|(?:#[^\n]*\n|\s)*(?:mtllib|o|v)\s|ply\s",
+        "this is a mesh, which has no joints: give the URDF that names it",
+    ),
+    (r"#usda\b", "this is a stage of USD: give the URDF or MJCF that it was made from"),
+    (
+        r"(?:%[^\n]*\n|\s)*\w+(?:\(\d+\))?\s*=|(?:function|clear|import|from)\b",
+        "this is a program: write the Denavit-Hartenberg table in it as text, a row for each joint below the words "
+        '"classical" (or "modified") and a line "a alpha d theta"',
+    ),
+)
+"""How files begin that describe no robot, and what to do."""
 
 
 def _parse_document(content: str) -> Any:

@@ -36,6 +36,7 @@ DRAKE_NAMESPACE = "http://drake.mit.edu"
 """XML namespace of Drake's extensions of URDF and SDF."""
 ROTOR_TAG = "dynident_rotor"
 """Child of a `<joint>` whose attribute `inertia` is the rotor's, seen at the joint; URDF itself has no such element."""
+_USUAL_TRANSMISSION = "transmission_interface/SimpleTransmission"
 _ONLY_WHERE_MOVING = ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration")
 
 
@@ -166,12 +167,16 @@ class _EditedUrdf:
         actuators = [actuator for element in transmissions for actuator in self._list_children(element, "actuator")]
         for actuator in actuators:
             self._remove(actuator, tags)
+        for element in transmissions:
+            # Some files leave out the type, and Drake reads none of them.
+            if not element.hasAttribute("type") and not self._list_children(element, "type"):
+                self._append(element, "type", {}, _USUAL_TRANSMISSION)
         if rotor is None:
             return
         self._root.setAttribute("xmlns:drake", DRAKE_NAMESPACE)
         if not transmissions:
             transmissions.append(self._append(self._root, "transmission", {"name": f"{joint}_transmission"}))
-            self._append(transmissions[0], "type", {}, "transmission_interface/SimpleTransmission")
+            self._append(transmissions[0], "type", {}, _USUAL_TRANSMISSION)
             self._append(transmissions[0], "joint", {"name": joint})
         if not actuators:
             actuators.append(self._append(transmissions[0], "actuator", {"name": f"{joint}_motor"}))

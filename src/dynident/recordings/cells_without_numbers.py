@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -149,7 +150,9 @@ _OF_IDS = re.compile(
 )
 """Whole numbers of motors or joints, one a row."""
 _OF_SIGNALS = re.compile(
-    r"(?:^|[^a-z])(?:tag|signal|channel|variable|series|metric|field|topic|key|item|path)(?:[_ ]?name)?$", re.IGNORECASE
+    r"(?:^|[^a-z])(?:tag|signal|channel|variable|series|metric|field|topic|key|item|path|quantity|measure|measurement|"
+    r"kind|type|parameter)(?:[_ ]?name)?$",
+    re.IGNORECASE,
 )
 """Names of signals, one a row, as exports of historians and plots have them."""
 _OF_ROWS = re.compile(r"(?:^|[^a-z])(?:nsecs?|nanosecs?|seq|index)$|^$", re.IGNORECASE)
@@ -162,10 +165,12 @@ _ROWS = 1000
 class _NamedTable:
     """Columns with names of joints, and the columns of each of their signals in the same order.
 
-    `joints` are all names of the first rows. `signals` has the file's columns by what those of all joints are called.
+    Each of `names` is a column, or several whose words together are one name, such as that of the quantity and that of
+    the joint. `joints` are all names of the first rows. `signals` has the file's columns by what those of all joints
+    are called.
     """
 
-    names: tuple[str, ...]
+    names: tuple[tuple[str, ...], ...]
     joints: tuple[str, ...]
     signals: Mapping[str, tuple[str, ...]]
 
@@ -213,6 +218,10 @@ def _parse_hexadecimals(column: pa.Array) -> pa.Array:
     return pa.array(numbers, pa.float64()).take(coded.indices)
 
 
+_Orders = dict[tuple[tuple[str, ...], ...], tuple[IntArray, list[tuple[str, ...]]]]
+"""The order of the names of every table in a batch of rows, as `_find_orders` returns it."""
+
+
 class WordCellsSource(FileSource):
     """A file with written times in seconds, numbers with their units, and signals named by the joints in its cells."""
 
@@ -232,7 +241,7 @@ class WordCellsSource(FileSource):
         }
         self._places = {column: (table, *place) for table in named for column, place in table.list_columns().items()}
         used_columns = {
-            column for table in named for columns in (table.names, *table.signals.values()) for column in columns
+            column for table in named for columns in (*table.names, *table.signals.values()) for column in columns
         }
         names = [name for name in source.names if name not in used_columns]
         units = {name: unit for name, unit in source.units.items() if name not in used_columns}
@@ -253,12 +262,12 @@ class WordCellsSource(FileSource):
         for name in columns:
             if name in self._places:
                 table, signal, _ = self._places[name]
-                needed |= dict.fromkeys((*table.names, *table.signals[signal]))
+                needed |= dict.fromkeys((*chain(*table.names), *table.signals[signal]))
             else:
                 needed[name] = None
         first_row = 0
         for batch in self._source.batches(list(needed)):
-            orders: dict[tuple[str, ...], tuple[IntArray, list[tuple[str, ...]]]] = {}
+            orders: _Orders = {}
             values = [self._column(batch, name, orders, first_row) for name in columns]
             yield pa.RecordBatch.from_arrays(values, names=columns)
             first_row += batch.num_rows
@@ -267,7 +276,7 @@ class WordCellsSource(FileSource):
         self,
         batch: pa.RecordBatch,
         name: str,
-        orders: dict[tuple[str, ...], tuple[IntArray, list[tuple[str, ...]]]],
+        orders: _Orders,
         first_row: int,
     ) -> pa.Array:
         if name not in self._places:
@@ -291,15 +300,21 @@ class WordCellsSource(FileSource):
         return from_numbers(values)
 
 
-def _find_orders(batch: pa.RecordBatch, names: Sequence[str]) -> tuple[IntArray, list[tuple[str, ...]]]:
+def _find_orders(batch: pa.RecordBatch, names: Sequence[tuple[str, ...]]) -> tuple[IntArray, list[tuple[str, ...]]]:
     """Return the number (m,) of every row's combination of names, and the combinations."""
     # Names are compared by their numbers in a dictionary: texts are few, rows are many.
-    coded = [pc.dictionary_encode(_to_text(batch.column(name))) for name in names]
+    coded = [pc.dictionary_encode(join_labels([batch.column(name) for name in columns])) for columns in names]
     codes = np.column_stack([encoded.indices.to_numpy(zero_copy_only=False) for encoded in coded])
     unique, which = np.unique(codes, axis=0, return_inverse=True)
     words = [encoded.dictionary.to_pylist() for encoded in coded]
     combinations = [tuple(words[k][code].strip() for k, code in enumerate(row)) for row in unique.tolist()]
     return which.reshape(-1), combinations
+
+
+def join_labels(columns: Sequence[pa.Array]) -> pa.Array:
+    """Return the words of several columns as one text a row."""
+    texts = [_to_text(column) for column in columns]
+    return texts[0] if len(texts) == 1 else pc.binary_join_element_wise(*texts, "_")
 
 
 def _to_text(column: pa.Array) -> pa.Array:
@@ -350,28 +365,49 @@ def _find_named_tables(source: FileSource, texts: Mapping[str, Sequence[str]]) -
         }
         joints = tuple(dict.fromkeys(word for row in sorted(rows) for word in row))
         if signals and len(joints) <= _MOST_JOINTS:
-            tables.append(_NamedTable(tuple(columns.values()), joints, signals))
+            tables.append(_NamedTable(tuple((column,) for column in columns.values()), joints, signals))
     return tables or _find_joint_rows(source, texts)
 
 
 def _find_joint_rows(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_NamedTable]:
     """Return tables with a row for every joint and instant, with the joint's name in a column."""
-    for name, cells in texts.items():
-        joints = tuple(dict.fromkeys(cell for cell in cells if cell))
-        is_of_joints = _OF_NAMES.match(name) or _OF_IDS.search(name)
-        if not (is_of_joints or _OF_SIGNALS.search(name)) or not 1 < len(joints) <= min(_MOST_JOINTS, len(cells) // 2):
-            continue
-        others = [
-            other
-            for other in source.names
-            if other not in (name, *source.texts) and not is_time_name(other) and not _OF_ROWS.search(other)
-        ]
-        running = _find_running_columns(source, others)
-        others = [other for other in others if other not in running]
-        # A row for each value has its number in one column; of several nobody knows which it is.
-        if others and (is_of_joints or len(others) == 1):
-            return [_NamedTable((name,), joints, {other: (other,) for other in others})]
-    return []
+    labels, others, is_of_joints = find_label_columns(source, texts)
+    if not labels:
+        return []
+    words = list(
+        dict.fromkeys("_".join(row) for row in zip(*(texts[name] for name in labels), strict=True) if all(row))
+    )
+    n_rows = len(texts[labels[0]])
+    # A row for each value has its number in one column; of several nobody knows which it is.
+    if not 1 < len(words) <= min(_MOST_JOINTS, n_rows // 2) or not (is_of_joints or len(others) == 1):
+        return []
+    return [_NamedTable((labels,), tuple(words), {other: (other,) for other in others})] if others else []
+
+
+def find_label_columns(
+    source: FileSource, texts: Mapping[str, Sequence[str]]
+) -> tuple[tuple[str, ...], list[str], bool]:
+    """Return the columns that say what each row is of, those of its numbers, and whether a joint is named.
+
+    Parameters
+    ----------
+    source : FileSource
+        The table.
+    texts : mapping of str to sequence of str
+        First cells of columns of words, or of numbers of joints.
+    """
+    joints = [name for name in texts if _OF_NAMES.match(name) or _OF_IDS.search(name)][:1]
+    signals = [name for name in texts if _OF_SIGNALS.search(name) and name not in joints][:1]
+    labels = tuple(name for name in texts if name in (*joints, *signals))
+    if not labels:
+        return (), [], False
+    others = [
+        name
+        for name in source.names
+        if name not in (*labels, *source.texts) and not is_time_name(name) and not _OF_ROWS.search(name)
+    ]
+    running = _find_running_columns(source, others)
+    return labels, [name for name in others if name not in running], bool(joints)
 
 
 def _find_running_columns(source: FileSource, names: Sequence[str]) -> set[str]:
@@ -411,62 +447,3 @@ def _group_by_stem(names: Sequence[str] | Mapping[str, object]) -> dict[str, dic
         # Only unbroken counts from 0 or 1 are families.
         if sorted(places) == list(range(min(places), min(places) + len(places))) and min(places) in (0, 1)
     }
-
-
-_NINES = tuple(sign * (10.0**digits - 1.0) for digits in range(3, 10) for sign in (-1.0, 1.0))
-_HUGE = 1e30
-_FEWEST_MARKS, _FAR = 3, 5.0
-"""Cells that hold a mark, and how many times larger it is than every other number of its column."""
-
-
-class MarkedGapsSource(FileSource):
-    """A file in which a number that no sensor gives, such as -9999, stands for a missing one."""
-
-    def __init__(self, source: FileSource, marks: Mapping[str, float]) -> None:
-        super().__init__(source.names, source.units)
-        self._source, self._marks = source, marks
-        self.sample_rows, self.texts, self.has_gaps = source.sample_rows, source.texts, source.has_gaps
-        self.inner, self.clocks = source, source.clocks
-        numbers, names = sorted(set(marks.values())), list(marks)
-        self.own_remarks = (
-            f"{' or '.join(f'{number:g}' for number in numbers)} stands for a missing number, in "
-            f"{', '.join(names[:_SHOWN_NAMES])}{', …' if len(names) > _SHOWN_NAMES else ''}.",
-        )
-
-    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        first_row = 0
-        for batch in self._source.batches(columns):
-            arrays = []
-            for name in columns:
-                column = batch.column(batch.schema.get_field_index(name))
-                if name in self._marks:
-                    values = to_float_column(batch, name, first_row)
-                    column = from_numbers(np.where(values == self._marks[name], np.nan, values))
-                arrays.append(column)
-            yield pa.RecordBatch.from_arrays(arrays, names=columns)
-            first_row += batch.num_rows
-
-
-_SHOWN_NAMES = 4
-
-
-def read_marked_gaps(source: FileSource) -> FileSource:
-    """Return the file with missing numbers where its first rows have marks for them; else the same object."""
-    names = [name for name in source.names if name not in source.texts]
-    first = next(source.batches(names), None) if names else None
-    if first is None:
-        return source
-    possible: list[tuple[str, float, int]] = []
-    for name in names:
-        values = to_float_column(first, name, 0)
-        values = values[np.isfinite(values)]
-        for mark in {float(values.min()), float(values.max())} if len(values) else ():
-            if mark not in _NINES and abs(mark) < _HUGE:
-                continue
-            others = np.abs(values[values != mark])
-            if others.max(initial=0.0) * _FAR < abs(mark):
-                possible.append((name, mark, len(values) - len(others)))
-    # A column may have few of them, or one: all columns together tell a mark.
-    counts = {mark: sum(count for _, other, count in possible if other == mark) for _, mark, _ in possible}
-    marks = {name: mark for name, mark, _ in possible if counts[mark] >= _FEWEST_MARKS}
-    return MarkedGapsSource(source, marks) if marks else source

@@ -20,6 +20,8 @@ from dynident.recordings.formats.text_streams import (
     join_open_lists,
     keep_numbers,
     name_labelled_numbers,
+    number_repeated_names,
+    pair_times,
     squeeze_spaces,
 )
 from dynident.recordings.recording_metadata import RecordingError
@@ -131,7 +133,8 @@ def detect_dialect(start: bytes) -> Dialect:
     header.names = _fit_last_name(header.names, rows)
     if "" in header.names and header.names.count("") > 1:
         header.names = tuple(name or f"column{index + 1}" for index, name in enumerate(header.names))
-    header.names, remarks = _number_repeated_names(header.names)
+    header.names, header.clocks = pair_times(header.names) or (header.names, header.clocks)
+    header.names, remarks = number_repeated_names(header.names)
     # Lines with another number of cells, such as remarks between the rows, say nothing of the columns.
     rows = [row for row in rows if len(row) == len(header.names)]
     return Dialect(
@@ -162,7 +165,12 @@ def _fit_last_name(names: tuple[str, ...], rows: Sequence[Sequence[str]]) -> tup
     # Rows have a name, or a number, of their own: R writes none above them.
     if width == len(names) + 1 and _count_rows([row[0] for row in rows if len(row) == width]):
         return ("row", *names)
-    return names[:-1] if width == len(names) - 1 and not names[-1] else names
+    is_surplus = width == len(names) - 1 and (not names[-1] or names[-1].casefold() in _REMARKS)
+    return names[:-1] if is_surplus else names
+
+
+_REMARKS = ("comment", "remark", "kommentar")
+"""Last names above columns whose cells are mostly left out."""
 
 
 def _count_rows(cells: Sequence[str]) -> bool:
@@ -171,29 +179,6 @@ def _count_rows(cells: Sequence[str]) -> bool:
     if not numbers:
         return not any(map(_is_number, cells))
     return len(numbers) == len(cells) and all(after == before + 1 for before, after in pairwise(numbers))
-
-
-def _number_repeated_names(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return names that differ, those that stand several times numbered in their order, and a remark on them."""
-    repeated = [name for name, count in Counter(names).items() if name and count > 1]
-    if not repeated:
-        return names, ()
-    numbers = dict.fromkeys(repeated, 0)
-    numbered = []
-    for name in names:
-        if name in numbers:
-            numbers[name] += 1
-            numbered.append(f"{name}_{numbers[name]}")
-        else:
-            numbered.append(name)
-    # A name with a number is that of one joint: one of the two is a mistake, and nothing says which.
-    if len(set(numbered)) < len(numbered) or any(name[-1].isdigit() for name in repeated):
-        raise RecordingError(
-            f"Column {repeated[0]} occurs more than once in the file; give every column a name of its own.",
-            pointer=repeated[0],
-        )
-    remark = f"Several columns have the same name ({', '.join(repeated[:6])}): they are numbered as they stand there."
-    return tuple(numbered), (remark,)
 
 
 _NAMES_OF_CHANNELS = ("symbolname", "name", "signal", "channel", "kanal")
@@ -260,6 +245,7 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     if (names := _name_message_columns(messages, delimiter)) is not None:
         return delimiter, False, _Header(names, header)
     names = tuple(_format_name(field) for field in _split_fields(text, delimiter))
+    names = _join_merged_heads(names, _split_fields(lines[header - 1], delimiter) if header else [])
     rows = header + 1
     delimiter = _find_delimiter_of_rows(lines[rows : rows + 20], len(names)) or delimiter
     if sum(map(bool, names)) - len({name for name in names if name}) > 1 and rows < len(lines):
@@ -280,6 +266,16 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     return delimiter, comma, _Header(names, rows, units)
 
 
+def _join_merged_heads(names: tuple[str, ...], above: Sequence[str]) -> tuple[str, ...]:
+    """Return names that repeat with the heads above them, each of which stands over several columns of a sheet."""
+    if len(set(names)) == len(names) or len(above) != len(names) or not any(above):
+        return names
+    # A cell that is empty goes on with the head before it.
+    heads = [next(filter(None, above[place::-1]), "") for place in range(len(above))]
+    joined = tuple("_".join(filter(None, pair)) for pair in zip(heads, names, strict=True))
+    return joined if len(set(joined)) == len(joined) else names
+
+
 def _decode_text(start: bytes) -> tuple[str, str]:
     """Return the first bytes as text, and their encoding."""
     if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
@@ -290,7 +286,9 @@ def _decode_text(start: bytes) -> tuple[str, str]:
             return start.decode(encoding, errors="ignore"), encoding
     if b"\0" in start:
         raise RecordingError(
-            "The file is neither Parquet nor text, nor in another known format.", title="Unreadable file"
+            "The file is neither Parquet nor text, nor in another known format: save the table as CSV or Parquet, or "
+            "its arrays with np.savez.",
+            title="Unreadable file",
         )
     try:
         return start.decode("utf-8-sig"), "utf-8"
@@ -397,16 +395,18 @@ def _skip_titles(lines: list[str], header: int) -> int:
 
     def is_whole(line: str) -> bool:
         fields = _split_fields(line.lstrip("#% "), delimiter)
-        return len(fields) == width and not _is_mostly_empty(fields)
+        is_remarked = len(fields) == width + 1 and fields[-1].casefold() in _REMARKS
+        return (len(fields) == width or is_remarked) and not _is_mostly_empty(fields)
 
     if width < 2 or is_whole(lines[header]):
         return header
-    # Rows may have empty cells: names are a line without a number.
-    whole = (number for number in range(header + 1, len(lines)) if is_whole(lines[number]))
-    names_line = next(whole, None)
-    if names_line is None or any(_NUMBER.match(cell) for cell in _split_fields(lines[names_line], delimiter)):
-        return header
-    return names_line
+    # Rows may have empty cells: names are a line without a number, and of several the one with the fewest empty cells.
+    filled = {
+        number: sum(map(bool, cells))
+        for number, line in enumerate(lines)
+        if number > header and is_whole(line) and not any(map(_NUMBER.match, cells := _split_fields(line, delimiter)))
+    }
+    return max(filled, key=lambda number: (filled[number], -number)) if filled else header
 
 
 def _is_aligned(lines: list[str]) -> bool:

@@ -17,8 +17,9 @@ from dynident.schema.fields import Choice, OneOf, Request, declare_field, redecl
 Status = Literal["ok", "warning", "error"]
 Windows = tuple[tuple[float, float], ...]
 Format = Literal[
-    "csv", "parquet", "feather", "jsonl", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi", "zip"
-]
+    "csv", "parquet", "feather", "jsonl", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi", "zip",
+    "diadem",
+]  # fmt: skip
 Role = Literal["identification", "validation", "friction", "payload"]
 ROLES = OneOf(
     Choice("identification", "identification"),

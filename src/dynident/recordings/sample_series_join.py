@@ -50,12 +50,9 @@ class SparseSource(FileSource):
         }
         super().__init__(source.names, source.units)
         self.sample_rows = source.sample_rows
-        others = ", ".join(_name_columns(columns) for name, columns in pattern.series.items() if name != pattern.main)
+        others = [_name_columns(columns) for name, columns in pattern.series.items() if name != pattern.main]
         self.inner = source
-        self.own_remarks = (
-            f"Signals are on different rows: the rows of {_name_columns(pattern.series[pattern.main])} are used, and "
-            f"{others} are interpolated linearly at those times.",
-        )
+        self.own_remarks = (describe_join(_name_columns(pattern.series[pattern.main]), others),)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         pattern = self._pattern
@@ -229,6 +226,18 @@ def join_own_clocks(source: FileSource) -> FileSource:
         step = step[np.isfinite(step) & (step > 0)]
         steps[clock] = float(np.median(step)) if len(step) else np.inf
     return OwnClocksSource(source, {times[stamps]: names for stamps, names in series.items()}, steps)
+
+
+def describe_join(main: str, others: Sequence[str]) -> str:
+    """Say which signal's rows are used, and that the others are read at its times."""
+    shown = others if len(others) <= _SHOWN else [*others[: _SHOWN - 1], "…", others[-1]]
+    return (
+        f"Signals are on different rows: the rows of {main} are used, and {', '.join(shown)} are read at those times, "
+        "on a straight line between two samples where they have none."
+    )
+
+
+_SHOWN = 4
 
 
 def _name_columns(columns: Sequence[str]) -> str:

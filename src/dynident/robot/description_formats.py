@@ -26,3 +26,6 @@ BASE_JOINTS: dict[BaseKind, tuple[str, ...]] = {
 """Coordinates of the base, as joints in front of the robot's own: position of its frame in the world (m) and its angles
 (rad), R = Rz(yaw) Ry(pitch) Rx(roll). They have no motor: their "torque" is what acts on the base from outside, as a
 generalised force. The angles are singular at a pitch of ±90°."""
+
+UPRIGHT = 1.0 - 1e-6
+"""Cosine of the angle between the vertical and the z axis of a root link that stands upright; numbers are rounded."""

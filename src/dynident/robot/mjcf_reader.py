@@ -16,7 +16,7 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot.cut_joint import FrameOnJoint, Loop, LoopKind
-from dynident.robot.description_formats import BASE_JOINTS, BaseKind
+from dynident.robot.description_formats import BASE_JOINTS, UPRIGHT, BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.linkage import LoopCuts, link_joints, lock_followers
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 # MuJoCo's numbers: of kinds of equalities, and of a site, a joint in a tendon's path and a transmission by a tendon.
 _CONNECT, _WELD, _JOINT, _TENDON = 0, 1, 2, 3
 _FREE = 0
-# Cosine of the angle between the vertical and the z axis of a body that stands upright; quaternions are rounded.
-_UPRIGHT = 1.0 - 1e-6
 _SITE, _WRAPPED_JOINT, _THROUGH_TENDON = 6, 1, 3
 
 
@@ -358,7 +356,7 @@ def _build_tree(compiled: mujoco.MjModel, name: str, kind: BaseKind, pointer: st
         joint, before = carried[compiled.body_parentid[body]]
         place = before * _to_placement(compiled.body_pos[body], compiled.body_quat[body])
         if body == root:
-            if kind == "planar" and place.rotation[2, 2] < _UPRIGHT:
+            if kind == "planar" and place.rotation[2, 2] < UPRIGHT:
                 raise make_mjcf_error(
                     f"Body '{compiled.body(root).name}' is tilted, but the z axis of a planar base is vertical.",
                     None,

@@ -1,14 +1,16 @@
-"""Check and reduce the XML of an MJCF before MuJoCo compiles it: no files, visuals or contacts; the most bodies."""
+"""Follow includes of an MJCF; check and reduce its XML before MuJoCo compiles it; the most bodies."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from dynident.errors import DynidentError
 from dynident.robot.description_formats import BaseKind
 from dynident.robot.json_fields import join_names
-from dynident.robot.xml_text import Element, parse_xml
+from dynident.robot.xml_text import Element, parse_xml, read_root, write_xml
+from dynident.text_encoding import decode_document
 
 TITLE = "Unusable MJCF"
 MOST_BODIES = 2000
@@ -285,3 +287,56 @@ def _check_meshes(reduced: Element, fail: _Fail) -> None:
                 )
             # Without mass its size has no effect on the dynamics.
             geom.attributes.update(type="sphere", size="1")
+
+
+def has_includes(content: str) -> bool:
+    """Return whether the content of a file is an MJCF model that includes other files."""
+    return "<include" in content and (root := read_root(content)) is not None and root.tag == "mujoco"
+
+
+def expand_includes(path: Path, content: str, pointer: str = "") -> str:
+    """Return an MJCF model with the elements of the files that it includes; `content` itself where it includes none.
+
+    Parameters
+    ----------
+    path : Path
+        The model's file; names of files are relative to its folder, as MuJoCo reads them.
+    content : str
+        Of the file.
+    pointer : str
+        JSON pointer to the content in the caller's request.
+
+    Raises
+    ------
+    DynidentError
+        For a file that is missing, is included twice, or is no such XML.
+    """
+    if not has_includes(content):
+        return content
+    included = {path.resolve()}
+
+    def expand(element: Element) -> list[Element]:
+        if element.tag != "include":
+            children = [expanded for child in element.children for expanded in expand(child)]
+            return [replace(element, children=children)]
+        name = element.attributes.get("file", "")
+        file = (path.parent / name).resolve()
+        if not name or not file.is_file():
+            raise _include_error(f"line {element.line}: the file {name!r} of this <include> is not there")
+        if file in included:
+            raise _include_error(f"line {element.line}: {name} is included twice, or includes itself")
+        included.add(file)
+        try:
+            root = parse_xml(decode_document(file.read_bytes()), "An MJCF", "", TITLE)
+        except (DynidentError, OSError, UnicodeDecodeError) as error:
+            raise _include_error(f"{name}: {getattr(error, 'detail', error)}") from error
+        return [expanded for child in root.children for expanded in expand(child)]
+
+    return write_xml(expand(parse_xml(content, "An MJCF", pointer, TITLE))[0], indent=True)
+
+
+def _include_error(reason: str) -> DynidentError:
+    return DynidentError(
+        f"{reason}; put it beside the model, or let MuJoCo write the whole model to one file (mj_saveLastXML).",
+        title=TITLE,
+    )

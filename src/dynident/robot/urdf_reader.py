@@ -9,7 +9,7 @@ from dataclasses import replace
 import pinocchio as pin
 
 from dynident.errors import DynidentError
-from dynident.robot.description_formats import BASE_JOINTS, BaseKind
+from dynident.robot.description_formats import BASE_JOINTS, UPRIGHT, BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits_and_drives import Drive, Limits
 from dynident.robot.linkage import link_joints, lock_followers
@@ -125,6 +125,17 @@ def _find_root_joint(root: Element, base: BaseKind | None, clamped: Collection[s
     return free[0], base or "floating"
 
 
+def _check_upright(joint: Element, pointer: str) -> None:
+    """Refuse a planar base whose root link is not upright: the first joint's origin is the frame of the base."""
+    owner, origin = f"joint '{joint.attributes['name']}'", joint.find_child("origin")
+    if origin is None or "rpy" not in origin.attributes:
+        return
+    rpy = _parse_numbers(origin, "rpy", owner, lambda detail, line: make_urdf_error(detail, line, pointer))
+    if math.cos(rpy[0]) * math.cos(rpy[1]) < UPRIGHT:
+        reason = "tilts the root link, but the z axis of a planar base is vertical"
+        raise make_urdf_error(f"The <origin> of {owner} {reason}.", origin.line, pointer)
+
+
 def _get_end(joint: Element, end: str) -> str:
     element = joint.find_child(end)
     return "" if element is None else element.attributes.get("link", "")
@@ -136,8 +147,7 @@ def _find_root_link(root: Element, root_joint: str) -> str:
     if root_joint:
         return next(_get_end(joint, "child") for joint in joints if joint.attributes["name"] == root_joint)
     children = {_get_end(joint, "child") for joint in joints}
-    names = (link.attributes["name"] for link in root.iter_children("link"))
-    return next(name for name in names if name not in children)
+    return next(name for link in root.iter_children("link") if (name := link.attributes["name"]) not in children)
 
 
 def reduce_urdf(root: Element, pointer: str = "", clamped: Collection[str] = (), root_joint: str = "") -> Element:
@@ -238,8 +248,7 @@ def _iter_named(root: Element, tag: str, fail: _Fail) -> Iterator[tuple[str, Ele
 
 
 def _check_kind(name: str, joint: Element, fail: _Fail) -> None:
-    kind = joint.attributes.get("type", "")
-    if kind == "fixed":
+    if (kind := joint.attributes.get("type", "")) == "fixed":
         return
     if kind in _OF_MORE_FREEDOMS:
         raise fail(
@@ -265,8 +274,8 @@ def _check_tree(joints: dict[str, Element], links: dict[str, Element], fail: _Fa
         parent_of[child] = (parent, name)
     roots = [name for name in links if name not in parent_of]
     if not roots:
-        first = next(iter(joints.values()))
-        raise fail("Every link is the child of a joint: the joints form a loop, and no link is the base.", first.line)
+        line = next(iter(joints.values())).line
+        raise fail("Every link is the child of a joint: the joints form a loop, and no link is the base.", line)
     if len(roots) > 1:
         raise fail(
             f"{len(roots)} links have no parent ({join_names(roots)}), but a robot has only one base. Connect them by "
@@ -302,8 +311,7 @@ def _reduce_link(name: str, link: Element, fail: _Fail) -> Element:
     owner = f"link '{name}'"
     mass, inertia = inertial.find_child("mass"), inertial.find_child("inertia")
     if mass is None or inertia is None:
-        missing = "<mass>" if mass is None else "<inertia>"
-        raise fail(f"The <inertial> of {owner} has no {missing}.", inertial.line)
+        raise fail(f"The <inertial> of {owner} has no <{'mass' if mass is None else 'inertia'}>.", inertial.line)
     for element, names in ((mass, ("value",)), (inertia, ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))):
         for attribute in names:
             _parse_number(element, attribute, owner, fail)
@@ -347,7 +355,7 @@ def _reduce_limit(joint: Element, owner: str, fail: _Fail) -> Element:
         raise fail(f"The lower limit of {owner} is above its upper limit.", element.line)
     bounds = {name: value if math.isfinite(value) else 0.0 for name, value in values.items()}
     # A range that is infinite on one side limits nothing that can be stated: drop both ends.
-    if not all(math.isfinite(values[bound]) for bound in ("lower", "upper")):
+    if not all(map(math.isfinite, (values["lower"], values["upper"]))):
         bounds["lower"] = bounds["upper"] = 0.0
     return Element("limit", {name: repr(value) for name, value in bounds.items()}, element.line)
 
@@ -449,6 +457,8 @@ def read_urdf(
     locked_by_user = settings.locked_joints
     clamped = _find_clamped_joints(root, locked_by_user, pointer)
     root_joint, kind = _find_root_joint(root, base, clamped)
+    if root_joint and kind == "planar":
+        _check_upright(next(j for j in root.iter_children("joint") if j.attributes["name"] == root_joint), pointer)
     tree, ties = reduce_urdf(root, pointer, clamped, root_joint), read_mimics(root, pointer)
     # Clamped joints are fixed ones in the reduced text, so that Pinocchio has none of their names to lock.
     locked = {name: position for name, position in locked_by_user.items() if name not in clamped}

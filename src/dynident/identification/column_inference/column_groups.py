@@ -212,8 +212,11 @@ EXPLAINED = 0.3
 _OURS: tuple[Signal, ...] = ("q", "dq", "ddq", "tau", "current", "temperature")
 """Kinds of signals that are read by their own names."""
 
-_PENDANT = (("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2"), ("wrist", "3"))
-"""What the pendants of one maker call six joints."""
+_PENDANTS = (
+    ((("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2"), ("wrist", "3")), "base, …, wrist 3"),
+    *((tuple((letter,) for letter in axes), ", ".join(axes.upper())) for axes in ("slurbt", "sleurbt")),
+)
+"""What makers' pendants call the joints, and how that is shown."""
 
 
 @dataclass(frozen=True)
@@ -479,16 +482,19 @@ def _group_by_number(
 def _group_by_pendant_names(
     named: Sequence[ColumnName], used: set[int], n: int
 ) -> tuple[dict[tuple[str, ...], dict[int, int]], dict[tuple[str, ...], str]]:
-    if n != len(_PENDANT):
-        return {}, {}
-    stems: dict[tuple[str, ...], dict[int, int]] = {}
-    for index, column in enumerate(named):
-        if index in used:
-            continue
-        for joint, words in enumerate(_PENDANT):
-            place = find_phrase(column.words, words)
-            if place is not None:
-                stem = (*column.words[:place], "*", *column.words[place + len(words) :])
-                stems.setdefault(stem, {}).setdefault(joint, index)
-    whole = {stem: group for stem, group in stems.items() if len(group) == n}
-    return whole, dict.fromkeys(whole, "the joints are named base, shoulder, elbow and wrist 1 to 3")
+    groups: dict[tuple[str, ...], dict[int, int]] = {}
+    reasons: dict[tuple[str, ...], str] = {}
+    for pendant, shown in _PENDANTS:
+        stems: dict[tuple[str, ...], dict[int, int]] = {}
+        for index, column in enumerate(named):
+            if index in used or len(pendant) != n:
+                continue
+            for joint, words in enumerate(pendant):
+                place = find_phrase(column.words, words)
+                if place is not None:
+                    stem = (*column.words[:place], "*", *column.words[place + len(words) :])
+                    stems.setdefault(stem, {}).setdefault(joint, index)
+        whole = {stem: group for stem, group in stems.items() if len(group) == n}
+        groups |= whole
+        reasons |= dict.fromkeys(whole, f"the joints are named {shown}")
+    return groups, reasons

@@ -22,8 +22,8 @@ _WORDS: dict[Signal, frozenset[str]] = {
         "t time timestamp stamp zeit clock temps tiempo tempo ipoc datetime epoch elapsed время 时间 時間 시간"
     ),
     "q": _split_words(
-        "q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos weg угол "
-        "положение 角度 位置 각도 위치"
+        "q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos "
+        "pulse pulses weg угол положение 角度 位置 각도 위치"
     ),
     "dq": _split_words(
         "dq qd vel velocity velocities speed omega qdot thetadot dtheta geschwindigkeit drehzahl jvel qvel spd speeds "
@@ -108,6 +108,7 @@ _ENDING = re.compile(
     r"permille|promille|ms|us|ns|mm|cm)$",
     re.IGNORECASE,
 )
+_NUMBER_BEHIND = re.compile(r"[_ .\-]\d+$")
 _STRANGE_UNIT = re.compile(
     r"^(?:[mkµu]?V|mW|W|kW|bar|psi|kPa|counts?|ticks?|LSB|raw|bits?|digits?|inc)$", re.IGNORECASE
 )
@@ -199,8 +200,16 @@ def read_names(names: Sequence[str], units: Mapping[str, str], joint_names: Sequ
         head = name.rstrip("0123456789")
         plain = f"{meant[head]} {name[len(head) :]}" if head in meant else name
         columns.append(replace(read_name(plain, units.get(name, ""), spellings), name=name))
-    waves = {column.name for column in _find_waves(columns)}
-    return [replace(column, signal="other") if column.name in waves else column for column in columns]
+    others = {column.name for column in (*_find_waves(columns), *_find_pose(columns, spellings))}
+    # One time is enough: beside it t1, t2, … are counted as joints are, and may be torques.
+    is_timed = any(column.signal == "t" and not column.numbers for column in columns)
+    counted = {column.name for column in columns if is_timed and column.numbers and _plain_words(column) == ("t",)}
+    return [
+        replace(column, signal="other" if column.name in others else None)
+        if column.name in others or column.name in counted
+        else column
+        for column in columns
+    ]
 
 
 def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = ()) -> ColumnName:
@@ -217,9 +226,13 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
     # Labels of a series, {joint="elbow"}, belong to the name.
     is_named = bracket is None or (stated is None and (inner.isdigit() or "=" in inner))
     text = name if bracket is None or is_named else name[: bracket.start()]
-    ending = _ENDING.search(text)
+    # The number of the joint may stand behind the unit: torque_cNm_1.
+    number = _NUMBER_BEHIND.search(text)
+    behind = number.group() if number is not None else ""
+    ending = _ENDING.search(text) or _ENDING.search(text.removesuffix(behind))
     if stated is None and ending is not None:
-        stated, text = _UNITS[_normalise_unit(ending.group(1))], text[: ending.start()]
+        stated = _UNITS[_normalise_unit(ending.group(1))]
+        text = text[: ending.start()] + (behind if ending.end() < len(text) else "")
     # Capitals separate words, as in jointPosition, so they are lowered only after the split.
     words = tuple(word.casefold() for word in _PART.findall(text))
     places = [(len(spelling), place) for spelling in spellings if (place := find_phrase(words, spelling)) is not None]
@@ -362,6 +375,26 @@ def _find_waves(named: Sequence[ColumnName]) -> list[ColumnName]:
     present = {column.words for column in named}
     partners = [(column, tuple(_WAVES.get(word, word) for word in column.words)) for column in named]
     return [column for column, partner in partners if partner != column.words and partner in present]
+
+
+_PLACE = ("x", "y", "z")
+_TURNS = (("roll", "pitch", "yaw"), ("rx", "ry", "rz"), ("a", "b", "c"), ("qx", "qy", "qz"))
+"""What a tool's position is called, and its orientation."""
+
+
+def _find_pose(named: Sequence[ColumnName], spellings: Sequence[tuple[str, ...]]) -> list[ColumnName]:
+    """Find the columns of a tool's pose, x, y, z, roll, pitch, yaw; none where the robot's joints are called so."""
+    by_words = {column.words: column for column in named}
+    pose: list[ColumnName] = []
+    for turns in _TURNS:
+        words = [(word,) for word in (*_PLACE, *turns)]
+        if all(word in by_words for word in words) and not set(words) & set(spellings):
+            pose += [by_words[word] for word in words]
+    return pose
+
+
+def _plain_words(column: ColumnName) -> tuple[str, ...]:
+    return tuple(word for word in column.words if not word.isdigit())
 
 
 def describe_waves(named: Sequence[ColumnName]) -> str:

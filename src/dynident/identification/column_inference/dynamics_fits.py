@@ -81,10 +81,9 @@ def condition_sample(
     return fill_gaps(right), fill_gaps(measured), put_right
 
 
-FEWEST_ROWS = 200
-"""Rows below which a motion is too short to be filtered and fitted."""
-FEWEST_POSES = 10
-"""Poses below which gravity is not fitted: a six-axis arm has ten parameters of gravity, and six torques a pose."""
+FEWEST_ROWS, FEWEST_POSES = 200, 10
+"""Rows below which a motion is too short to be filtered and fitted; and poses below which gravity is not fitted: a
+six-axis arm has ten parameters of gravity, and six torques a pose."""
 
 
 class DynamicsFits:
@@ -152,19 +151,20 @@ class DynamicsFits:
         return unexplained if np.isfinite(unexplained) else None
 
 
-class PoseFits(DynamicsFits):
-    """Fits of a robot to poses at which it stands, a row each."""
+class NoFits(DynamicsFits):
+    """In place of fits of a robot whose base moves: the joints alone do not tell what their torques have to be."""
 
     def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
-        """Return None: there is no motion."""
-        return None
+        """Return None: there is no motion that can be fitted."""
+
+
+class PoseFits(NoFits):
+    """Fits of a robot to poses at which it stands, a row each."""
 
     def measure_unexplained(self, q: FloatArray, tau: FloatArray) -> float | None:
         """Return the share of the torque that gravity and constant torques leave; None where rows are too few."""
         good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
-        if good.sum() < FEWEST_POSES:
-            return None
-        return measure_unexplained_at_rest(self.robot, q[good], tau[good])
+        return None if good.sum() < FEWEST_POSES else measure_unexplained_at_rest(self.robot, q[good], tau[good])
 
 
 _CLEARLY = 1.25
@@ -173,8 +173,7 @@ _CLEARLY = 1.25
 _FULL = {"rad": 1.0, "deg": 100.0}
 """Ends of a joint's range in files whose positions are shares of it, by the unit that these are mistaken for."""
 
-_SMALL_TURN = 2.0 * np.pi
-"""Range of a number below which it may be an angle in rad."""
+_SMALL_TURN = 2.0 * np.pi  # the range of a number below which it may be an angle in rad
 
 
 def find_units_by_joint(

@@ -30,11 +30,12 @@ from dynident.identification.column_inference.column_statistics import (
     mask_outliers,
     restore_masked,
 )
-from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits, condition_sample
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits, NoFits, PoseFits, condition_sample
 from dynident.identification.column_inference.metadata_proposal import Proposal, Question
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
     TOGETHER,
+    add_base_columns,
     are_columns_poses,
     ask_about_file,
     ask_about_length,
@@ -53,6 +54,7 @@ from dynident.identification.column_inference.torque_or_current import (
 from dynident.identification.column_inference.unnamed_columns import (
     UnnamedColumns,
     assign_torques,
+    describe_unknown_groups,
     find_plainest_group,
     hold_same_values,
     identify_unnamed_columns,
@@ -65,6 +67,7 @@ from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.recording_metadata import EffortKind
 from dynident.recordings.units import MOMENTS, find_conversion
 from dynident.robot import Robot
+from dynident.robot.description_and_json import set_base
 
 _FEWEST_ROWS = 3
 """Rows with a time, below which that column is not the time."""
@@ -92,7 +95,11 @@ def propose(sample: Sample, robot: Robot) -> Proposal:
     """
     # Masses in grams would make every torque look wrong; the description is read in SI units first.
     units = find_description_units(robot)
-    return _ColumnInference(sample, robot if units is None else units.to_si(robot), robot).run()
+    machine = robot if units is None else units.to_si(robot)
+    if not robot.n_base:
+        return _ColumnInference(sample, machine, robot).run()
+    # The joints are those of the same robot on a fixed base.
+    return _ColumnInference(sample, set_base(machine, "fixed"), robot, moving_base=robot).run()
 
 
 @dataclass
@@ -100,6 +107,7 @@ class _ColumnInference(WorkingProposal):
     """A proposal in the making: the steps from names and data to columns, units and the kind of effort."""
 
     silent: list[int] = field(default_factory=list)
+    moving_base: Robot | None = None
 
     def run(self) -> Proposal:
         """Guess time, groups of columns, positions, efforts and units, in this order."""
@@ -130,7 +138,8 @@ class _ColumnInference(WorkingProposal):
         self.t = self.t[good]
         labels = None if segment is None else segment[good]
         # From here on every guess can be tested: right columns let the dynamics explain more of the torque.
-        self.fits = PoseFits(self.robot, self.t) if self.of_poses else DynamicsFits(self.robot, self.t, labels)
+        kind_of_fits = PoseFits if self.of_poses else DynamicsFits if self.moving_base is None else NoFits
+        self.fits = kind_of_fits(self.robot, self.t, labels)
         others = [name for index, name in enumerate(self.column_names) if index != clock.column]
         places = [index for index in range(len(self.column_names)) if index != clock.column]
         followers = () if self.robot.linkage is None else self.robot.linkage.passive
@@ -172,6 +181,8 @@ class _ColumnInference(WorkingProposal):
         return self._finish(kind)
 
     def _finish(self, kind: EffortKind) -> Proposal:
+        if self.moving_base is not None:
+            add_base_columns(self, self.moving_base)
         drop_dependent_questions(self)
         if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
@@ -270,7 +281,7 @@ class _ColumnInference(WorkingProposal):
                 f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more} If they "
                 f"are in another file, {TOGETHER}."
             )
-            detail += describe_waves(self.column_names)
+            detail += describe_waves(self.column_names) + describe_unknown_groups(groups, self.name_columns, "position")
             if any(group.signal == "dq" for group in groups):
                 detail += " Velocities alone do not suffice: the load of gravity depends on the positions."
             self.add_question("columns/q", detail, self.sample.names)
@@ -323,6 +334,7 @@ class _ColumnInference(WorkingProposal):
                 "No columns were recognised as torques or currents of all joints. If they are in another file, "
                 f"{TOGETHER}."
             )
+            detail += describe_unknown_groups(groups, self.name_columns, "torque")
             self.add_question("columns/tau", detail, self.sample.names)
             return None, "unknown"
         best = candidates[0]

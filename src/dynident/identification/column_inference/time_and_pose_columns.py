@@ -22,10 +22,13 @@ from dynident.identification.column_inference.column_statistics import (
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits
 from dynident.identification.column_inference.metadata_proposal import Question
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
+from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.number_format import format_percent
+from dynident.recordings.base_motion import QUATERNION, find_base_columns, find_reactions
 from dynident.recordings.pose_recordings import are_poses
-from dynident.recordings.recording_metadata import EffortKind
+from dynident.recordings.recording_metadata import EffortKind, RecordingError, RecordingMetadata
 from dynident.recordings.time_columns import is_time_name
+from dynident.robot import Robot
 
 _EXPLAINED = 0.5
 """Share of the torque that gravity may leave unexplained where the columns hold what their names say."""
@@ -325,3 +328,51 @@ def report_empty_columns(work: WorkingProposal) -> None:
     if len(empty):
         names = ", ".join(work.sample.names[column] for column in empty)
         work.add_guess("columns", names, 0.9, "not used: they contain no numbers")
+
+
+def add_base_columns(work: WorkingProposal, robot: Robot) -> None:
+    """Take the columns of a moving base's pose, and of wrenches on links, by their names; ask for what is missing.
+
+    Parameters
+    ----------
+    work : WorkingProposal
+        Gets the columns, or questions.
+    robot : Robot
+        The robot, whose base moves.
+    """
+    names, nothing_stated = work.sample.names, RecordingMetadata()
+    # Nothing was compared with the dynamics, however long the recording is.
+    work.guesses = [guess for guess in work.guesses if guess.field != "check"]
+    pose = find_base_columns(names, nothing_stated)
+    angles = [name for name in ("base_yaw", "base_pitch", "base_roll") if name in robot.joint_names[: robot.n_base]]
+    if pose:
+        work.columns |= {ours: source for ours, source in pose.items() if ours != source}
+        work.add_guess("columns/base_qx", ", ".join(pose.values()), 0.9, "the pose of the base, by their names")
+    if not all(name in pose for name in QUATERNION) and not all(
+        name in names or f"q_{name}" in names for name in angles
+    ):
+        detail = (
+            "The base of this robot moves: which columns are its orientation? Name those of its unit quaternion, "
+            f"{', '.join(QUATERNION)}, or of its angles in rad, {', '.join(angles)}."
+        )
+        work.questions.append(Question("columns/base_qx", detail, names[:_SHOWN_NAMES]))
+    try:
+        reactions = find_reactions(names, build_recorded_joints(robot), nothing_stated)
+    except RecordingError as error:
+        work.add_question("columns", error.detail)
+        return
+    links = ", ".join(f"{reaction.link} ({'world' if reaction.in_world else 'link'} frame)" for reaction in reactions)
+    reason = "forces of the surroundings on links, by the names of the columns"
+    if robot.contacts:
+        links = ", ".join(contact.link for contact in robot.contacts)
+        reason = "eliminated, as you say of these contacts"
+    elif not reactions:
+        links = "none"
+        reason = (
+            "no columns are <link>_fx … <link>_mz: the file is read as that of a robot that nothing touches; name "
+            "feet on the ground by --contacts"
+        )
+    work.add_guess("columns/wrenches", links, 0.9, reason)
+
+
+_SHOWN_NAMES = 40

@@ -247,7 +247,7 @@ def _classify_measured(
     """Classify torques that no controller computed from the positions."""
     motion = fits.to_motion(q, tau)
     if motion is None or not len(motion.q) or not np.isfinite(motion.tau).all():
-        return _classify_by_name(signal, unit, 0.6, "by its name; the sample is too short to compare with the robot")
+        return _classify_by_name(signal, unit, 0.6, "by its name; it could not be compared with the robot's dynamics")
     # External torques are what remains without the robot's own dynamics, so the motion cannot explain them.
     with_gravity = measure_unexplained_share(fits.robot, motion)
     if with_gravity > _NOTHING:

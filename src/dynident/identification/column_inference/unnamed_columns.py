@@ -229,6 +229,32 @@ def _counts_on(values: FloatArray) -> bool:
     return _FEWEST_COUNTS <= len(counts) < 0.5 * len(steps) and bool(np.allclose(counts, abs(counts[0]), rtol=1e-6))
 
 
+def describe_unknown_groups(groups: Sequence[ColumnGroup], shown: Callable[[ColumnGroup], str], signal: str) -> str:
+    """Say which columns of all joints may be a signal that was not recognised; or that there are none.
+
+    Parameters
+    ----------
+    groups : sequence of ColumnGroup
+        All groups of the file.
+    shown : function
+        Returns the names of a group's columns.
+    signal : str
+        What was not recognised.
+
+    Returns
+    -------
+    str
+        A sentence with a space before it.
+    """
+    unknown = [shown(group) for group in groups if group.signal is None and group.rank < _COMMANDED_RANK]
+    if not unknown:
+        return f" No further columns stand for all joints: was the {signal} recorded?"
+    return f" Names of columns for all joints that do not say what they are: {'; '.join(unknown[:3])}."
+
+
+_COMMANDED_RANK = 4
+
+
 def sort_by_number(named: Sequence[ColumnName], columns: list[int]) -> list[int]:
     """Return columns in the order of the number in their names, where that alone tells them apart; else unchanged.
 

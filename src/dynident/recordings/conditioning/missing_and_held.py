@@ -1,15 +1,18 @@
-"""Repair steps for missing samples (short gaps are bridged), held samples, and drives that are switched off.
+"""Repair missing samples (marks such as -9999; short gaps are bridged), held samples, and drives that are off.
 
 Holds the longest hold (0.2 s) and the most missing rows (30 %).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+import pyarrow as pa
 
 from dynident.array_types import FloatArray, IntArray
+from dynident.recordings.arrow_tables import from_numbers
 from dynident.recordings.conditioning.windows_and_changed_rows import (
     MARGIN_ROWS,
     ChangedRows,
@@ -17,6 +20,7 @@ from dynident.recordings.conditioning.windows_and_changed_rows import (
     Window,
     find_run_edges,
 )
+from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.recording import are_readings
 from dynident.recordings.recording_metadata import Check
 
@@ -337,3 +341,62 @@ def _interpolate_cubic(t: FloatArray, x: FloatArray, times: FloatArray) -> Float
                 weight *= (times - t[:, other : other + 1]) / (t[:, index] - t[:, other])[:, None]
         result += weight * x[:, index : index + 1]
     return result
+
+
+_NINES = tuple(sign * (10.0**digits - 1.0) for digits in range(3, 10) for sign in (-1.0, 1.0))
+_HUGE = 1e30
+_FEWEST_MARKS, _FAR = 3, 5.0
+"""Cells that hold a mark, and how many times larger it is than every other number of its column."""
+
+
+class MarkedGapsSource(FileSource):
+    """A file in which a number that no sensor gives, such as -9999, stands for a missing one."""
+
+    def __init__(self, source: FileSource, marks: Mapping[str, float]) -> None:
+        super().__init__(source.names, source.units)
+        self._source, self._marks = source, marks
+        self.sample_rows, self.texts, self.has_gaps = source.sample_rows, source.texts, source.has_gaps
+        self.inner, self.clocks = source, source.clocks
+        numbers, names = sorted(set(marks.values())), list(marks)
+        self.own_remarks = (
+            f"{' or '.join(f'{number:g}' for number in numbers)} stands for a missing number, in "
+            f"{', '.join(names[:_SHOWN_NAMES])}{', …' if len(names) > _SHOWN_NAMES else ''}.",
+        )
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        first_row = 0
+        for batch in self._source.batches(columns):
+            arrays = []
+            for name in columns:
+                column = batch.column(batch.schema.get_field_index(name))
+                if name in self._marks:
+                    values = to_float_column(batch, name, first_row)
+                    column = from_numbers(np.where(values == self._marks[name], np.nan, values))
+                arrays.append(column)
+            yield pa.RecordBatch.from_arrays(arrays, names=columns)
+            first_row += batch.num_rows
+
+
+_SHOWN_NAMES = 4
+
+
+def read_marked_gaps(source: FileSource) -> FileSource:
+    """Return the file with missing numbers where its first rows have marks for them; else the same object."""
+    names = [name for name in source.names if name not in source.texts]
+    first = next(source.batches(names), None) if names else None
+    if first is None:
+        return source
+    possible: list[tuple[str, float, int]] = []
+    for name in names:
+        values = to_float_column(first, name, 0)
+        values = values[np.isfinite(values)]
+        for mark in {float(values.min()), float(values.max())} if len(values) else ():
+            if mark not in _NINES and abs(mark) < _HUGE:
+                continue
+            others = np.abs(values[values != mark])
+            if others.max(initial=0.0) * _FAR < abs(mark):
+                possible.append((name, mark, len(values) - len(others)))
+    # A column may have few of them, or one: all columns together tell a mark.
+    counts = {mark: sum(count for _, other, count in possible if other == mark) for _, mark, _ in possible}
+    marks = {name: mark for name, mark, _ in possible if counts[mark] >= _FEWEST_MARKS}
+    return MarkedGapsSource(source, marks) if marks else source

@@ -10,6 +10,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import IO, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from dynident.recordings.arrow_tables import from_numbers
 from dynident.recordings.file_size_limits import TITLE, check_columns, choose_block_rows
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.recording_metadata import RecordingError
+from dynident.recordings.time_columns import is_time_name
 
 _AT_ONCE = 2**20
 
@@ -219,6 +221,19 @@ class ArrayFileSource(FileSource):
     def __init__(self, arrays: Sequence[StoredArray], words: Sequence[tuple[str, ...]] = ()) -> None:
         self._places: dict[str, _ArrayColumn] = {}
         self.stated_rate = _find_stated_rate(arrays)
+        runs = _find_runs(arrays)
+        if runs:
+            arrays = _chain_runs(runs)
+            self.own_remarks = (
+                f"The file holds {len(runs)} runs with the same signals: they are read one behind another, each as a "
+                "segment of its own.",
+            )
+        elif joined := _join_clocks(arrays):
+            arrays = joined
+            self.own_remarks = (
+                "Groups of arrays have times of their own: they are read at those of the longest, on a straight line "
+                "between two samples.",
+            )
         deep = next((array for array in arrays if len(array.shape) > 2), None)
         arrays = [
             array
@@ -259,6 +274,125 @@ class ArrayFileSource(FileSource):
                     whole = blocks[id(place.stored)] = _read_rows(place, first, last)
                 values.append(from_numbers(np.asarray(whole[:, place.index], dtype=np.float64)))
             yield pa.RecordBatch.from_arrays(values, names=columns)
+
+
+RUN_WORDS = re.compile(
+    r"(?:^|[^a-z])(?:runs?|demos?|trials?|episodes?|ep|exp|experiments?|traj|trajector(?:y|ies)|segments?|seq|"
+    r"rep|repetitions?|tests?|takes?|rollouts?|meas\w*|rec|recordings?)[^a-z]*$",
+    re.IGNORECASE,
+)
+"""Words before a number that say that it counts runs, and not arms or joints."""
+
+
+def _find_runs(arrays: Sequence[StoredArray]) -> list[dict[str, StoredArray]]:
+    """Return the arrays of each run by their signals, where groups of arrays are runs; else nothing.
+
+    Groups are numbered, and each has arrays of the same names, one of them for several joints. Of different lengths
+    they are runs; of one length they may also be arms, unless a word such as "demo" says what is counted.
+    """
+    groups: dict[str, dict[int, dict[str, StoredArray]]] = {}
+    for array in arrays:
+        for match in re.finditer(r"\d+(?=[./_])", array.name):
+            head, tail = array.name[: match.start()], array.name[match.end() :]
+            groups.setdefault(head, {}).setdefault(int(match[0]), {})[tail] = array
+    for head, numbered in groups.items():
+        runs = [
+            {tail: array for tail, array in numbered[number].items() if max(array.shape) >= FEWEST_ROWS}
+            for number in sorted(numbered)
+        ]
+        runs = [run for run in runs if run]
+        common = set.intersection(*(set(run) for run in runs)) if len(runs) > 1 else set()
+        lengths = [_find_length(list(run.values())) for run in runs]
+        chained = [
+            tail
+            for tail in common
+            if all(length in run[tail].shape for run, length in zip(runs, lengths, strict=True))
+            and len({math.prod(run[tail].shape) / length for run, length in zip(runs, lengths, strict=True)}) == 1
+        ]
+        is_wide = any(len(runs[0][tail].shape) == 2 and min(runs[0][tail].shape) > 1 for tail in chained)
+        if len(chained) > 1 and is_wide and (len(set(lengths)) > 1 or RUN_WORDS.search(head)):
+            return [{tail: run[tail] for tail in run if tail in chained} for run in runs]
+    return []
+
+
+def _chain_runs(runs: Sequence[dict[str, StoredArray]]) -> list[StoredArray]:
+    """Return the signals of all runs one behind another, and the number of the run of every row."""
+    lengths = [_find_length(list(run.values())) for run in runs]
+    ends = np.cumsum(lengths)
+
+    def make_reader(parts: Sequence[StoredArray]) -> Callable[[int, int, int], FloatArray]:
+        def read(first: int, last: int, axis: int) -> FloatArray:
+            del axis  # rows run along the first axis here, however they lie in the file
+            rows = []
+            for part, length, end in zip(parts, lengths, ends, strict=True):
+                begin = int(end) - length
+                if first < end and last > begin:
+                    own_first, own_last = max(first - begin, 0), min(last - begin, length)
+                    values = part.read(own_first, own_last, part.shape.index(length))
+                    rows.append(np.asarray(values, dtype=np.float64).reshape(own_last - own_first, -1))
+            return np.concatenate(rows)
+
+        return read
+
+    def number_runs(first: int, last: int, axis: int) -> FloatArray:
+        del axis
+        return np.searchsorted(ends, np.arange(first, last), side="right").astype(np.float64)
+
+    total = int(ends[-1])
+    signals = [
+        StoredArray(tail.lstrip("./_"), (total, math.prod(runs[0][tail].shape) // lengths[0]), make_reader(parts))
+        for tail in runs[0]
+        for parts in [[run[tail] for run in runs]]
+    ]
+    return [*signals, StoredArray("segment", (total,), number_runs)]
+
+
+def _join_clocks(arrays: Sequence[StoredArray]) -> list[StoredArray]:
+    """Return arrays of groups of different lengths at the times of the longest; nothing where not all have a time."""
+    groups: dict[str, list[StoredArray]] = {}
+    for array in arrays:
+        group = re.split(r"[./][^./]*$", array.name)[0]
+        if group != array.name and max(array.shape) >= FEWEST_ROWS:
+            groups.setdefault(group, []).append(array)
+    clocks = {
+        group: next((own for own in members if math.prod(own.shape) == max(own.shape) and is_time_name(own.name)), None)
+        for group, members in groups.items()
+    }
+    timed = {group: max(clock.shape) for group, clock in clocks.items() if clock is not None}
+    if len(timed) < len(groups) or len(set(timed.values())) < 2:
+        return []
+    main = max(timed, key=lambda group: timed[group])
+    main_clock = clocks[main]
+    assert main_clock is not None
+    joined = [array for array in groups[main] if timed[main] in array.shape]
+    t = _read_clock(main_clock)
+    for group, clock in clocks.items():
+        own = _read_clock(clock) if group != main and clock is not None else t
+        if not (np.diff(own) > 0.0).all() or own[0] > t[-1] or t[0] > own[-1]:
+            return []
+        members = [array for array in groups[group] if array is not clock and timed[group] in array.shape]
+        joined += [_resample(array, own, t) for array in members if group != main]
+    return joined
+
+
+def _read_clock(clock: StoredArray) -> FloatArray:
+    length = max(clock.shape)
+    return np.asarray(clock.read(0, length, clock.shape.index(length)), dtype=np.float64).reshape(length)
+
+
+def _resample(array: StoredArray, own: FloatArray, t: FloatArray) -> StoredArray:
+    """Return an array with the times `own` (k,) at times t (m,); outside of them it has no numbers."""
+
+    @cache
+    def load() -> FloatArray:
+        return np.asarray(array.read(0, len(own), array.shape.index(len(own))), dtype=np.float64).reshape(len(own), -1)
+
+    def read(first: int, last: int, axis: int) -> FloatArray:
+        del axis
+        part = t[first:last]
+        return np.column_stack([np.interp(part, own, column, left=np.nan, right=np.nan) for column in load().T])
+
+    return StoredArray(array.name, (len(t), math.prod(array.shape) // len(own)), read)
 
 
 def _describe_no_arrays(deep: StoredArray | None) -> str:

@@ -1,31 +1,37 @@
-"""Readers of CSV (any dialect; which cells count as empty), Parquet and Feather (a file of Arrow)."""
+"""Readers of CSV (any dialect; which cells count as empty), Parquet, Feather, and tables with a row for each value."""
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import IO
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
-from dynident.recordings.arrow_tables import open_parquet_stream, parse_numbers
+from dynident.array_types import FloatArray
+from dynident.recordings.arrow_tables import batch_from_arrays, open_parquet_stream, parse_numbers
 from dynident.recordings.cells_without_numbers import (
     expand_lists,
     expand_names,
+    find_label_columns,
     find_stored_name,
+    join_labels,
     list_columns,
     list_texts,
     name_list_places,
 )
 from dynident.recordings.csv_dialects import Dialect, detect_dialect, dialect_bytes, empty_repeated_names
 from dynident.recordings.file_size_limits import TITLE, check_columns, check_unpacked, choose_block_rows
-from dynident.recordings.file_source import FileSource
+from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.formats.text_streams import (
     CHANGES_OF_CELLS,
     RewrittenText,
@@ -33,6 +39,8 @@ from dynident.recordings.formats.text_streams import (
     join_thousands,
 )
 from dynident.recordings.recording_metadata import RecordingError
+from dynident.recordings.sample_series_join import SampleSeries, describe_join
+from dynident.recordings.time_columns import is_time_name
 
 CSV_BLOCK_BYTES = 1 << 19
 """Arrow reads up to 32 such blocks ahead; smaller ones are as fast, and 4 MiB took 150 MB."""
@@ -350,3 +358,79 @@ def _has_twice_the_cells(message: str) -> bool:
     """Return whether Arrow found nearly twice as many cells in a row as the table has columns."""
     counts = re.search(r"Expected (\d+) columns, got (\d+)", message)
     return counts is not None and 1.7 < int(counts[2]) / int(counts[1]) <= 2.0
+
+
+class StackedSource(FileSource):
+    """A table in which the rows of one signal stand below those of another, as a column for each signal.
+
+    Parameters
+    ----------
+    source : FileSource
+        The table as it is.
+    time : str
+        Its column of time.
+    series : mapping of str to (m, 1 + columns)
+        Time and values of every signal, by its name.
+    columns : sequence of str
+        Names of the columns of values.
+    """
+
+    def __init__(self, source: FileSource, time: str, series: Mapping[str, FloatArray], columns: Sequence[str]) -> None:
+        main = max(series, key=lambda name: len(series[name]))
+        self._values = {time: series[main][:, 0]}
+        for name, table in series.items():
+            names = [f"{column}_{name}" for column in columns]
+            samples = SampleSeries(names, float(np.median(np.diff(table[:, 0]))))
+            samples.add(table[:, 0], names, table[:, 1:])
+            self._values |= dict(zip(names, samples.read_at(self._values[time]).T, strict=True))
+        super().__init__(list(self._values), {time: source.units[time]} if time in source.units else {})
+        self.sample_rows, self.inner = source.sample_rows, source
+        self.own_remarks = (describe_join(main, [name for name in series if name != main]),)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        values = {name: np.ascontiguousarray(self._values[name]) for name in columns}
+        size = choose_block_rows(len(columns))
+        for first in range(0, len(next(iter(values.values()))), size):
+            yield batch_from_arrays({name: column[first : first + size] for name, column in values.items()}, columns)
+
+
+def join_stacked_series(source: FileSource) -> FileSource:
+    """Return the file with a column for each signal, if the signals stand one below another; else the same object.
+
+    Raises
+    ------
+    RecordingError
+        For more rows than fit into memory.
+    """
+    labels, columns, _ = find_label_columns(source, source.texts)
+    time = next(filter(is_time_name, source.names), None)
+    if not labels or not columns or time is None or any(len(set(source.texts[name])) > 1 for name in labels):
+        return source
+    parts: dict[str, list[FloatArray]] = {}
+    last, first_row, n_bytes = "", 0, 0
+    for batch in source.batches([time, *columns, *labels]):
+        table = np.column_stack([to_float_column(batch, name, first_row) for name in (time, *columns)])
+        coded = pc.dictionary_encode(join_labels([batch.column(name) for name in labels]))
+        codes = coded.indices.to_numpy(zero_copy_only=False)
+        edges = [0, *(np.flatnonzero(np.diff(codes)) + 1).tolist(), len(codes)]
+        for begin, end in pairwise(edges):
+            name = coded.dictionary[codes[begin]].as_py() if end > begin else last
+            # A signal that comes again is one of rows that take turns, or of another run.
+            if name != last and name in parts:
+                return source
+            parts.setdefault(name, []).append(table[begin:end])
+            last = name
+        first_row, n_bytes = first_row + batch.num_rows, n_bytes + table.nbytes
+        if n_bytes > _MOST_STACKED:
+            raise RecordingError(
+                "The signals stand one below another, in too many rows to be sorted: write a row for each moment, with "
+                "a column for each signal (pandas: df.pivot).",
+                title=TITLE,
+            )
+    series = {name: np.concatenate(tables) for name, tables in parts.items()}
+    is_usable = all(len(table) >= _FEWEST_SAMPLES and (np.diff(table[:, 0]) >= 0.0).all() for table in series.values())
+    return StackedSource(source, time, series, columns) if len(series) > 1 and is_usable else source
+
+
+_MOST_STACKED, _FEWEST_SAMPLES = 1 << 30, 8
+"""Bytes of the numbers of a table whose signals stand one below another, as it is held in memory; and rows of each."""

@@ -9,8 +9,9 @@ import codecs
 import itertools
 import json
 import re
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pyarrow as pa
@@ -37,7 +38,7 @@ START = re.compile(rb"^(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 """An object with a name in it, or an array of objects or arrays."""
 _NEXT = re.compile(r"[^\s,]")
 _READ_BYTES = 1 << 18
-_BLOCK_ROWS = 8192
+_BLOCK_ROWS, _FIRST_ROWS = 8192, 512
 _LOOKED_AT, _LOOKED_AT_VALUES = 2000, 200_000
 _LONGEST_WORD = 9
 """Characters of the longest word of JSON, -Infinity, and of the end of a number that is none yet, 1e-."""
@@ -59,7 +60,9 @@ class RecordSource(FileSource):
         head: list[dict[str, Value]] = []
         columns: dict[str, None] = {}
         values = 0
+        shape: _Shape | None = None
         for record in _read_records(content):
+            shape = shape if head else _find_shape(record)
             head.append(_flatten_record(record))
             columns |= dict.fromkeys(head[-1])
             check_columns(len(columns))
@@ -69,6 +72,8 @@ class RecordSource(FileSource):
         if not columns:
             raise RecordingError("The file contains no JSON object with values.", title=TITLE)
         super().__init__(list(columns))
+        self._parsed: IO[bytes] | None = None
+        self._shape = shape if list(head[0]) == self.names else None
         self.texts = {
             name: tuple(cell if isinstance(cell, str) else "" for cell in (row.get(name) for row in head))
             for name in columns
@@ -77,18 +82,58 @@ class RecordSource(FileSource):
         self.has_gaps = any(len(row) < len(columns) or None in row.values() for row in head)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        size = min(_BLOCK_ROWS, choose_block_rows(len(columns)))
-        rows = (_flatten_record(record) for record in _read_records(self._content))
-        while part := list(itertools.islice(rows, size)):
-            arrays = [self._make_column([row.get(name) for row in part], name) for name in columns]
-            yield pa.RecordBatch.from_arrays(arrays, names=columns)
+        if self._parsed is None:
+            yield from (batch.select(columns) for batch in self._parse())
+            return
+        fields = [self.names.index(name) for name in columns]
+        options = pa.ipc.IpcReadOptions(included_fields=fields)
+        self._parsed.seek(0)
+        with pa.ipc.open_stream(self._parsed, options=options) as stream:
+            yield from (batch.select(columns) for batch in stream)
 
-    def _make_column(self, values: Sequence[Value], name: str) -> pa.Array:
+    def _parse(self) -> Iterator[pa.RecordBatch]:
+        """Yield all columns, and keep them in a temporary file: taking text apart is slow, and files are read often."""
+        size = min(_BLOCK_ROWS, choose_block_rows(len(self.names)))
+        schema = pa.schema([(name, pa.string() if name in self.texts else pa.float64()) for name in self.names])
+        records = _read_records(self._content)
+        # It is deleted with this object, or where nobody reads on to the end.
+        file = tempfile.TemporaryFile()  # noqa: SIM115
+        with pa.ipc.new_stream(file, schema) as sink:
+            # Whoever looks at the first block alone has not to wait for more.
+            n_next = min(size, _FIRST_ROWS)
+            while part := list(itertools.islice(records, n_next)):
+                n_next = size
+                batch = pa.RecordBatch.from_arrays(self._make_columns(part), schema=schema)
+                sink.write_batch(batch)
+                yield batch
+        self._parsed = file
+
+    def _make_columns(self, records: Sequence[object]) -> list[pa.Array]:
+        """Return the columns of some records: quickly where all have the same keys and lists of the same lengths."""
+        rows: list[list[Any]] = []
+        if self._shape is not None:
+            for record in records:
+                row: list[Any] = []
+                if not _append_values(record, self._shape, row):
+                    break
+                rows.append(row)
+        if len(rows) < len(records):
+            flat = [_flatten_record(record) for record in records]
+            return [self._make_column([row.get(name) for row in flat], name) for name in self.names]
+        return [
+            self._make_column(values, name) for name, values in zip(self.names, zip(*rows, strict=True), strict=True)
+        ]
+
+    def _make_column(self, values: Sequence[Any], name: str) -> pa.Array:
         if name in self.texts:
             return pa.array([None if value is None else escape_surrogates(str(value)) for value in values], pa.string())
-        return from_numbers(
-            np.array([value if isinstance(value, float) else np.nan for value in values], dtype=np.float64)
-        )
+        kinds = set(map(type, values))
+        if not kinds <= {float, int}:
+            values = [_to_number(value) if isinstance(value, (int, float)) else np.nan for value in values]
+        try:
+            return from_numbers(np.array(values, dtype=np.float64))
+        except OverflowError:
+            return from_numbers(np.array([_to_number(value) for value in values]))
 
 
 def open_json(content: TextContent) -> FileSource:
@@ -109,10 +154,12 @@ def open_json(content: TextContent) -> FileSource:
     RecordingError
         For what is no JSON, or holds no records.
     """
-    # Two values are enough to tell one object that holds everything from an object a row.
-    records = list(itertools.islice(_read_objects(content), 2))
-    if len(records) == 1 and isinstance(records[0], dict):
-        arrays = list(_find_arrays(records[0], "", 0))
+    # One object may hold everything, or one for each run or joint; else each is a row.
+    records = list(itertools.islice(_read_objects(content), _MOST_HOLDERS + 1))
+    is_list = content.read_start(_LOOKED_AT_BYTES).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"[")
+    whole = records[0] if len(records) == 1 else {"run": records} if is_list else None
+    if isinstance(whole, dict):
+        arrays = list(_find_arrays(whole, "", 0))
         if arrays:
             return ArrayFileSource(arrays)
     return RecordSource(content)
@@ -207,6 +254,38 @@ def _collect_values(value: object, name: str, values: dict[str, Value], depth: i
         values[name or "column"] = _to_number(value)
 
 
+_Shape = tuple[Any, tuple["_Shape | None", ...]]
+"""Keys of an object, or the length of a list, and the shapes of what is in it; None for a number or a text."""
+
+
+def _find_shape(value: object, depth: int = 0) -> _Shape | None:
+    """Return the shape of a value whose columns are named by its keys and places alone; None of others."""
+    if isinstance(value, dict) and depth <= DEEPEST:
+        return tuple(value), tuple(_find_shape(inner, depth + 1) for inner in value.values())
+    if isinstance(value, list) and depth <= DEEPEST:
+        # Objects that say what they are of have other names in other records.
+        is_labelled = any(isinstance(item, dict) and set(_NAMES) & set(item) for item in value)
+        return None if is_labelled else (len(value), tuple(_find_shape(inner, depth + 1) for inner in value))
+    return None
+
+
+def _append_values(value: Any, shape: _Shape | None, row: list[Any]) -> bool:
+    """Append the numbers and texts in a value that has this shape; return False for one of another shape."""
+    if shape is None:
+        row.append(value)
+        return not isinstance(value, (dict, list))
+    keys, inner = shape
+    if isinstance(value, list):
+        if len(value) != keys:
+            return False
+        items: Sequence[Any] = value
+    elif isinstance(value, dict) and tuple(value) == keys:
+        items = tuple(value.values())
+    else:
+        return False
+    return all(_append_values(item, part, row) for item, part in zip(items, inner, strict=True))
+
+
 def _name_items(name: str, items: Sequence[object]) -> Sequence[str]:
     """Return names for the items of an array: their own (keys such as "name"), else numbers."""
     for key in _NAMES:
@@ -233,6 +312,9 @@ def _find_arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[St
             inner = list(inner.values())  # by the number of the row, as pandas writes it
         if isinstance(inner, dict):
             yield from _find_arrays(inner, own, depth + 1)
+        elif isinstance(inner, list) and _are_holders(inner):
+            named = zip(_name_items(own, inner), inner, strict=True)
+            yield from _find_arrays(dict(named), "", depth + 1)
         elif isinstance(inner, list) and _has_rows(inner):
             try:
                 values = np.array(inner, dtype=np.float64)
@@ -240,6 +322,18 @@ def _find_arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[St
                 continue
             if 1 <= values.ndim <= 2:
                 yield StoredArray(own, values.shape, _make_reader(values))
+
+
+_MOST_HOLDERS, _LOOKED_AT_BYTES = 64, 256
+"""Objects in a list that may each hold the signals of a joint, or of a run."""
+
+
+def _are_holders(values: list[Any]) -> bool:
+    """Return whether the objects in a list hold arrays that are longer than the list: they are no rows."""
+    if not 0 < len(values) <= _MOST_HOLDERS or not all(isinstance(item, dict) for item in values):
+        return False
+    longest = [max((len(inner) for inner in item.values() if isinstance(inner, list)), default=0) for item in values]
+    return min(longest) > max(2 * len(values), FEWEST_ROWS)
 
 
 def _has_rows(values: list[Any]) -> bool:
@@ -254,3 +348,65 @@ def _make_reader(values: FloatArray) -> Any:
         return values[first:last] if axis == 0 else values[:, first:last].T
 
     return read
+
+
+class JsonCellsSource(FileSource):
+    """A table with the values of objects that stand as text in its cells, as data bases export messages.
+
+    Parameters
+    ----------
+    source : FileSource
+        The table.
+    values : mapping of str to sequence of str
+        What the objects of a column hold, by the column's name.
+    """
+
+    def __init__(self, source: FileSource, values: Mapping[str, Sequence[str]]) -> None:
+        self._source = source
+        self._places = {
+            (name if len(values) == 1 and name not in source.names else f"{column}.{name}"): (column, name)
+            for column, names in values.items()
+            for name in names
+        }
+        super().__init__([*(name for name in source.names if name not in values), *self._places], source.units)
+        self.sample_rows, self.inner, self.clocks = RecordSource.sample_rows, source, source.clocks
+        self.texts = {name: cells for name, cells in source.texts.items() if name not in values}
+        self.has_gaps = source.has_gaps
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        needed = [self._places[name][0] if name in self._places else name for name in columns]
+        for batch in self._source.batches(list(dict.fromkeys(needed))):
+            records = {
+                column: [_parse_cell(cell) for cell in batch.column(column).to_pylist()]
+                for column in {self._places[name][0] for name in columns if name in self._places}
+            }
+            arrays = []
+            for name, stored in zip(columns, needed, strict=True):
+                if name not in self._places:
+                    arrays.append(batch.column(stored))
+                    continue
+                values = [record.get(self._places[name][1]) for record in records[stored]]
+                arrays.append(from_numbers(np.array([v if isinstance(v, float) else np.nan for v in values])))
+            yield pa.RecordBatch.from_arrays(arrays, names=columns)
+
+
+def expand_json_cells(source: FileSource) -> FileSource:
+    """Return the table with the values of objects in its cells as columns; the same object if no cells hold such."""
+    values: dict[str, list[str]] = {}
+    for column, cells in source.texts.items():
+        filled = [cell for cell in cells if cell.strip()]
+        if not filled or not all(cell.strip().startswith("{") for cell in filled):
+            continue
+        records = [_parse_cell(cell) for cell in filled]
+        names = [name for record in records for name, value in record.items() if isinstance(value, float)]
+        if names:
+            values[column] = list(dict.fromkeys(names))
+    return JsonCellsSource(source, values) if values else source
+
+
+def _parse_cell(cell: str | None) -> dict[str, Value]:
+    """Return the values of an object in a cell; none of what is no object."""
+    try:
+        return _flatten_record(json.loads(cell or ""))
+    except (ValueError, RecursionError):
+        return {}

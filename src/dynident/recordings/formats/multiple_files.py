@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,11 +16,12 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.array_types import FloatArray
-from dynident.recordings.arrow_tables import batch_from_arrays
+from dynident.recordings.arrow_tables import batch_from_arrays, from_numbers
 from dynident.recordings.cells_without_numbers import make_counted_names
 from dynident.recordings.file_names_and_digests import MOST_FILES
 from dynident.recordings.file_size_limits import MOST_TEXT, TITLE, check_columns, check_unpacked, choose_block_rows
 from dynident.recordings.file_source import FileSource, to_float_column
+from dynident.recordings.formats.array_files import RUN_WORDS
 from dynident.recordings.formats.text_streams import ProducedStream, TextContent
 from dynident.recordings.recording_metadata import RecordingError
 from dynident.recordings.sample_series_join import JoinedSamples, SampleSeries, TimeJoin
@@ -311,7 +313,12 @@ _OTHER_UNIT = 500.0
 """Ratio of both steps and spans of time from which two files count in different units."""
 
 
-def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[TextContent], FileSource]) -> FileSource:
+def open_joined_files(
+    path: Path,
+    paths: Sequence[Path],
+    open_text: Callable[[TextContent], FileSource],
+    open_file: Callable[[Path], FileSource],
+) -> FileSource:
     """Open the files of a recording, or those in an archive (.zip) if `path` is the only one.
 
     Parameters
@@ -321,7 +328,9 @@ def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[Te
     paths : sequence of path
         The files that `path` names.
     open_text : function
-        Opens one of them.
+        Opens one of them in an archive.
+    open_file : function
+        Opens one of them on the disk.
 
     Returns
     -------
@@ -331,10 +340,10 @@ def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[Te
     Raises
     ------
     RecordingError
-        For files that are no text, or cannot be joined.
+        For files that cannot be read, or not be joined.
     """
     if len(paths) > 1:
-        return JoinedFiles([(file.as_posix(), open_text(TextContent(file))) for file in paths])
+        return _join_or_chain([(file.as_posix(), open_file(file)) for file in paths])
     try:
         members = _list_members(path)
     except RecordingError:
@@ -342,7 +351,58 @@ def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[Te
     except _BROKEN as error:
         raise RecordingError(f"The archive cannot be read: {error}", title=TITLE) from error
     sources = [(name, open_text(TextContent(path, _make_opener(path, name)))) for name in members]
-    return sources[0][1] if len(sources) == 1 else JoinedFiles(sources)
+    return sources[0][1] if len(sources) == 1 else _join_or_chain(sources)
+
+
+def _join_or_chain(files: Sequence[Named]) -> FileSource:
+    """Return files that are runs, run1 and run2 of the same columns, one behind another; others side by side."""
+    stems = [PurePosixPath(file).stem for file, _ in files]
+    patterns = {re.sub(r"\d+", "#", stem) for stem in stems}
+    are_runs = (
+        len(patterns) == 1
+        and len(set(stems)) == len(stems)
+        and RUN_WORDS.search(patterns.pop().partition("#")[0]) is not None
+        and len({tuple(source.names) for _, source in files}) == 1
+        and _SEGMENT not in files[0][1].names
+    )
+    return ChainedFiles(sorted(files, key=_list_numbers)) if are_runs else JoinedFiles(files)
+
+
+def _list_numbers(file: Named) -> list[int]:
+    return [int(number) for number in re.findall(r"\d+", PurePosixPath(file[0]).stem)]
+
+
+_SEGMENT = "segment"
+
+
+class ChainedFiles(FileSource):
+    """Files of the same columns that are runs: one behind another, with the number of the run in each row.
+
+    Parameters
+    ----------
+    files : sequence of (str, FileSource)
+        Their names, and the files.
+    """
+
+    def __init__(self, files: Sequence[Named]) -> None:
+        self._sources = [source for _, source in files]
+        first = self._sources[0]
+        super().__init__([*first.names, _SEGMENT], first.units)
+        self.sample_rows, self.texts = first.sample_rows, first.texts
+        self.has_gaps = any(source.has_gaps for source in self._sources)
+        self.own_remarks = (
+            f"{', '.join(PurePosixPath(name).name for name, _ in files)} have the same columns: they are read as runs, "
+            "one behind another, each as a segment of its own.",
+        )
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        stored = [name for name in columns if name != _SEGMENT] or self.names[:1]
+        for number, source in enumerate(self._sources):
+            for batch in source.batches(stored):
+                runs = from_numbers(np.full(batch.num_rows, float(number)))
+                yield pa.RecordBatch.from_arrays(
+                    [runs if name == _SEGMENT else batch.column(stored.index(name)) for name in columns], names=columns
+                )
 
 
 def _is_of_the_system(name: str) -> bool:
@@ -359,6 +419,12 @@ def has_arrays(path: Path) -> bool:
         return True
     if _WORKBOOK in names:
         raise RecordingError("The file is an Excel workbook (.xlsx): save the sheet as CSV.", title=TITLE)
+    if any(PurePosixPath(name).name == "data.pkl" for name in names):
+        raise RecordingError(
+            "The file is one of PyTorch, with a pickle in it, which may run programs and is never opened: save the "
+            "arrays with np.savez('run.npz', t=t, q=q, tau=tau), or the table as CSV or Parquet.",
+            title=TITLE,
+        )
     return not names or any(name.endswith(".npy") for name in names)
 
 

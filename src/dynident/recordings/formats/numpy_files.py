@@ -70,9 +70,15 @@ def _read_single(path: Path) -> list[StoredArray]:
     place = _locate_array(file, 0, path.stat().st_size)
     if place is None or place.kind.kind in "US":
         return []
-    if place.kind.names and len(place.shape) == 1:
-        return [place.to_array(field, field) for field in place.kind.names if place.kind[field].base.kind in _NUMBERS]
-    return [] if place.kind.names else [place.to_array("column")]
+    return _list_fields(place, "") if place.kind.names else [place.to_array("column")]
+
+
+def _list_fields(place: ArrayPlace, prefix: str) -> list[StoredArray]:
+    """Return the fields of numbers of an array of records."""
+    if len(place.shape) != 1:
+        return []
+    fields = [field for field in place.kind.names or () if place.kind[field].base.kind in _NUMBERS]
+    return [place.to_array(f"{prefix}{field}", field) for field in fields]
 
 
 def _read_archive(path: Path) -> tuple[list[StoredArray], list[tuple[str, ...]]]:
@@ -107,8 +113,9 @@ def _read_archive(path: Path) -> tuple[list[StoredArray], list[tuple[str, ...]]]
                 continue
             if place is not None and place.kind.kind in "US":
                 words.append(read_words(place.read_cells()))
-            elif place is not None and not place.kind.names:
-                arrays.append(place.to_array(member.filename.removesuffix(".npy")))
+            elif place is not None:
+                called = member.filename.removesuffix(".npy")
+                arrays += _list_fields(place, f"{called}.") if place.kind.names else [place.to_array(called)]
     if objects is not None and not arrays:
         raise objects
     return arrays, words

@@ -7,12 +7,18 @@ import re
 from pathlib import Path
 from typing import get_args
 
-from dynident.recordings.cells_without_numbers import read_marked_gaps, read_word_cells
+from dynident.recordings.cells_without_numbers import read_word_cells
+from dynident.recordings.conditioning.missing_and_held import read_marked_gaps
 from dynident.recordings.file_names_and_digests import split_path
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats import json_records
-from dynident.recordings.formats.csv_and_parquet import CsvFileSource, FeatherFileSource, ParquetFileSource
-from dynident.recordings.formats.kuka_rsi import START, open_telegrams
+from dynident.recordings.formats.csv_and_parquet import (
+    CsvFileSource,
+    FeatherFileSource,
+    ParquetFileSource,
+    join_stacked_series,
+)
+from dynident.recordings.formats.kuka_files import START, open_data_set, open_telegrams
 from dynident.recordings.formats.multiple_files import has_arrays, open_joined_files
 from dynident.recordings.formats.printed_records import find_printed_kind, rewrite_as_json
 from dynident.recordings.formats.text_streams import TextContent
@@ -34,19 +40,20 @@ _STARTS: tuple[tuple[bytes, Format], ...] = (
     (b"#ROSBAG", "rosbag"),
     (b"SQLite format 3", "rosbag2"),
     (b"\x89MCAP", "mcap"),
+    (b"DIAEXTENDED", "diadem"),
 )
 
 _INFLUX = (
     'InfluxDB\'s annotated CSV, with one value in each row: give each moment one row, by pivot(rowKey: ["_time"], '
     'columnKey: ["_field"], valueColumn: "_value") in the query.'
 )
+_PICKLE = "a pickle of Python, which may run programs and is never opened: save the table as CSV or Parquet"
 _OF_BUS = (
     "a log of raw frames of a bus: decode it to signals with their units first, by the drives' description (DBC, ESI)"
 )
 _NOT_READ = (
     (b"\xd0\xcf\x11\xe0", "an Excel workbook (.xls): save the sheet as CSV."),
-    (b"\x80\x04", "a pickle of Python, which may run programs and is never opened: save the table as CSV or Parquet."),
-    (b"\x80\x05", "a pickle of Python, which may run programs and is never opened: save the table as CSV or Parquet."),
+    *((b"\x80" + bytes([protocol]), f"{_PICKLE}.") for protocol in range(2, 6)),
     (
         b"version https://git-lfs",
         "a pointer of Git LFS, and not the file that it stands for: fetch that with `git lfs pull`.",
@@ -75,13 +82,9 @@ _NOT_READ = (
     (b"%PDF", "a PDF: give the table of numbers itself."),
     (b"\x89PNG", "a picture: give the table of numbers itself."),
     (b"ULog", "a log of PX4 (.ulg): convert it with ulog2csv."),
-    (
-        b"DIAEXTENDED",
-        "the header of a DIAdem data set, as KUKA's trace writes it, with the numbers in another file (.r64): export "
-        "both as CSV (with DIAdem, or a converter of KUKA traces).",
-    ),
 )
 _TEXTS_NOT_READ = (
+    (rb"^(?:\((?:dp?|lp?|i)\d*|c[a-z_]\w*(?:\.\w+)*\n\w+)\n", f"{_PICKLE}."),
     (rb"^\n\r\r\n", f"{_OF_BUS} (.pcapng)."),
     (rb"^\s*<\?xml", "XML: write a table, one row for each moment, as CSV or JSON lines."),
     (rb"^\s*\(\d+\.\d+\) +\w+ +[0-9A-Fa-f]+#", f"{_OF_BUS}, for instance with cantools: decode."),
@@ -185,11 +188,9 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
         raise RecordingError(
             f"The file's name {escape_surrogates(path.name)!r} is not UTF-8; rename the file.", title="Unreadable file"
         )
-    # Each wrapper repairs one thing: words in cells first, since times may be among them; then channels with their
-    # own times; split stamps; rows of several series; times since the row before; the stated rate last, which replaces
-    # any time.
     file = _open_source(path, file_format)
-    source = sum_increments(join_sparse_rows(join_split_stamps(join_own_clocks(read_word_cells(file)))))
+    # Times since the row before come after all repairs, and the stated rate last, which replaces any time.
+    source = sum_increments(_repair(file))
     if rate is None and not any(is_time_name(name) for name in source.names):
         rate = file.stated_rate
         if rate is not None:
@@ -225,17 +226,24 @@ def _open_source(path: Path, file_format: str | None) -> FileSource:
 def _join_files(path: Path, parts: list[Path]) -> FileSource:
     """Open the files of a recording in several files, or those in an archive."""
     for part in parts:
-        name = format_of(part)
-        if len(parts) > 1 and name not in ("csv", "jsonl"):
+        if len(parts) > 1 and format_of(part) == "zip":
             raise RecordingError(
-                f"{part.name} has the format {name}; only text files (CSV or JSON) can be joined.",
-                title="Unreadable file",
+                f"{part.name} is an archive: unpack it, and join the files in it.", title="Unreadable file"
             )
     return open_joined_files(
-        path,
-        parts,
-        lambda content: join_sparse_rows(join_split_stamps(join_own_clocks(read_word_cells(open_text(content))))),
+        path, parts, lambda content: _repair(open_text(content)), lambda part: _repair(_open_source(part, None))
     )
+
+
+def _repair(file: FileSource) -> FileSource:
+    """Return a file as a table with one time and a column for each signal.
+
+    Each wrapper repairs one thing: objects of JSON in cells; words, since times
+    may be among them; then signals one below another;
+    channels with their own times; split stamps; rows of several series.
+    """
+    table = join_stacked_series(read_word_cells(json_records.expand_json_cells(file)))
+    return join_sparse_rows(join_split_stamps(join_own_clocks(table)))
 
 
 def open_text(content: TextContent) -> FileSource:
@@ -276,8 +284,8 @@ def _open_foreign(path: Path, name: str) -> FileSource:
             from dynident.recordings.formats.hdf5 import open_hdf5
 
             return open_hdf5(path)
-        if name == "rsi":
-            return open_telegrams(path)
+        if name in ("rsi", "diadem"):
+            return open_telegrams(path) if name == "rsi" else open_data_set(path)
         from dynident.recordings.formats.bags import open_bag
 
         return open_bag(path, name)

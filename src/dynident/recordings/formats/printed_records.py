@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import IO, Literal
 
 from dynident.recordings.file_size_limits import DEEPEST, LARGEST_MESSAGE, TITLE
@@ -19,7 +19,8 @@ from dynident.recordings.recording_metadata import RecordingError
 Kind = Literal["python", "messages", "items"]
 
 _LOOKED_AT = 1 << 16
-_PYTHON = re.compile(r"^\s*\{\s*'")
+_PYTHON = re.compile(r"^\s*(?:\{\s*'|(?:\(|\[)\s*[-+.\d]+\s*,\s*(?:array)?[(\[])")
+"""How dictionaries begin, and tuples of numbers and lists, that Python printed."""
 _ENTRY = re.compile(r"^(?P<name>[A-Za-z_][\w./ ]{0,63}?)\s?:(?:\s+(?P<value>\S.*))?$")
 """A name, and behind the colon its value, if it does not stand in the lines below."""
 _SEPARATOR = "---"
@@ -50,6 +51,10 @@ def find_printed_kind(content: TextContent) -> Kind | None:
     lines = [line.rstrip() for line in _join_brackets(iter(whole)) if line.strip()]
     if lines and lines[0].startswith(_SEPARATOR):
         lines = lines[1:]
+    return _find_kind(lines) or _find_kind(list(_find_items(iter(lines))))
+
+
+def _find_kind(lines: Sequence[str]) -> Kind | None:
     if not lines:
         return None
     is_list = lines[0].startswith(_ITEM)
@@ -67,6 +72,39 @@ def find_printed_kind(content: TextContent) -> Kind | None:
         and len(set(names)) >= 2
     )
     return ("items" if is_list else "messages") if is_printout else None
+
+
+_MOST_ABOVE = 100
+"""Lines that may stand above a list of records."""
+
+
+def _find_items(lines: Iterator[str]) -> Iterator[str]:
+    """Yield the lines of a list of records that stands below a name, without their indentation; others unchanged."""
+    above: list[str] = []
+    for line in lines:
+        text = line.lstrip()
+        if not above and text.startswith(_ITEM):
+            above.append(line)
+            break
+        name = _ENTRY.match(above[-1].strip()) if above else None
+        if text.startswith(_ITEM) and _ENTRY.match(text[len(_ITEM) :]) and name is not None and name["value"] is None:
+            yield from _dedent(line, lines, len(line) - len(text))
+            return
+        if line.strip():
+            above.append(line)
+        if len(above) > _MOST_ABOVE or (len(above) > 1 and _ENTRY.match(line.strip()) is None):
+            break
+    yield from above
+    yield from lines
+
+
+def _dedent(first: str, lines: Iterator[str], indent: int) -> Iterator[str]:
+    """Yield the lines of a list, whose first one is indented by `indent`; one that is indented less ends it."""
+    yield first[indent:]
+    for line in lines:
+        if line.strip() and not line[: indent + 1].isspace() and not line.startswith(_ITEM, indent):
+            return
+        yield line[indent:]
 
 
 def rewrite_as_json(content: TextContent, kind: Kind) -> TextContent:
@@ -130,7 +168,7 @@ def _join_dictionaries(lines: Iterator[str]) -> Iterator[str]:
     parts: list[str] = []
     size = 0
     for line in lines:
-        if parts and (line.lstrip().startswith("{") or size > LARGEST_MESSAGE):
+        if parts and (_PYTHON.match(line) or size > LARGEST_MESSAGE):
             yield " ".join(parts)
             parts, size = [], 0
         parts.append(line)
@@ -142,7 +180,9 @@ def _rewrite_python(line: str) -> str:
     """Return a printed dictionary as JSON; what is none stays, and its reader says so."""
     text = _CALL.sub(r"\1", line)
     text = _POINT_AT_END.sub(r"\1", _WORD.sub(lambda word: _WORDS[word[0]], text))
-    return _STRING.sub(r'"\1"', text).replace("(", "[").replace(")", "]")
+    text = _STRING.sub(r'"\1"', text).replace("(", "[").replace(")", "]").strip()
+    # What has no names is counted.
+    return f'{{"column": {text}}}' if text.startswith("[") else text
 
 
 def _rewrite_entries(lines: Iterator[str], kind: Kind) -> Iterator[str]:
@@ -150,7 +190,8 @@ def _rewrite_entries(lines: Iterator[str], kind: Kind) -> Iterator[str]:
     record: list[str] = []
     names: set[str] = set()
     size = 0
-    for line in _join_brackets(lines):
+    joined = _join_brackets(lines)
+    for line in _find_items(joined) if kind == "items" else joined:
         line = line.rstrip()
         if not line:
             continue

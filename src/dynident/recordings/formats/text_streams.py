@@ -6,6 +6,7 @@ import codecs
 import io
 import re
 from abc import abstractmethod
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
@@ -14,6 +15,7 @@ import pyarrow as pa
 
 from dynident.recordings.file_size_limits import LARGEST_MESSAGE, MOST_TEXT, TITLE, UnpackedSize
 from dynident.recordings.recording_metadata import RecordingError
+from dynident.recordings.time_columns import is_time_name
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
@@ -428,3 +430,36 @@ def _find_whole_lines(text: str) -> int:
         # This line ends inside a list: try the end of the line before it.
         end -= 1
     return 0
+
+
+def pair_times(names: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, str]] | None:
+    """Return names in which every second one is the time of the next, and these times; None of others."""
+    times, signals = names[::2], names[1::2]
+    is_paired = len(names) >= 4 and len(times) == len(signals) and len(set(times)) == 1
+    if not is_paired or len(set(signals)) < len(signals) or not (is_time_name(times[0]) or times[0][:1] in "xX"):
+        return None
+    clocks = {signal: f"{signal}.time" for signal in signals}
+    return tuple(name for signal in signals for name in (clocks[signal], signal)), clocks
+
+
+def number_repeated_names(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return names that differ, those that stand several times numbered in their order, and a remark on them."""
+    repeated = [name for name, count in Counter(names).items() if name and count > 1]
+    if not repeated:
+        return names, ()
+    numbers = dict.fromkeys(repeated, 0)
+    numbered = []
+    for name in names:
+        if name in numbers:
+            numbers[name] += 1
+            numbered.append(f"{name}_{numbers[name]}")
+        else:
+            numbered.append(name)
+    # A name with a number is that of one joint: one of the two is a mistake, and nothing says which.
+    if len(set(numbered)) < len(numbered) or any(name[-1].isdigit() for name in repeated):
+        raise RecordingError(
+            f"Column {repeated[0]} occurs more than once in the file; give every column a name of its own.",
+            pointer=repeated[0],
+        )
+    remark = f"Several columns have the same name ({', '.join(repeated[:6])}): they are numbered as they stand there."
+    return tuple(numbered), (remark,)

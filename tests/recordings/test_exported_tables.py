@@ -1,0 +1,186 @@
+"""Tables as tools export them are read as they were measured; what cannot be read is refused with a way on."""
+
+from __future__ import annotations
+
+import pickle
+import pkgutil
+import subprocess
+import sys
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+from support.exported_tables import EXPORTED_TABLES, FILES_OF_RUNS, split_runs
+from support.floating_robots import WALKER, draw_motion, stand_on_shin, write_log
+from support.logger_layouts import cells, counted, table, written
+from test_layouts_of_loggers import CASES, check_signals, machine, read_as_proposed, recorded
+
+import dynident.recordings
+from dynident.api.recording_files import read_recordings
+from dynident.identification.column_inference.file_inspection import inspect_file, read_sample
+from dynident.identification.column_inference.infer_columns import propose
+from dynident.recordings import RecordingError
+from dynident.recordings.formats import json_records, open_source
+from dynident.robot import robot_from_urdf
+from dynident.robot.description_and_json import set_base
+
+
+@pytest.mark.parametrize("layout", EXPORTED_TABLES)
+def test_an_exported_table_is_read_as_it_was_measured(tmp_path, layout):
+    case = CASES[sorted(EXPORTED_TABLES).index(layout) % 2]
+    run = recorded(*case)
+    check_signals(read_as_proposed(EXPORTED_TABLES[layout](tmp_path, run), machine(case[0]), None), run, layout)
+
+
+@pytest.mark.parametrize("layout", FILES_OF_RUNS)
+def test_runs_in_one_file_are_segments(tmp_path, layout):
+    run = recorded(*CASES[0])
+    path = FILES_OF_RUNS[layout](tmp_path, run)
+    proposal = propose(read_sample(path), machine("ur10"))
+    assert (proposal.questions, proposal.columns["segment"]) == ((), "segment")
+    (item,) = read_recordings(path, robot=machine("ur10"), columns=dict(proposal.columns), units=dict(proposal.units))
+    lengths = [segment.length for segment in item.recording.segments]
+    # Written with nine digits, the last time may lie behind the last instant of an even clock.
+    np.testing.assert_allclose(lengths, [len(t) for t, _, _ in split_runs(run)], atol=1)
+    assert np.abs(item._columns()["q_elbow_joint"][: lengths[0]] - run.q[: lengths[0], 2]).max() < 1e-6
+    # The numbers of two arms count no runs.
+    arms = {f"arm{k}.{name}": values for k in (1, 2) for name, values in (("t", run.t), ("q", run.q), ("tau", run.tau))}
+    np.savez(tmp_path / "arms.npz", **arms)
+    assert "segment" not in read_sample(tmp_path / "arms.npz").names
+
+
+def test_letters_and_pulses_of_a_pendant_are_axes(tmp_path):
+    run = recorded(*CASES[0])
+    header = ["time[ms]", *(f"{axis} pulse" for axis in "SLURBT"), *(f"{axis} torque[%]" for axis in "SLURBT")]
+    values = np.column_stack([1e3 * run.t, np.rint(run.q * 8e4), 2.0 * run.tau])
+    proposal = propose(read_sample(written(tmp_path / "p.csv", table(header, cells(values)))), machine("ur10"))
+    assert [proposal.columns[f"q{k}"] for k in (1, 2, 6)] == ["S pulse", "L pulse", "T pulse"]
+    assert {"units/q", "drives"} >= {question.field for question in proposal.questions} >= {"drives"}
+
+
+def test_a_file_without_torques_says_which_columns_are_left(tmp_path):
+    run = recorded(*CASES[0])
+    values = np.column_stack([run.t, run.q])
+    path = written(tmp_path / "egm.csv", table(["t", *counted("feedback.joints{}", run.n, 1)], cells(values)))
+    details = " ".join(question.detail for question in propose(read_sample(path), machine("ur10")).questions)
+    assert "do not say what they are: feedback.joints1 … feedback.joints6" in details
+    path = written(tmp_path / "q.csv", table(["t", *counted("position{}", run.n, 1)], cells(values)))
+    (question,) = propose(read_sample(path), machine("ur10")).questions
+    assert "was the torque recorded?" in question.detail
+
+
+@pytest.mark.parametrize("protocol", [0, 2, 3, 4, 5])
+def test_a_pickle_of_any_protocol_is_named_and_not_opened(tmp_path, protocol):
+    path = tmp_path / "run.pkl"
+    path.write_bytes(pickle.dumps({"t": [0.1], "q": [1.0]}, protocol=protocol))
+    with pytest.raises(RecordingError, match=r"a pickle of Python.*save the table as CSV or Parquet"):
+        read_sample(path)
+    with zipfile.ZipFile(tmp_path / "run.pt", "w") as archive:
+        archive.writestr("run/data.pkl", path.read_bytes())
+    with pytest.raises(RecordingError, match=r"PyTorch.*np\.savez"):
+        read_sample(tmp_path / "run.pt")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda header, numbers: numbers.unlink(), "numbers are in trace.r64: put that beside it"),
+        (lambda header, numbers: numbers.write_bytes(numbers.read_bytes()[:-8]), "fewer numbers than the header says"),
+        (lambda header, numbers: header.write_text(header.read_text().replace("REAL64", "ASCII")), "stored as ASCII"),
+        (lambda header, numbers: header.write_text(header.read_text().replace("220,", "220,x")), "is damaged"),
+        (lambda header, numbers: header.write_text("DIAEXTENDED"), "no arrays of numbers"),
+    ],
+    ids=["missing", "cut", "text", "damaged", "empty"],
+)
+def test_a_damaged_data_set_says_what_is_wrong(tmp_path, change, words):
+    path = EXPORTED_TABLES["data_set_of_diadem"](tmp_path, recorded(*CASES[0]))
+    change(path, tmp_path / "trace.r64")
+    with pytest.raises(RecordingError, match=words):
+        read_sample(path)
+
+
+def test_many_columns_of_json_are_taken_apart_once(tmp_path, monkeypatch):
+    """Each of several passes over 120 columns took as long as the first."""
+    run = recorded(*CASES[0])
+    rows = [
+        f'{{"t": {t}, "q": {q.tolist()}, "tau": {tau.tolist()}, "state": "RUN", "on": true, '
+        + ", ".join(f'"aux_{k}": {k + 1e-3 * i:.4f}' for k in range(107))
+        + "}"
+        for i, (t, q, tau) in enumerate(zip(run.t, run.q, run.tau, strict=True))
+    ]
+    # A record of another form among them, and a number that no float holds.
+    rows[700] = f'{{"t": {run.t[700]}, "q": {run.q[700].tolist()}, "tau": null, "aux_3": 1{"0" * 400}}}'
+    path = written(tmp_path / "wide.jsonl", "\n".join([*rows, ""]))
+    source = open_source(path, None)
+    first = np.concatenate(list(source.blocks()))
+    monkeypatch.setattr(json_records, "_read_records", None)
+    np.testing.assert_array_equal(first, np.concatenate(list(source.blocks())))
+    names = source.names
+    np.testing.assert_array_equal(np.delete(first[:, names.index("q3")], 700), np.delete(run.q[:, 2], 700))
+    assert np.isnan(first[700, names.index("tau1")])
+    assert np.isnan(first[700, names.index("aux_3")])
+    assert first[701, names.index("aux_3")] == pytest.approx(3.701)
+
+
+def test_columns_of_a_floating_base_are_proposed(tmp_path):
+    robot = set_base(robot_from_urdf("walker", WALKER), "floating")
+    motion = draw_motion(4, duration=6.0)
+    torque, force = stand_on_shin(motion)
+    pose = tuple(f"pelvis_{part}" for part in ("pos_x", "pos_y", "pos_z", "quat_x", "quat_y", "quat_z", "quat_w"))
+    path = write_log(tmp_path / "walk.csv", motion, torque, {"shin": force}, pose=pose)
+    proposal = inspect_file(path, robot).proposal
+    assert proposal is not None
+    assert proposal.questions == ()
+    assert proposal.columns["base_qw"] == "pelvis_quat_w"
+    guesses = {guess.field: guess.value for guess in proposal.guesses}
+    assert guesses["columns/wrenches"] == "shin (link frame)"
+    assert "check" not in guesses
+    (item,) = read_recordings(path, robot=robot, columns=dict(proposal.columns), units=dict(proposal.units))
+    assert np.abs(item._columns()["q_base_x"] - motion.q[:, 0]).max() < 1e-8
+    hidden = write_log(tmp_path / "no.csv", motion, torque, {}, pose=tuple("abcdefg"))
+    questions = {question.field: question for question in inspect_file(hidden, robot).proposal.questions}
+    assert "orientation" in questions["columns/base_qx"].detail
+
+
+def test_every_module_of_recordings_can_be_imported_first(tmp_path):
+    names = [module.name for module in pkgutil.walk_packages(dynident.recordings.__path__, "dynident.recordings.")]
+    assert len(names) > 50
+    program = (
+        "import os, sys\n"
+        "import numpy, pyarrow.csv, pydantic\n"
+        "for name in sys.argv[1:]:\n"
+        "    child = os.fork()\n"
+        "    if not child:\n"
+        "        __import__(name)\n"
+        "        os._exit(0)\n"
+        "    if os.waitpid(child, 0)[1]:\n"
+        "        sys.exit(f'{name} cannot be imported first')\n"
+    )
+    run = subprocess.run([sys.executable, "-c", program, *names], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+
+
+def test_groups_of_arrays_with_times_of_their_own_are_joined_by_time(tmp_path):
+    run = recorded(*CASES[0])
+    with h5py.File(tmp_path / "topics.h5", "w") as file:
+        for name, step, values in (("q", 2, run.q), ("tau", 1, run.tau)):
+            file[f"{name}/time"], file[f"{name}/data"] = 5.0 + run.t[::step], values[::step]
+    t, q, tau = read_as_proposed(tmp_path / "topics.h5", machine("ur10"), None)
+    assert (len(t), np.abs(tau - run.tau).max()) == (len(run.t), 0.0)
+    # Between two samples on a straight line; the last instants lie behind the last of them.
+    assert np.nanmax(np.abs(q - run.q)) < 1e-3
+    assert np.isnan(q[-1]).all()
+    assert np.isfinite(q[:-1]).all()
+    with h5py.File(tmp_path / "apart.h5", "w") as file:
+        for name, begin, values in (("q", 0.0, run.q[::2]), ("tau", 900.0, run.tau)):
+            file[f"{name}/time"], file[f"{name}/data"] = begin + np.arange(len(values)) / 100.0, values
+    assert not any(name.startswith("q/data") for name in read_sample(tmp_path / "apart.h5").names)
+
+
+def test_a_unit_may_stand_before_the_number_of_the_joint(tmp_path):
+    run = recorded(*CASES[0])
+    header = ["time_ms", *counted("pos_mrad_{}", run.n, 1), *counted("torque_cNm_{}", run.n, 1)]
+    path = written(tmp_path / "c.csv", table(header, cells(1e3 * np.column_stack([run.t, run.q, 0.1 * run.tau]))))
+    proposal = propose(read_sample(path), machine("ur10"))
+    assert (proposal.questions, proposal.units) == ((), {"t": "ms", "q": "mrad", "tau": "cN m"})

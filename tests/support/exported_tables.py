@@ -1,0 +1,197 @@
+"""One recording as tools export it: a row for each value, runs one behind another, pairs of columns, text in cells."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+from scipy.io import savemat
+from support.logger_layouts import Recorded, cells, counted, number, table, written
+
+Layout = Callable[[Path, Recorded], Path]
+
+
+def melted(folder: Path, run: Recorded) -> Path:
+    """`pandas.melt`: all rows of one signal below those of another."""
+    names = [*counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    columns = zip(names, np.column_stack([run.q, run.tau]).T, strict=True)
+    rows = [
+        f"{number(t)},{name},{number(value)}"
+        for name, values in columns
+        for t, value in zip(run.t, values, strict=True)
+    ]
+    return written(folder / "long.csv", "\n".join(["time,variable,value", *rows, ""]))
+
+
+def joint_below_joint(folder: Path, run: Recorded) -> Path:
+    """Tables of each joint, one below another."""
+    rows = [
+        ",".join([joint, *map(number, row)])
+        for k, joint in enumerate(run.joints)
+        for row in np.column_stack([run.t, run.q[:, k], run.tau[:, k]])
+    ]
+    return written(folder / "joints.csv", "\n".join(["joint,time,position,effort", *rows, ""]))
+
+
+def joint_and_quantity(folder: Path, run: Recorded) -> Path:
+    """A row for each value, with the joint and the quantity in columns of their own."""
+    signals = (("position", run.q), ("torque", run.tau))
+    rows = [
+        f"{number(t)},{joint},{name},{number(values[i, k])}"
+        for i, t in enumerate(run.t)
+        for k, joint in enumerate(run.joints)
+        for name, values in signals
+    ]
+    return written(folder / "tidy.csv", "\n".join(["time,joint,quantity,value", *rows, ""]))
+
+
+def pairs_of_time_and_value(folder: Path, run: Recorded) -> Path:
+    """LabVIEW's measurement file with a time for each channel, and a column for comments behind them."""
+    names = [*counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    values = np.column_stack([run.q, run.tau])
+    between = "\t\t"
+    head = [
+        "LabVIEW Measurement\t\nX_Columns\tMulti\n***End_of_Header***\t\n\t",
+        f"Samples\t{between.join([str(len(run.t))] * len(names))}",
+        f"X_Dimension\t{between.join(['Time'] * len(names))}",
+        "***End_of_Header***",
+        "X_Value\t" + "\tX_Value\t".join(names) + "\tComment",
+    ]
+    rows = ["\t".join(f"{number(t)}\t{number(value)}" for value in row) for t, row in zip(run.t, values, strict=True)]
+    return written(folder / "channels.lvm", "\n".join([*head, *rows, ""]))
+
+
+def objects_in_cells(folder: Path, run: Recorded) -> Path:
+    """A data base's export of messages."""
+    rows = []
+    for k, t in enumerate(run.t):
+        message = json.dumps({"q": run.q[k].tolist(), "tau": run.tau[k].tolist()}).replace('"', '""')
+        rows.append(f'{k},{1.7e9 + t:.6f},"{message}"')
+    return written(folder / "messages.csv", "\n".join(["id,created_at,payload", *rows, ""]))
+
+
+def list_below_a_name(folder: Path, run: Recorded) -> Path:
+    """YAML whose records stand below a name."""
+    lines = ["robot: arm", "log:"]
+    for t, q, tau in zip(run.t, run.q, run.tau, strict=True):
+        lines += [f"  - t: {number(t)}", f"    q: {q.tolist()}", f"    tau: {tau.tolist()}"]
+    return written(folder / "log.yaml", "\n".join([*lines, "end: true", ""]))
+
+
+def printed_tuples(folder: Path, run: Recorded) -> Path:
+    rows = [f"({number(t)}, {q.tolist()}, {tau.tolist()})" for t, q, tau in zip(run.t, run.q, run.tau, strict=True)]
+    return written(folder / "printed.txt", "\n".join([*rows, ""]))
+
+
+def pose_of_the_tool_beside(folder: Path, run: Recorded) -> Path:
+    """Joints, the pose of the tool, and torques that are called t1, t2, ….."""
+    pose = 300.0 + np.cumsum(run.rng.normal(size=(len(run.t), 6)), axis=0)
+    names = [*counted("j{}", run.n, 1), "x", "y", "z", "roll", "pitch", "yaw", *counted("t{}", run.n, 1)]
+    columns = [number(1.7e5 + t) for t in run.t], *cells(np.column_stack([run.q, pose, run.tau]))
+    return written(folder / "sdk.csv", table(["timestamp", *names], list(columns)))
+
+
+def data_set_of_diadem(folder: Path, run: Recorded) -> Path:
+    """KUKA's trace: a header of text, and the numbers of all channels in another file, scaled, row by row."""
+    names = [*counted("AxisAngle_A{}", run.n, 1), *counted("Torque_A{}", run.n, 1)]
+    kind = "<f8" if run.n % 2 else ">f8"
+    np.column_stack([1e3 * run.q, 1e2 * run.tau]).astype(kind).tofile(folder / "trace.r64")
+    m, step = len(run.t), run.t[1] - run.t[0]
+    channels = [["200,Time", "202,s", "210,IMPLIZIT", f"220,{m}", "240,0", f"241,{number(step)}"]]
+    for k, name in enumerate(names):
+        factor = "0.001" if k < run.n else "0.01"
+        unit = "Nm" if k >= run.n else "m" if run.slides[k] else "rad"
+        stored = ["211,C:\\trace\\trace.r64", "213,BLOCK", "214,REAL64", f"220,{m}", f"221,{k + 1}"]
+        channels.append([f"200,{name}", f"202,{unit}", "210,EXPLIZIT", *stored, "240,0", f"241,{factor}"])
+    lines = ["DIAEXTENDED  {@:ENGLISH", "#BEGINGLOBALHEADER", "112,High -> Low", "#ENDGLOBALHEADER"]
+    for channel in channels:
+        lines += ["#BEGINCHANNELHEADER", *channel, "#ENDCHANNELHEADER"]
+    return written(folder / "trace.dat", "\r\n".join([*lines, ""]))
+
+
+def arrays_of_numpy_apart(folder: Path, run: Recorded) -> Path:
+    for name, values in (("t", run.t), ("q", run.q), ("tau", run.tau)):
+        np.save(folder / f"{name}.npy", values)
+    return Path("+".join(str(folder / f"{name}.npy") for name in ("t", "q", "tau")))
+
+
+def merged_heads(folder: Path, run: Recorded) -> Path:
+    """A sheet whose heads stand over several columns each: only the first of them has the word."""
+    empty = [""] * (run.n - 1)
+    names = ["Time", *counted("J{}", run.n, 1), *counted("J{}", run.n, 1)]
+    text = table(names, cells(np.column_stack([run.t, run.q, run.tau])))
+    return written(folder / "merged.csv", ",".join(["", "Position", *empty, "Torque", *empty]) + "\n" + text)
+
+
+def objects_of_joints(folder: Path, run: Recorded) -> Path:
+    """JSON with an object for each joint, which holds its arrays."""
+    joints = [
+        {"name": name, "pos": run.q[:, k].tolist(), "tau": run.tau[:, k].tolist()} for k, name in enumerate(run.joints)
+    ]
+    return written(folder / "joints.json", json.dumps({"t": run.t.tolist(), "joints": joints}))
+
+
+def records_of_numpy(folder: Path, run: Recorded) -> Path:
+    kinds = [("time", "f8"), ("q", "f8", (run.n,)), ("tau", "f8", (run.n,)), ("mode", "U8")]
+    log = np.zeros(len(run.t), dtype=kinds)
+    log["time"], log["q"], log["tau"], log["mode"] = run.t, run.q, run.tau, "run"
+    np.savez(folder / "log.npz", log=log)
+    return folder / "log.npz"
+
+
+EXPORTED_TABLES: dict[str, Layout] = {
+    layout.__name__: layout
+    for layout in (
+        melted, joint_below_joint, joint_and_quantity, pairs_of_time_and_value, objects_in_cells, list_below_a_name,
+        printed_tuples, pose_of_the_tool_beside, data_set_of_diadem, arrays_of_numpy_apart, merged_heads,
+        objects_of_joints, records_of_numpy,
+    )
+}  # fmt: skip
+
+
+def split_runs(run: Recorded) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Two runs of different lengths, each with a clock of its own from 0."""
+    cut = 2 * len(run.t) // 5
+    parts = (slice(None, cut), slice(cut, None))
+    return [(run.t[part] - run.t[part][0], run.q[part], run.tau[part]) for part in parts]
+
+
+def runs_in_structures(folder: Path, run: Recorded) -> Path:
+    runs = np.zeros(2, dtype=[("t", object), ("q", object), ("tau", object)])
+    for k, part in enumerate(split_runs(run)):
+        runs[k] = part
+    savemat(folder / "runs.mat", {"runs": runs})
+    return folder / "runs.mat"
+
+
+def runs_in_groups(folder: Path, run: Recorded) -> Path:
+    with h5py.File(folder / "runs.h5", "w") as file:
+        for k, part in enumerate(split_runs(run)):
+            file[f"data/demo_{k}/actions"] = part[1]
+            for name, values in zip(("obs/t", "obs/q", "obs/tau"), part, strict=True):
+                file[f"data/demo_{k}/{name}"] = values
+    return folder / "runs.h5"
+
+
+def runs_in_objects(folder: Path, run: Recorded) -> Path:
+    runs = [{name: values.tolist() for name, values in zip(("t", "q", "tau"), part, strict=True)}
+            for part in split_runs(run)]  # fmt: skip
+    return written(folder / "runs.json", json.dumps({"robot": "arm", "runs": runs}))
+
+
+def runs_in_an_archive(folder: Path, run: Recorded) -> Path:
+    header = ["t", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    with zipfile.ZipFile(folder / "runs.zip", "w") as archive:
+        # In the order of their numbers, not in that of the archive.
+        for k, part in reversed(list(enumerate(split_runs(run)))):
+            archive.writestr(f"log/run_{9 + k}.csv", table(header, cells(np.column_stack(part))))
+    return folder / "runs.zip"
+
+
+FILES_OF_RUNS: dict[str, Layout] = {
+    layout.__name__: layout for layout in (runs_in_structures, runs_in_groups, runs_in_objects, runs_in_an_archive)
+}
