@@ -308,7 +308,8 @@ def examine(
     ]
     progress(1.0, "diagnosed")
     diagnosis = Diagnosis(
-        verdict=verdict,
+        # What the residual says is worth nothing where the data do not determine the model.
+        verdict="cannot_tell" if conclusion.code == "cannot_tell" else verdict,
         summary=" ".join(sentences),
         noise_floor=floor,
         residual_rms=residual,
