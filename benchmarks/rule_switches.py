@@ -199,7 +199,7 @@ RULES: dict[str, list[tuple[Any, str, Callable[..., Any]]]] = {
     ],
     "find_misnamed": [(diagnose_model, "find_misnamed", _empty)],
     "find_dependent_findings": [(diagnose_model, "find_dependent_findings", _empty)],
-    "is_only_helpful_at_first": [(diagnose_model, "is_only_helpful_at_first", _false)],
+    "is_only_helpful_at_first": [(identifiability_and_invisible_effects, "is_only_helpful_at_first", _false)],
     "find_static_friction": [
         (diagnose_model, "find_static_friction", lambda grown, _recordings, final, *_: (grown, final, ()))
     ],

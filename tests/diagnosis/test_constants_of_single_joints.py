@@ -37,6 +37,13 @@ def test_gears_that_slip_unlike_far_get_their_own_distances_and_the_prediction_r
     assert {choice.effect for choice in found.recommended} == {"presliding"}
     told = {joint: choice.shape_values["d0"] for choice in found.recommended for joint in choice.joints}
     assert [told[name] for name in NAMES] == pytest.approx(slips, rel=0.25)
+    # The group was found as one; what it explains of a joint is explained by the part that this joint is in.
+    explained = [outcome for outcome in found.outcomes if outcome.reason.code == "explained" and outcome.choice.joints]
+    assert explained
+    for outcome in explained:
+        step = outcome.reason.step
+        assert step is not None
+        assert set(outcome.choice.joints) & set(found.recommended[step - 1].joints), outcome
     grown = extend(run.identification, found.recommended, [run.training], [run.validation])
     true = [presliding(name, slip, 1.0) for name, slip in zip(NAMES, slips, strict=True)]
     best = extend(run.identification, true, [run.training], [run.validation])

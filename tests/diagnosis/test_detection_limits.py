@@ -6,13 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from support.hidden_effects import NAMES, ROBOT, WITH_OFFSET, experiment, on_joint
+from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, experiment, on_joint, recorded
+from support.oracles import fourier_motion
 
 from dynident.diagnosis import Diagnosis, diagnose
 from dynident.diagnosis.conclusion import conclude
 from dynident.diagnosis.diagnosis_result import DetectionLimit, UnknownPattern
 from dynident.effects import get_effect
-from dynident.presentation.diagnosis_tables import build_limit_table, format_share
+from dynident.identification import IdentificationChoices, identify
+from dynident.presentation.diagnosis_tables import build_conclusion_table, build_limit_table, format_share
 from dynident.reports.figures.diagnosis import draw_detection_limits
 from dynident.robot.joint import join_joint_names
 
@@ -103,10 +105,23 @@ def test_the_conclusion_is_threefold_and_names_one_next_thing_to_do(verdict, lim
     conclusion = conclude(verdict, unknown, limits, ratios, joints, is_given_up=False)
     assert conclusion.code == code
     assert conclusion.next_step.endswith(".")
+    actions = {"nothing_above_limits": ["validate"], "cannot_tell": ["record"]}
+    assert conclusion.next_action in actions.get(code, ["extend" if verdict == "missing_effect" else "add_own_effect"])
     if code == "cannot_tell":
         assert conclusion.why
     if limits is BLIND and code == "cannot_tell":
         assert "Stribeck friction on left/right_knee" in conclusion.why[-1]
+
+
+def test_data_that_do_not_determine_the_model_give_the_verdict_that_they_cannot_tell():
+    short = recorded(fourier_motion(ROBOT, 4.5, 200.0, 504), on_joint(0, lambda q, v, load: 0.0 * q), 4, "short")
+    choices = IdentificationChoices(WITH_OFFSET, preprocessing=BAND)
+    found = diagnose(identify(ROBOT, [short], choices=choices), [short], candidates=["stribeck", "joint_spring"])
+    assert found.conclusion is not None
+    assert (found.verdict, found.conclusion.code, found.recommended) == ("cannot_tell", "cannot_tell", ())
+    table = build_conclusion_table(found, ROBOT.joint_names)
+    assert table.title == "These data cannot tell whether something is missing."
+    assert table.notes[-1] == f"Next: {found.conclusion.next_step}"
 
 
 def test_many_joints_are_told_in_groups():

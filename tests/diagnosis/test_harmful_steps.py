@@ -6,13 +6,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.hidden_effects import CASES, NAMES, ROBOT, experiment
 
-from dynident.diagnosis.candidates.inner_product_accumulation import ConditionalRows, PhasedProducts
+from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
+from dynident.diagnosis.candidates.inner_product_accumulation import (
+    ConditionalRows,
+    PhasedProducts,
+    gather_products,
+)
 from dynident.diagnosis.candidates.time_blocks_and_folds import ProductStack, products_from_reduction
+from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.search import pruning
+from dynident.diagnosis.search.finding_refinement import refine_findings
 from dynident.diagnosis.search.pruning import select_harmless
-from dynident.effects import Estimate, get_effect
+from dynident.diagnosis.search.search_state import Finding, score_all
+from dynident.effects import EffectChoice, Estimate, get_effect
 from dynident.estimation import FactorAccumulator
+from dynident.progress import ignore_progress
+from dynident.regressors.observation_matrix import RegressorInputs
 
 STRETCHES, ROWS = 40, 12
 MANY = 150
@@ -76,11 +87,16 @@ def test_what_one_run_alone_determines_is_not_judged_without_that_run(column):
         ("encoder_zero_error", {"dq0": 2.0}, False),
         ("base_tilt", {"gx": 0.3, "gy": 0.001}, True),
         ("base_tilt", {"gx": 0.003, "gy": 0.001}, False),
+        ("viscous_nonlinear", {"Fvn": 3.0, "p": 0.5}, True),
+        # Friction that falls steeply from rest is Stribeck friction, by whichever law it is described.
+        ("viscous_nonlinear", {"Fvn": -3.0, "p": 0.5}, False),
+        ("viscous_nonlinear", {"Fvn": -3.0, "p": 3.0}, True),
     ],
 )
 def test_signs_and_sizes_that_nature_does_not_make_are_refused(effect, values, natural):
-    found = {name: Estimate(value, 1e-8) for name, value in values.items()}
-    assert get_effect(effect).is_plausible(found) is natural
+    names = {spec.name for spec in get_effect(effect).parameters}
+    found = {name: Estimate(value, 1e-8) for name, value in values.items() if name in names}
+    assert get_effect(effect).is_plausible(found, values) is natural
 
 
 @pytest.mark.parametrize(
@@ -108,3 +124,26 @@ def test_what_hurts_at_first_is_tried_again_beside_what_was_added_since(monkeypa
     assert select_harmless(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,), (4,)], NOISE) == [1, 0, 2]
     monkeypatch.setattr(pruning, "_is_harmless", lambda data, base, own, noise: own != (2,))
     assert select_harmless(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,)], NOISE) == [1]
+
+
+def test_a_name_that_its_refined_constants_make_impossible_gives_way_to_its_equal() -> None:
+    run = experiment(CASES["stribeck"].hidden)
+    model = run.identification.model
+    place = (NAMES[1],)
+    square = EffectChoice("viscous_nonlinear", place, (("p", 2.0),))
+    fall = EffectChoice("stribeck", place, (("delta", 2.0), ("vs", 0.12)))
+    reference = run.identification.estimate.next_reference()
+    inputs = RegressorInputs([run.training], run.identification.preprocessing, reference)
+    pool = build_pool_of_choices(model, [square, fall])
+    data = gather_products(pool.observation, model.signals, inputs, model.n_parameters)
+    base, noise = tuple(range(pool.n_base)), run.identification.noise
+    power, peak = score_all(data, pool, base, pool.candidates, noise)
+    limit = np.full(ROBOT.n, 1e-4)
+    resolved = Resolution(limit, limit, limit, np.ones(ROBOT.n))
+    findings, choices, dropped = refine_findings(
+        run.identification, [Finding(power, (peak,), 0.001)], inputs, resolved, noise, (), ignore_progress
+    )
+    # A square that rises becomes a root that falls: friction that falls from rest is Stribeck friction.
+    assert [(choice.effect, choice.joints) for choice in choices] == [("stribeck", (NAMES[1],))]
+    assert [finding.judged.candidate.effect for finding in findings] == ["stribeck"]
+    assert dropped[power.candidate].code == "impossible"

@@ -25,7 +25,8 @@ from support.hidden_effects import (
 from support.oracles import fourier_motion
 
 from dynident.advice import advise
-from dynident.diagnosis import Diagnosis, diagnose, examine
+from dynident.diagnosis import Diagnosis, compare, diagnose, examine
+from dynident.diagnosis.residuals.spectral_peaks import find_angle_lines
 from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.identification import IdentificationChoices, extend, identify
 
@@ -291,3 +292,15 @@ def test_a_residual_far_above_the_noise_is_never_adequate_though_it_depends_on_n
     assert found.residual_rms[1] > 4.0 * found.noise_floor[1]
     assert found.verdict == "unexplained"
     assert "depends on none of the variables" in found.summary
+
+
+def test_a_ripple_that_a_larger_effect_hides_is_looked_for_once_that_is_in_the_model():
+    hidden = on_joint(3, lambda q, v, load: 0.24 * np.abs(load) * np.sign(v) + 0.1 * np.sin(21.0 * q + 0.7))
+    run = experiment(hidden)
+    names = ["load_dependent_friction", "torque_ripple"]
+    # The residual of the plain model has no line over the angle that stands out.
+    leads = find_angle_lines([compare(run.identification, run.training)], ROBOT)
+    assert not any(joint == 3 for joint, _ in leads.clear)
+    found = diagnose(run.identification, [run.training], candidates=names)
+    assert [(choice.effect, choice.joints) for choice in found.recommended] == [(name, (NAMES[3],)) for name in names]
+    assert found.recommended[1].shape_values["k"] == pytest.approx(21.0, abs=0.1)

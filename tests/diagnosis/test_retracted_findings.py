@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from support.hidden_effects import NAMES, ROBOT, compared, experiment
 
-from dynident.diagnosis.ambiguities import find_misnamed, is_only_helpful_at_first
+from dynident.diagnosis.ambiguities import find_misnamed
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.diagnosis_result import UnknownPattern, Variable
+from dynident.diagnosis.search.identifiability_and_invisible_effects import is_only_helpful_at_first
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import EffectChoice
 

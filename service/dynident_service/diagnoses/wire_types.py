@@ -220,6 +220,9 @@ class Conclusion(ViewModel):
     headline: str
     why: list[str] = Field(description="What it rests on")
     next_step: str
+    next_action: Literal["extend", "add_own_effect", "validate", "record"] | None = Field(
+        default=None, description="`next_step` as a code; null in a diagnosis of an earlier version"
+    )
 
 
 class FailureSpot(ViewModel):
@@ -298,7 +301,7 @@ class RecommendedEffect(EffectChoice):
 class DiagnosisResult(ViewModel):
     """What is missing in a model."""
 
-    verdict: Literal["adequate", "missing_effect", "unexplained"]
+    verdict: Literal["adequate", "missing_effect", "unexplained", "cannot_tell"]
     summary: str
     noise_floor: list[float | None]
     residual_rms: list[float | None]

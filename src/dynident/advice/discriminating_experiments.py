@@ -393,8 +393,9 @@ class AdvisedDiagnosis(Diagnosis):
 
     Parameters
     ----------
-    verdict : {"adequate", "missing_effect", "unexplained"}
-        Whether the model is adequate, lacks an effect, or leaves a residual that no effect explains.
+    verdict : {"adequate", "missing_effect", "unexplained", "cannot_tell"}
+        Whether the model is adequate, lacks an effect, or leaves a residual that no effect explains, or whether the
+        data do not tell.
     summary : str
         The result in a few sentences.
     noise_floor : (n,)

@@ -70,7 +70,7 @@ class DiagnosedModel(Framed):
 
     @property
     def verdict(self) -> str:
-        """adequate, missing_effect or unexplained."""
+        """adequate, missing_effect, unexplained or cannot_tell."""
         return self.diagnosis.verdict
 
     @property

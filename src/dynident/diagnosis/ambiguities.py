@@ -21,7 +21,6 @@ from dynident.diagnosis.diagnosis_result import Invisible, UnknownPattern, Varia
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.estimation.residual_errors import compute_t
-from dynident.identification import Identification
 from dynident.robot.robot_model import Robot
 
 _KINDS = ("position", "other_joints")
@@ -73,29 +72,6 @@ def find_misnamed(
                 wrong.append(number)
                 break
     return wrong
-
-
-def is_only_helpful_at_first(before: Identification, after: Identification, choice: EffectChoice) -> bool:
-    """Return whether a first-order effect explains nothing any more in the model that is identified with it.
-
-    Its columns are made of the torque that the model without it predicts. Where the motion hardly determines that
-    model, the one with it predicts another torque, and the gain is gone: no joint's error falls noticeably, or all of
-    them together rise.
-
-    Parameters
-    ----------
-    before : Identification
-        The model without the effect.
-    after : Identification
-        The model that was identified with it.
-    choice : EffectChoice
-        The effect.
-    """
-    if not get_effect(choice.effect).first_order:
-        return False
-    was, now = before.fit.rms**2, after.fit.rms**2
-    noise = np.maximum(before.noise**2, np.finfo(float).tiny)
-    return not (now <= (1.0 - RULES.least_drop) * was).any() or float((now / noise).sum()) > float((was / noise).sum())
 
 
 def find_dependent_findings(

@@ -49,7 +49,7 @@ def conclude(
     Parameters
     ----------
     verdict : {"adequate", "missing_effect", "unexplained"}
-        Whether effects are recommended, or a residual is left that no effect explains.
+        Whether effects are recommended, or a residual is left that no effect explains, from the residual alone.
     unknown : sequence of UnknownPattern
         Dependences in the residual that no effect explains.
     limits : sequence of DetectionLimit
@@ -63,7 +63,8 @@ def conclude(
         Whether an effect was not named because the motion does not determine the model.
     """
     if verdict == "missing_effect":
-        return Conclusion("something_is_missing", (), "Add the recommended effects, and diagnose the extended model.")
+        step = "Add the recommended effects, and diagnose the extended model."
+        return Conclusion("something_is_missing", (), step, "extend")
     held_out, part_to_part = ratios
     # A comparison with NaN is false: without held-out data there is nothing to be far above the fit.
     is_far, is_poor = held_out > RULES.part_to_part, part_to_part > RULES.part_to_part or is_given_up
@@ -77,7 +78,7 @@ def conclude(
             "their usual size on."
         )
         known = (words,) if math.isfinite(median) else ()
-        return Conclusion("nothing_above_limits", known, "Validate the model on a motion of its use.")
+        return Conclusion("nothing_above_limits", known, "Validate the model on a motion of its use.", "validate")
     if verdict == "unexplained" and not (is_far or is_poor):
         what = (
             f"{unknown[0].joint} over {unknown[0].variable.replace('_', ' ')}" if unknown else "the residual over time"
@@ -86,6 +87,7 @@ def conclude(
             "something_is_missing",
             (),
             f"Look at {what} for what the catalogue lacks, and add it as an effect of your own.",
+            "add_own_effect",
         )
     why = []
     if is_far:
@@ -95,7 +97,7 @@ def conclude(
     if is_blind:
         why.append(_word_blind(blind, joint_names))
     experiment = "Record a longer or richer motion, identify the model from it, and diagnose again."
-    return Conclusion("cannot_tell", tuple(why), experiment)
+    return Conclusion("cannot_tell", tuple(why), experiment, "record")
 
 
 def _word_blind(blind: Sequence[DetectionLimit], joint_names: Sequence[str]) -> str:

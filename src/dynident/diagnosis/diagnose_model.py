@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
@@ -15,7 +14,6 @@ from dynident.diagnosis.ambiguities import (
     Doubt,
     find_dependent_findings,
     find_misnamed,
-    is_only_helpful_at_first,
     list_doubts,
 )
 from dynident.diagnosis.candidates.candidate_pool import Pool, build_pool
@@ -51,8 +49,8 @@ from dynident.diagnosis.diagnosis_summary import (
 from dynident.diagnosis.disturbances import PUSH
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
 from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import build_failure_map, find_unknown_patterns
-from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
-from dynident.diagnosis.residuals.shape_proposals import propose_shapes
+from dynident.diagnosis.residuals.resolution_at_reversals import Resolution, compute_resolution
+from dynident.diagnosis.residuals.shape_proposals import ShapeProposals, propose_shapes
 from dynident.diagnosis.search.candidate_outcomes import (
     add_limits,
     list_outcomes,
@@ -65,6 +63,7 @@ from dynident.diagnosis.search.finding_refinement import RecordedSource, refine_
 from dynident.diagnosis.search.forward_selection import SearchRecord, search_findings
 from dynident.diagnosis.search.identifiability_and_invisible_effects import (
     compute_part_to_part_ratio,
+    extend_with_findings,
     find_invisible,
     list_too_large_limits,
 )
@@ -73,20 +72,14 @@ from dynident.diagnosis.search.static_friction import find_static_friction
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.effects.effect_columns import is_lasting_change
 from dynident.errors import DynidentError
-from dynident.identification import Identification, extend
+from dynident.identification import Identification
 from dynident.identification.equations.reduced_recordings import split_friction_tests
-from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.recordings.pose_recordings import has_poses
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot.limits_and_drives import split_hardware
-
-_AT_FIRST = (
-    "it explains a part of the residual of this model, but it does not explain that part once the model is "
-    "identified with it: the motion hardly determines the torque that it depends on"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,33 +218,20 @@ def examine(
     model = identification.model
     comparisons = [compare(identification, recording, scale_progress(progress, 0.0, 0.1)) for recording in recordings]
     resolved = compute_resolution(comparisons, identification.preprocessing)
-    leads = propose_shapes(comparisons, recordings, identification, since)
     tried = candidates or [name for name, effect in CATALOGUE.items() if effect.hardware not in absent]
-    pool = build_pool(model, tried, leads, resolved)
     # The floor must not depend on the model, in which something may be missing.
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
-    reference = identification.estimate.next_reference()
-    inputs = RegressorInputs(recordings, identification.preprocessing, reference)
-    rows = RecordedSource(model, inputs)
-    # One pass over the recordings for the model and all candidates: every score of the search comes from these
-    # products.
-    data = rows.gather_products(pool, scale_progress(progress, 0.1, 0.5))
     rules = DecisionRules(significance=significance, most_effects=most_effects)
-    start = _build_start_state(data, pool, identification, floor, rules)
-    family = score_family(data, pool, start.base, pool.initial_candidates, start.noise, level=start.level)
+    question = _Question(identification, recordings, comparisons, tried, resolved, floor, since, rules)
+    leads = propose_shapes(comparisons, recordings, identification, since)
+    answer = _search_effects(question, leads, scale_progress(progress, 0.1, 0.7))
+    # What was found hides lines of the residual, until it is in the model.
+    has_waves = any(get_effect(name).proposal == "angle_spectrum" for name in tried)
+    further = leads.add_lines(answer.final, model.robot) if has_waves else leads
+    if further != leads:
+        leads, answer = further, _search_effects(question, further, scale_progress(progress, 0.7, 1.0))
+    pool, start, family, record, findings, recommended, grown, undetermined, final = answer
     first = list(family.scored)
-    # First the best candidates of a coarse grid, then their shape constants, on all rows.
-    record = search_findings(data, pool, start, first, rows, scale_progress(progress, 0.5, 0.8))
-    findings, recommended, dropped = refine_findings(
-        identification, record.findings, inputs, resolved, floor, since, scale_progress(progress, 0.8, 0.9)
-    )
-    record.dropped.update(dropped)
-    # The findings are put to the test by identifying the model with them. Some cannot be added, or explain nothing any
-    # more in that model.
-    grown, undetermined = _extend_model(identification, recommended, recordings, scale_progress(progress, 0.9, 1.0))
-    record.dropped.update((findings[k].judged.candidate, reason) for k, (_, reason) in undetermined.items())
-    findings, recommended = _drop_findings(findings, recommended, list(undetermined))
-    final = _compare_extended(identification, grown, recordings, comparisons)
     unknown = find_unknown_patterns(final)
     # An effect whose residual still depends on the same variable has the wrong name, and misleads what was found after
     # it.
@@ -261,7 +241,7 @@ def examine(
         record.dropped.update((findings[k].judged.candidate, Reason.build("superfluous")) for k in dependent)
         record.dropped.update((findings[k].judged.candidate, Reason.build("misnamed")) for k in wrong)
         findings, recommended = _drop_findings(findings, recommended, [*wrong, *dependent])
-        grown, _ = _extend_model(identification, recommended, recordings, ignore_progress)
+        grown, _ = extend_with_findings(identification, recommended, recordings, ignore_progress)
         final = _compare_extended(identification, grown, recordings, comparisons)
         unknown = find_unknown_patterns(final)
     # Of two days, halts would have to be asked apart.
@@ -308,7 +288,8 @@ def examine(
     ]
     progress(1.0, "diagnosed")
     diagnosis = Diagnosis(
-        verdict=verdict,
+        # What the residual says is worth nothing where the data do not determine the model.
+        verdict="cannot_tell" if conclusion.code == "cannot_tell" else verdict,
         summary=" ".join(sentences),
         noise_floor=floor,
         residual_rms=residual,
@@ -325,6 +306,68 @@ def examine(
     )
     doubts = list_doubts(findings, recommended, hidden, model.robot, first, candidates or ())
     return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
+
+
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """What a search needs besides its proposals: model, recordings, effects to try, resolution, noise, levels."""
+
+    identification: Identification
+    recordings: Sequence[Recording]
+    comparisons: Sequence[Comparison]
+    effects: Sequence[str]
+    resolved: Resolution
+    floor: FloatArray
+    since: tuple[str, ...]
+    rules: DecisionRules
+
+
+class _Answer(NamedTuple):
+    """What a search found, the model with it, what cannot be added to it (by number), and what that model leaves."""
+
+    pool: Pool
+    start: State
+    family: ScoredFamily
+    record: SearchRecord
+    findings: tuple[Finding, ...]
+    recommended: tuple[EffectChoice, ...]
+    grown: Identification
+    undetermined: dict[int, tuple[Invisible, Reason]]
+    final: list[Comparison]
+
+
+def _search_effects(question: _Question, leads: ShapeProposals, progress: Progress) -> _Answer:
+    """Search all effects, refine what is found, and put it to the test by identifying the model with it."""
+    identification, recordings, floor = question.identification, question.recordings, question.floor
+    model = identification.model
+    pool = build_pool(model, question.effects, leads, question.resolved)
+    inputs = RegressorInputs(recordings, identification.preprocessing, identification.estimate.next_reference())
+    rows = RecordedSource(model, inputs)
+    # One pass over the recordings for the model and all candidates: every score of the search comes from these
+    # products.
+    data = rows.gather_products(pool, scale_progress(progress, 0.0, 0.45))
+    start = _build_start_state(data, pool, identification, floor, question.rules)
+    family = score_family(data, pool, start.base, pool.initial_candidates, start.noise, level=start.level)
+    # First the best candidates of a coarse grid, then their shape constants, on all rows.
+    record = search_findings(data, pool, start, list(family.scored), rows, scale_progress(progress, 0.45, 0.8))
+    findings, recommended, dropped = refine_findings(
+        identification,
+        record.findings,
+        inputs,
+        question.resolved,
+        floor,
+        question.since,
+        scale_progress(progress, 0.8, 0.9),
+    )
+    record.dropped.update(dropped)
+    # Some findings cannot be added, or explain nothing any more in the model that is identified with them.
+    grown, undetermined = extend_with_findings(
+        identification, recommended, recordings, scale_progress(progress, 0.9, 1.0)
+    )
+    record.dropped.update((findings[k].judged.candidate, reason) for k, (_, reason) in undetermined.items())
+    findings, recommended = _drop_findings(findings, recommended, list(undetermined))
+    final = _compare_extended(identification, grown, recordings, question.comparisons)
+    return _Answer(pool, start, family, record, findings, recommended, grown, undetermined, final)
 
 
 def _check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -> None:
@@ -398,54 +441,6 @@ def _compute_rms(comparisons: Sequence[Comparison]) -> FloatArray:
     squares = np.sum([(c.counted_residual**2).sum(axis=0) for c in comparisons], axis=0)
     counts = np.sum([c.counted_rows.sum(axis=0) for c in comparisons], axis=0)
     return np.asarray(np.sqrt(squares / np.maximum(counts, 1)), dtype=np.float64)
-
-
-def _extend_model(
-    identification: Identification,
-    recommended: Sequence[EffectChoice],
-    recordings: Sequence[Recording],
-    progress: Progress,
-) -> tuple[Identification, dict[int, tuple[Invisible, Reason]]]:
-    """Extend the model by all recommended effects; return also, by number, those that cannot be added or help no more.
-
-    First-order effects come one by one: each is about the torque that the model with those before it predicts.
-    """
-    grown = identification
-    undetermined: dict[int, tuple[Invisible, Reason]] = {}
-    for portion in _group_portions(recommended):
-        portion_progress = scale_progress(progress, portion[0] / len(recommended), (portion[-1] + 1) / len(recommended))
-        if len(portion) > 1:
-            # One after another where one of them cannot be added.
-            with suppress(DynidentError):
-                grown = extend_at_once(grown, [recommended[number] for number in portion], recordings, portion_progress)
-                continue
-        for number in portion:
-            choice = recommended[number]
-            try:
-                with_it = extend(grown, [choice], recordings, (), portion_progress)
-            except DynidentError as error:
-                invisible = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
-                undetermined[number] = invisible, Reason.build("cannot_be_added", detail=error.detail)
-                continue
-            if is_only_helpful_at_first(grown, with_it, choice):
-                invisible = Invisible(choice.effect, choice.joints, _AT_FIRST)
-                undetermined[number] = invisible, Reason.build("no_help_once_added")
-            else:
-                grown = with_it
-    return grown, undetermined
-
-
-def _group_portions(recommended: Sequence[EffectChoice]) -> list[list[int]]:
-    """Group the choices, in their order, into portions that can be added at once."""
-    first_order = [get_effect(choice.effect).first_order for choice in recommended]
-    portions: list[list[int]] = []
-    for number in range(len(recommended)):
-        # A first-order effect depends on the torque that the model before it predicts, and so stands alone.
-        if number and not any(first_order[number - 1 : number + 1]):
-            portions[-1].append(number)
-        else:
-            portions.append([number])
-    return portions
 
 
 def _drop_findings(

@@ -12,7 +12,7 @@ from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason, find_ou
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 
-Adequacy = Literal["adequate", "missing_effect", "unexplained"]
+Adequacy = Literal["adequate", "missing_effect", "unexplained", "cannot_tell"]
 Variable = Literal["position", "velocity", "acceleration", "load", "time", "other_joints"]
 
 
@@ -247,6 +247,9 @@ class DetectionLimit:
 
 ConclusionCode = Literal["something_is_missing", "nothing_above_limits", "cannot_tell"]
 
+NextAction = Literal["extend", "add_own_effect", "validate", "record"]
+"""What comes next: add effects, look for one that the catalogue lacks, test the model, record another motion."""
+
 _CONCLUSIONS: Mapping[ConclusionCode, str] = MappingProxyType(
     {
         "something_is_missing": "Something is missing.",
@@ -269,11 +272,14 @@ class Conclusion:
         What the conclusion rests on, in sentences.
     next_step : str
         The next thing to do.
+    next_action : {"extend", "add_own_effect", "validate", "record"}, optional
+        The same as a code; None in a diagnosis of an earlier version.
     """
 
     code: ConclusionCode
     why: tuple[str, ...]
     next_step: str
+    next_action: NextAction | None = None
 
     @property
     def headline(self) -> str:
@@ -321,8 +327,9 @@ class Diagnosis:
 
     Parameters
     ----------
-    verdict : {"adequate", "missing_effect", "unexplained"}
-        Whether the model is adequate, lacks an effect, or leaves a residual that no effect explains.
+    verdict : {"adequate", "missing_effect", "unexplained", "cannot_tell"}
+        Whether the model is adequate, lacks an effect, or leaves a residual that no effect explains, or whether the
+        data do not tell.
     summary : str
         The result in a few sentences.
     noise_floor : (n,)

@@ -293,7 +293,7 @@ def word_summary(
     Parameters
     ----------
     verdict : Adequacy
-        The verdict.
+        Whether effects are recommended, or a residual is left that no effect explains, from the residual alone.
     conclusion : Conclusion
         What the diagnosis says in all.
     ranked : sequence of RankedEffect
@@ -319,7 +319,7 @@ def word_summary(
         )
         questions = dict.fromkeys(ranked_effect.question for ranked_effect in significant if ranked_effect.question)
         text = " ".join((f"The model lacks: {names}.", *questions))
-    elif verdict == "unexplained":
+    elif verdict == "unexplained" and conclusion.code != "cannot_tell":
         text = "No effect of the catalogue explains the remaining residual."
         if not unknown:
             text += (

@@ -404,10 +404,10 @@ class Effect(ABC):
         """Whether it acts in one interval of time only."""
         return self.proposal == "burst"
 
-    def is_plausible(self, estimates: Mapping[str, Estimate]) -> bool:
+    def is_plausible(self, estimates: Mapping[str, Estimate], shape: Mapping[str, float]) -> bool:
         """Return whether estimates on one joint, by parameter, are possible in nature and large enough to notice.
 
-        Where several parameters have a least size, one of them has to reach its own.
+        Where several parameters have a least size, one of them has to reach its own. `shape` are the shape constants.
         """
         # Large enough to notice in one of its parameters, and possible in all of them.
         return self._is_noticeable(estimates) and all(

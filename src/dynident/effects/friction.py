@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import casadi as ca
 
-from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, build_geometric_grid
+from dynident.effects.effect import RATIO, Column, Effect, Estimate, ParameterSpec, ShapeSpec, build_geometric_grid
 from dynident.effects.effect_signals import Signals
 from dynident.effects.usual_effect_sizes import (
     COULOMB_SHARE,
@@ -308,6 +308,12 @@ class ViscousNonlinear(_OneColumnFriction):
         # The power of a negative velocity would be no number for a broken exponent: size and sign are kept apart.
         magnitude = ca.fabs(signals.dq[joint])
         return magnitude ** shape["p"] * signals.sign[joint]
+
+    def is_plausible(self, estimates: Mapping[str, Estimate], shape: Mapping[str, float]) -> bool:
+        """Return whether the friction rises where the power is below one: what falls from rest is Stribeck friction."""
+        possible = super().is_plausible(estimates, shape)
+        falls = any(estimate.value < -estimate.doubt for estimate in estimates.values())
+        return possible and not (falls and self.is_steep_at_rest(shape))
 
     def at_starts(self, shape: Mapping[str, float]) -> bool:
         """Return whether the power is below one: then it is steepest where the joint starts."""

@@ -64,9 +64,9 @@ class Backlash(Effect):
                 columns.append(self._reaching_column(signals, spec, j, torque, constants))
         return columns
 
-    def is_plausible(self, estimates: Mapping[str, Estimate]) -> bool:
+    def is_plausible(self, estimates: Mapping[str, Estimate], shape: Mapping[str, float]) -> bool:
         """Return whether the estimates agree on one play, measured at the motor or at the link."""
-        return super().is_plausible(estimates) and _are_consistent(*map(estimates.get, ("bl", "bi", "br")))
+        return super().is_plausible(estimates, shape) and _are_consistent(*map(estimates.get, ("bl", "bi", "br")))
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Return half a per cent and 4 % of the joint's effort limit."""
@@ -124,9 +124,9 @@ class JointElasticity(Effect):
         compliance = 1 / (_STIFFNESS * get_largest_torque(robot, joint))
         return UsualSize({"Ce": compliance, "Cl": compliance})
 
-    def is_plausible(self, estimates: Mapping[str, Estimate]) -> bool:
+    def is_plausible(self, estimates: Mapping[str, Estimate], shape: Mapping[str, float]) -> bool:
         """Return whether the estimates agree on one compliance, measured at the motor or at the link."""
-        return super().is_plausible(estimates) and _are_consistent(*map(estimates.get, ("Ce", "Cl", "Cr")))
+        return super().is_plausible(estimates, shape) and _are_consistent(*map(estimates.get, ("Ce", "Cl", "Cr")))
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return three columns a joint."""

@@ -27,24 +27,15 @@ _HEADLINES = {
     "adequate": "These data show no missing effect.",
     "missing_effect": "Effects are missing, and the diagnosis names them.",
     "unexplained": "Something is missing that no effect of the catalogue explains.",
+    "cannot_tell": "These data cannot tell whether something is missing.",
 }
-
-
-def is_adequate(diagnosis: Diagnosis) -> bool:
-    """Return whether a diagnosis found nothing in data that can tell."""
-    return diagnosis.verdict == "adequate" and not _is_undecided(diagnosis)
-
-
-def _is_undecided(diagnosis: Diagnosis) -> bool:
-    return diagnosis.conclusion is not None and diagnosis.conclusion.code == "cannot_tell"
 
 
 def build_conclusion_table(diagnosis: Diagnosis, joints: Sequence[str]) -> ReportedTable:
     """Return the recommended effects under the headline of a diagnosis; its notes are the summary and the next step."""
     # Where nothing was found, the conclusion says what that is worth.
-    decides = diagnosis.verdict == "adequate" or _is_undecided(diagnosis)
-    conclusion = diagnosis.conclusion
-    title = conclusion.headline if conclusion is not None and decides else _HEADLINES[diagnosis.verdict]
+    conclusion, is_adequate = diagnosis.conclusion, diagnosis.verdict == "adequate"
+    title = conclusion.headline if conclusion is not None and is_adequate else _HEADLINES[diagnosis.verdict]
     notes = [diagnosis.summary, *([] if conclusion is None else [f"Next: {conclusion.next_step}"])]
     rows = tuple(
         tuple(

@@ -80,6 +80,8 @@ class Conclusion(TypedDict):
 
     code: Literal["something_is_missing", "nothing_above_limits", "cannot_tell"]
     headline: str
+    next_action: Literal["extend", "add_own_effect", "validate", "record"] | None
+    """`next_step` as a code; null in a diagnosis of an earlier version"""
     next_step: str
     why: list[str]
     """What it rests on"""
@@ -163,7 +165,7 @@ class DiagnosisResult(TypedDict):
     residual_rms: list[float | None]
     summary: str
     unknown: list[UnknownPattern]
-    verdict: Literal["adequate", "missing_effect", "unexplained"]
+    verdict: Literal["adequate", "missing_effect", "unexplained", "cannot_tell"]
 
 
 class Doubt(TypedDict):

@@ -6,14 +6,16 @@ Holds how many groups of runs are tried (16); the peaks are found in `spectral_p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
+from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.residuals.spectral_peaks import (
     AngleLines,
+    compute_line_share,
     find_angle_lines,
     find_base_vibration,
     find_motion_lines,
@@ -21,6 +23,7 @@ from dynident.diagnosis.residuals.spectral_peaks import (
 from dynident.diagnosis.residuals.time_blocks_and_bursts import find_bursts
 from dynident.identification import Identification
 from dynident.recordings import Recording
+from dynident.robot.robot_model import Robot
 
 # Groups that are tried: each is a candidate in every round.
 _MOST_GROUPS = 16
@@ -60,6 +63,24 @@ class ShapeProposals:
     def single_runs(self) -> list[tuple[str, ...]]:
         """Groups of one run each."""
         return [group for group in self.run_groups if len(group) == 1]
+
+    def add_lines(self, comparisons: Sequence[Comparison], robot: Robot) -> ShapeProposals:
+        """Return the same with lines on further joints, from what a better model leaves, if they can pass as findings.
+
+        Parameters
+        ----------
+        comparisons : sequence of Comparison
+            The recordings with the prediction of that model.
+        robot : Robot
+            The robot, as its description gives it.
+        """
+        known = self.angle_lines
+        later = [
+            line
+            for line in find_angle_lines(comparisons, robot).clear
+            if line[0] not in known.joints and compute_line_share(comparisons, *line) >= RULES.least_drop
+        ]
+        return replace(self, angle_lines=replace(known, clear=(*known.clear, *later))) if later else self
 
 
 def propose_shapes(

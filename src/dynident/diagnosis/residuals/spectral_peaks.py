@@ -188,6 +188,11 @@ class AngleLines:
     clear: tuple[tuple[int, float], ...] = ()
     faint: tuple[tuple[int, float], ...] = ()
 
+    @property
+    def joints(self) -> set[int]:
+        """Indices of the joints with lines that stand out."""
+        return {joint for joint, _ in self.clear}
+
 
 def find_angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
     """Find lines in the spectrum of the residual over each joint's own angle.
@@ -218,6 +223,26 @@ def find_angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLi
         clear += [(j, line + offset) for line in lines for offset in around]
         faint += [(j, float(k)) for k in np.arange(_LOWEST_LINE, 4 * np.pi / span, 2 * _BESIDE / span)]
     return AngleLines(tuple(clear), tuple(faint))
+
+
+def compute_line_share(comparisons: Sequence[Comparison], joint: int, waves: float) -> float:
+    """Return the share of a joint's squared residual that a wave over its angle explains.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        The recordings with the model's prediction.
+    joint : int
+        Index of the joint.
+    waves : float
+        Waves a turn.
+    """
+    angle = np.concatenate([waves * c.q[c.counted_rows[:, joint], joint] for c in comparisons])
+    residual = np.concatenate([c.residual[c.counted_rows[:, joint], joint] for c in comparisons])
+    columns = np.column_stack([np.cos(angle), np.sin(angle)])
+    right = columns.T @ residual
+    explained = float(right @ np.linalg.lstsq(columns.T @ columns, right, rcond=1e-9)[0])
+    return explained / max(float(residual @ residual), np.finfo(float).tiny)
 
 
 def compute_angle_power(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -241,17 +241,19 @@ class _Judge:
             or gain >= RULES.still_gains * alone.total_gain
         ):
             return None
-        step = self._find_step(loss)
+        step = self._find_step(loss, alone.candidate)
         choice = loss.finding.judged.candidate.choice if step is None else self.choices[step - 1]
         return Reason.build("explained", step, by=describe_choice(choice), left=max(gain, 0.0) / alone.total_gain)
 
-    def _find_step(self, loss: Loss) -> int | None:
-        """Return the rank of what a finding of the search has become; None where it was dropped."""
+    def _find_step(self, loss: Loss, candidate: Candidate) -> int | None:
+        """Return the rank of what a finding has become where a candidate lost by it; None where it was dropped."""
         mine = loss.finding.judged.candidate
+        # A group of joints may have become several findings: that on the candidate's own joints took its gain.
+        places = set(mine.joints) & set(candidate.joints) or set(mine.joints)
         steps = [
             step
             for step, choice in enumerate(self.choices, 1)
-            if not mine.joints or not choice.joints or set(mine.joints) & set(choice.joints)
+            if not places or not choice.joints or places & set(choice.joints)
         ]
         # By its own name if it has kept it; otherwise what took its place on these joints.
         named = [step for step in steps if self.choices[step - 1].effect == mine.effect]

@@ -23,17 +23,15 @@ from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason, ReasonCode
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.search.acceptance_rules import compute_explained_error
-from dynident.diagnosis.search.external_contacts import drop_faded_contacts
 from dynident.diagnosis.search.physical_plausibility import is_physically_possible
-from dynident.diagnosis.search.pruning import prune_findings, select_harmless, trim_joints
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.pruning import RefinedModel
+from dynident.diagnosis.search.search_state import Finding, State, score_all
 from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.estimation import EstimationError, solve_weighted
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification import Identification
 from dynident.identification.shape_search import are_nearly_alike, refine_shapes
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.recordings import Preprocessing
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, extend_model
 from dynident.regressors.observation_matrix import RegressorInputs
@@ -344,7 +342,13 @@ def refine_findings(
     findings, choices = select(visible, "not_resolved"), tuple(choices[i] for i in visible)
     while choices:
         inputs = improve_reference(model, choices, inputs)
-        lean = _RefinedModel.from_choices(model, findings, choices, since, inputs)
+        lean = RefinedModel.from_choices(model, findings, choices, since, inputs)
+        impossible = lean.find_impossible()
+        if impossible:
+            dropped.update((findings[i].judged.candidate, reason) for i, reason in impossible.items())
+            findings, choices = _rename_findings(findings, choices, list(impossible))
+            choices = refine_shapes(model, choices, inputs)
+            continue
         slimmer, needed = lean.select_needed(floor, inputs.preprocessing)
         # Refining the constants of fewer effects may make others superfluous, so this goes on until nothing changes.
         if slimmer == choices:
@@ -364,6 +368,22 @@ def refine_findings(
     # What cannot be resolved, or depends on the others, was not tried for harm.
     select(resolved_indices, "not_resolved")
     return remaining, tuple(choices[i] for i in lasting), dropped
+
+
+def _rename_findings(
+    findings: Sequence[Finding], choices: Sequence[EffectChoice], impossible: Sequence[int]
+) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
+    """Give findings of these numbers the next of their equal names; drop those that have no other one."""
+    renamed: list[tuple[Finding, EffectChoice]] = []
+    for i, (finding, choice) in enumerate(zip(findings, choices, strict=True)):
+        if i not in impossible:
+            renamed.append((finding, choice))
+            continue
+        others = [scored for scored in finding.equal if scored.candidate.effect != choice.effect]
+        if others:
+            new = Finding(replace(others[0], p=finding.p), tuple(others[1:]), finding.p)
+            renamed.append((new, new.judged.candidate.choice))
+    return tuple(finding for finding, _ in renamed), tuple(choice for _, choice in renamed)
 
 
 def improve_reference(
@@ -416,71 +436,3 @@ def _find_independent(model: Model, choices: tuple[EffectChoice, ...]) -> list[i
         for i, choice in enumerate(choices)
         if any(column.key in independent for column in build_columns([choice], model.signals))
     ]
-
-
-@dataclass(frozen=True, eq=False)
-class _RefinedModel:
-    """A model with refined findings behind it and nothing else.
-
-    Parameters
-    ----------
-    pool : Pool
-        Model and refined findings.
-    data : PhasedProducts
-        Their products.
-    findings : tuple of Finding
-        The findings, as candidates of this pool.
-    """
-
-    pool: Pool
-    data: PhasedProducts
-    findings: tuple[Finding, ...]
-
-    @classmethod
-    def from_choices(
-        cls,
-        model: Model,
-        findings: Sequence[Finding],
-        choices: Sequence[EffectChoice],
-        since: tuple[str, ...],
-        inputs: RegressorInputs,
-    ) -> _RefinedModel:
-        """Gather the products of the model and of the choices that the findings have become."""
-        columns = list(model.kept)
-        refined: list[Finding] = []
-        for finding, choice in zip(findings, choices, strict=True):
-            new_columns = build_columns([choice], model.signals)
-            numbers = tuple(range(len(columns), len(columns) + len(new_columns)))
-            candidate = Candidate(choice.effect, choice.joints, choice.shape, numbers, choice.runs)
-            # Neighbours of a coarse constant have done their part.
-            refined.append(replace(finding, judged=replace(finding.judged, candidate=candidate), around=()))
-            columns += new_columns
-        observation = model.observation.extend(columns[model.n_parameters :], model.signals)
-        pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined), since)
-        data = gather_products(observation, model.signals, inputs, model.n_parameters)
-        return cls(pool, data, tuple(refined))
-
-    def select_needed(
-        self, floor: FloatArray, preprocessing: Preprocessing
-    ) -> tuple[tuple[EffectChoice, ...], list[int]]:
-        """Return the choices that still improve the prediction, on the joints where they do, and their indices."""
-        # As after a search that found all of these: each is judged beside all others.
-        everything = tuple(range(self.pool.observation.n_columns))
-        state = State(everything, estimate_residual_noise(self.data, everything), floor, self.findings)
-        state = drop_faded_contacts(self.data, self.pool, state, preprocessing)
-        state = prune_findings(self.data, self.pool, state)
-        remaining = {finding.judged.candidate for finding in state.findings}
-        indices = [i for i, finding in enumerate(self.findings) if finding.judged.candidate in remaining]
-        joints = trim_joints(self.data, self.pool, state)
-        slim = [
-            replace(self.findings[i].judged.candidate.choice, joints=own)
-            for i, own in zip(indices, joints, strict=True)
-        ]
-        return tuple(slim), indices
-
-    def select_harmless(self, order: Sequence[int]) -> list[int]:
-        """Return the indices of the findings that hurt nowhere, added in this order."""
-        base = tuple(range(self.pool.n_base))
-        noise = estimate_residual_noise(self.data, tuple(range(self.pool.observation.n_columns)))
-        columns = [self.findings[i].judged.candidate.columns for i in order]
-        return [order[k] for k in select_harmless(self.data, base, columns, noise)]

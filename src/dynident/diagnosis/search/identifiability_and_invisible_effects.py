@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -15,9 +16,20 @@ from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit, Invisible
+from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.search_state import State
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, get_effect
+from dynident.errors import DynidentError
+from dynident.identification import Identification, extend
+from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.number_format import format_percent
+from dynident.progress import Progress, scale_progress
+from dynident.recordings import Recording
+
+_AT_FIRST = (
+    "it explains a part of the residual of this model, but it does not explain that part once the model is "
+    "identified with it: the motion hardly determines the torque that it depends on"
+)
 
 Key = tuple[str, tuple[str, ...]]
 
@@ -187,3 +199,85 @@ def _find_active_blocks(rows: Products, columns: Sequence[int]) -> BoolArray:
         _, places = find_present(where, np.array(columns, dtype=np.intp))
         is_shown |= (rows.take_products(joint, places, places) > 0).any(axis=1)
     return is_shown
+
+
+def extend_with_findings(
+    identification: Identification,
+    recommended: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    progress: Progress,
+) -> tuple[Identification, dict[int, tuple[Invisible, Reason]]]:
+    """Extend the model by all recommended effects; return also, by number, those that cannot be added or help no more.
+
+    First-order effects come one by one: each is about the torque that the model with those before it predicts.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model.
+    recommended : sequence of EffectChoice
+        What is added to it.
+    recordings : sequence of Recording
+        The recordings that it is identified from.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+    """
+    grown = identification
+    undetermined: dict[int, tuple[Invisible, Reason]] = {}
+    for portion in _group_portions(recommended):
+        portion_progress = scale_progress(progress, portion[0] / len(recommended), (portion[-1] + 1) / len(recommended))
+        if len(portion) > 1:
+            # One after another where one of them cannot be added.
+            with suppress(DynidentError):
+                grown = extend_at_once(grown, [recommended[number] for number in portion], recordings, portion_progress)
+                continue
+        for number in portion:
+            choice = recommended[number]
+            try:
+                with_it = extend(grown, [choice], recordings, (), portion_progress)
+            except DynidentError as error:
+                invisible = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
+                undetermined[number] = invisible, Reason.build("cannot_be_added", detail=error.detail)
+                continue
+            if is_only_helpful_at_first(grown, with_it, choice):
+                invisible = Invisible(choice.effect, choice.joints, _AT_FIRST)
+                undetermined[number] = invisible, Reason.build("no_help_once_added")
+            else:
+                grown = with_it
+    return grown, undetermined
+
+
+def _group_portions(recommended: Sequence[EffectChoice]) -> list[list[int]]:
+    """Group the choices, in their order, into portions that can be added at once."""
+    first_order = [get_effect(choice.effect).first_order for choice in recommended]
+    portions: list[list[int]] = []
+    for number in range(len(recommended)):
+        # A first-order effect depends on the torque that the model before it predicts, and so stands alone.
+        if number and not any(first_order[number - 1 : number + 1]):
+            portions[-1].append(number)
+        else:
+            portions.append([number])
+    return portions
+
+
+def is_only_helpful_at_first(before: Identification, after: Identification, choice: EffectChoice) -> bool:
+    """Return whether a first-order effect explains nothing any more in the model that is identified with it.
+
+    Its columns are made of the torque that the model without it predicts. Where the motion hardly determines that
+    model, the one with it predicts another torque, and the gain is gone: no joint's error falls noticeably, or all of
+    them together rise.
+
+    Parameters
+    ----------
+    before : Identification
+        The model without the effect.
+    after : Identification
+        The model that was identified with it.
+    choice : EffectChoice
+        The effect.
+    """
+    if not get_effect(choice.effect).first_order:
+        return False
+    was, now = before.fit.rms**2, after.fit.rms**2
+    noise = np.maximum(before.noise**2, np.finfo(float).tiny)
+    return not (now <= (1.0 - RULES.least_drop) * was).any() or float((now / noise).sum()) > float((was / noise).sum())

@@ -69,6 +69,29 @@ def find_impossibility(
     return rows.find_cached(key, lambda: _find_impossibility(rows, pool, base, noise, scored))
 
 
+def find_impossible_parameter(
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
+) -> Reason | None:
+    """Return which parameter of a candidate itself is physically impossible, whatever else of the model is.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    scored : ScoredCandidate
+        The candidate.
+    """
+    rows = data.select_for_model(base + scored.candidate.columns)
+    values, doubts = _fit_columns(rows, base, scored.candidate.columns, noise)
+    return _check_parameters(rows, pool, base, noise, scored, (values, doubts))
+
+
 def _find_impossibility(
     rows: Products, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
 ) -> Reason | None:
@@ -80,7 +103,22 @@ def _find_impossibility(
     estimates = _build_estimates(values, doubts)
     if effect.is_friction and (column_estimate := _find_wrong_friction(pool, base, estimates, scored)):
         return _build_impossible(*column_estimate)
-    own = estimates[len(base) :]
+    return _check_parameters(rows, pool, base, noise, scored, (values, doubts))
+
+
+def _check_parameters(
+    rows: Products,
+    pool: Pool,
+    base: tuple[int, ...],
+    noise: FloatArray,
+    scored: ScoredCandidate,
+    fit: tuple[FloatArray, FloatArray],
+) -> Reason | None:
+    """Return which of a candidate's own parameters is impossible, from values and doubts of the whole fit."""
+    values, doubts = fit
+    effect = get_effect(scored.candidate.effect)
+    columns = np.array(base + scored.candidate.columns, dtype=np.intp)
+    own = _build_estimates(values, doubts)[len(base) :]
     if pool.is_change(scored.candidate):
         # Filtered rows of two days differ more than those of one: what they tell of a difference says its own doubt.
         difference_deviations = compute_deviations(
@@ -89,7 +127,8 @@ def _find_impossibility(
         own = _build_estimates(values[len(base) :], difference_deviations)
         is_possible = _is_possible_change(pool, base, scored, own)
     else:
-        is_possible = all(effect.is_plausible(known) for _, known in _group_by_link(pool, scored, own))
+        shape = scored.candidate.choice.shape_values
+        is_possible = all(effect.is_plausible(known, shape) for _, known in _group_by_link(pool, scored, own))
     if is_possible:
         return None
     pairs = [(pool.observation.columns[k], estimate) for k, estimate in zip(scored.candidate.columns, own, strict=True)]
@@ -106,7 +145,9 @@ def _build_impossible(column: Column, estimate: Estimate) -> Reason:
     """Return the reason that a parameter has a sign or size that nature does not allow."""
     spec = get_spec(column)
     violates = "not consistent with its other parameters"
-    if spec is not None and spec.positive and estimate.value < 0.0:
+    # A parameter that is the only one of its effect is consistent with the others: only its sign can be wrong.
+    is_alone = bool(column.effect) and len(get_effect(column.effect).parameters) == 1
+    if spec is not None and (spec.positive or is_alone) and estimate.value < 0.0:
         violates = "below zero"
     elif spec is not None and abs(estimate.value) > spec.most:
         violates = f"larger than occurs ({spec.most:.3g} {column.unit})"
@@ -144,7 +185,8 @@ def _is_possible_change(pool: Pool, base: tuple[int, ...], scored: ScoredCandida
     # Where the model has the effect on all days, the later days may have less of it.
     had = {column.link for column in columns if column.effect == effect.id}
     return all(
-        effect.is_plausible_change(known) and (link in had or effect.is_plausible(known))
+        effect.is_plausible_change(known)
+        and (link in had or effect.is_plausible(known, scored.candidate.choice.shape_values))
         for link, known in _group_by_link(pool, scored, own)
     )
 

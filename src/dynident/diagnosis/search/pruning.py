@@ -1,25 +1,33 @@
-"""Remove findings, or joints of them, that later findings make superfluous, and findings that do harm."""
+"""Remove findings, or joints of them, that later findings make superfluous, and findings that do harm.
+
+Holds the model with refined findings and nothing else, beside which they are judged again.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, select_columns_on
 from dynident.diagnosis.candidates.held_out_scores import compute_held_out_errors
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import can_leave_out_runs
 from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.acceptance_rules import compute_gain_over_floor, get_least_gain, is_shadowed
-from dynident.diagnosis.search.physical_plausibility import is_physically_possible
-from dynident.diagnosis.search.search_state import Finding, State, score_all
-from dynident.effects import get_effect
+from dynident.diagnosis.search.external_contacts import drop_faded_contacts
+from dynident.diagnosis.search.physical_plausibility import find_impossible_parameter, is_physically_possible
+from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
+from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.estimation.residual_errors import compute_evenness
 from dynident.identification.identified_models.held_out_gain import IN_PASSING
+from dynident.recordings import Preprocessing
+from dynident.regressors.model_structure import Model
+from dynident.regressors.observation_matrix import RegressorInputs
 
 
 def select_harmless(
@@ -214,3 +222,114 @@ def _has_gain(data: PhasedProducts, pool: Pool, state: State, alone: ScoredCandi
     return alone.is_still_helpful(state.rules.joint_drop, least_t) and over_floor >= get_least_gain(
         get_effect(alone.candidate.effect)
     )
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedModel:
+    """A model with refined findings behind it and nothing else.
+
+    Parameters
+    ----------
+    pool : Pool
+        Model and refined findings.
+    data : PhasedProducts
+        Their products.
+    findings : tuple of Finding
+        The findings, as candidates of this pool.
+    """
+
+    pool: Pool
+    data: PhasedProducts
+    findings: tuple[Finding, ...]
+
+    @classmethod
+    def from_choices(
+        cls,
+        model: Model,
+        findings: Sequence[Finding],
+        choices: Sequence[EffectChoice],
+        since: tuple[str, ...],
+        inputs: RegressorInputs,
+    ) -> RefinedModel:
+        """Gather the products of the model and of the choices that the findings have become.
+
+        Parameters
+        ----------
+        model : Model
+            The model in which something is missing.
+        findings : sequence of Finding
+            The findings.
+        choices : sequence of EffectChoice
+            What each of them has become.
+        since : tuple of str
+            Labels of the later runs, where there is a baseline.
+        inputs : RegressorInputs
+            Recordings, the model's filters, and what torque is predicted with.
+        """
+        columns = list(model.kept)
+        refined: list[Finding] = []
+        for finding, choice in zip(findings, choices, strict=True):
+            new_columns = build_columns([choice], model.signals)
+            numbers = tuple(range(len(columns), len(columns) + len(new_columns)))
+            candidate = Candidate(choice.effect, choice.joints, choice.shape, numbers, choice.runs)
+            # Neighbours of a coarse constant have done their part.
+            refined.append(replace(finding, judged=replace(finding.judged, candidate=candidate), around=()))
+            columns += new_columns
+        observation = model.observation.extend(columns[model.n_parameters :], model.signals)
+        pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined), since)
+        data = gather_products(observation, model.signals, inputs, model.n_parameters)
+        return cls(pool, data, tuple(refined))
+
+    def select_needed(
+        self, floor: FloatArray, preprocessing: Preprocessing
+    ) -> tuple[tuple[EffectChoice, ...], list[int]]:
+        """Return the choices that still improve the prediction, on the joints where they do, and their indices.
+
+        Parameters
+        ----------
+        floor : (n,)
+            Noise of the sensors, N m or N.
+        preprocessing : Preprocessing
+            Filters of the model.
+        """
+        # As after a search that found all of these: each is judged beside all others.
+        everything = tuple(range(self.pool.observation.n_columns))
+        state = State(everything, estimate_residual_noise(self.data, everything), floor, self.findings)
+        state = drop_faded_contacts(self.data, self.pool, state, preprocessing)
+        state = prune_findings(self.data, self.pool, state)
+        remaining = {finding.judged.candidate for finding in state.findings}
+        indices = [i for i, finding in enumerate(self.findings) if finding.judged.candidate in remaining]
+        joints = trim_joints(self.data, self.pool, state)
+        slim = [
+            replace(self.findings[i].judged.candidate.choice, joints=own)
+            for i, own in zip(indices, joints, strict=True)
+        ]
+        return tuple(slim), indices
+
+    def find_impossible(self) -> dict[int, Reason]:
+        """Return which findings have a parameter that refined constants have made physically impossible, by number."""
+        everything = tuple(range(self.pool.observation.n_columns))
+        noise = estimate_residual_noise(self.data, everything)
+        impossible: dict[int, Reason] = {}
+        for i, finding in enumerate(self.findings):
+            # Without such constants an effect is what the search has judged already.
+            if all(spec.refined is None for spec in get_effect(finding.judged.candidate.effect).shapes):
+                continue
+            base = tuple(k for k in everything if k not in finding.columns)
+            reason = find_impossible_parameter(self.data, self.pool, base, noise, finding.judged)
+            if reason is not None:
+                impossible[i] = reason
+        return impossible
+
+    def select_harmless(self, order: Sequence[int]) -> list[int]:
+        """Return the indices of the findings that hurt nowhere.
+
+        Parameters
+        ----------
+        order : sequence of int
+            Indices of findings in the order in which they are added.
+        """
+        base = tuple(range(self.pool.n_base))
+        noise = estimate_residual_noise(self.data, tuple(range(self.pool.observation.n_columns)))
+        columns = [self.findings[i].judged.candidate.columns for i in order]
+        return [order[k] for k in select_harmless(self.data, base, columns, noise)]

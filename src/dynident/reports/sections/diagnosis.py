@@ -11,7 +11,7 @@ from dynident.advice import AdvisedDiagnosis, NextExperiment
 from dynident.diagnosis import Diagnosis, evidence
 from dynident.identification import Identification
 from dynident.number_format import format_count
-from dynident.presentation.diagnosis_tables import build_candidate_table, build_diagnosis_tables, is_adequate
+from dynident.presentation.diagnosis_tables import build_candidate_table, build_diagnosis_tables
 from dynident.presentation.tables import ReportedTable
 from dynident.recordings import Recording
 from dynident.reports.figures.changes import draw_changes, draw_friction_differences
@@ -76,7 +76,7 @@ def build_diagnosis_section(
         draw_changes(diagnosis.changes) if diagnosis.changes else None,
         draw_friction_differences(diagnosis.friction),
         is_recommendation_added(identification, diagnosis),
-        is_adequate(diagnosis),
+        diagnosis.verdict == "adequate",
         draw_detection_limits(diagnosis.detection_limits, robot) if diagnosis.detection_limits else None,
         diagnosis.next_experiment if isinstance(diagnosis, AdvisedDiagnosis) else None,
     )

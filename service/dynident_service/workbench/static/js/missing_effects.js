@@ -96,7 +96,7 @@ function verdict(model, result, { title, columns, rows, notes: [summary, ...othe
       : h("button", { type: "button", class: "small", onclick: () => add([one], said), "aria-label": `Add ${effect.text} on ${place.text}` }, "Add");
     return h("li", {}, h("strong", {}, effect.text), ` on ${[place.text, constants.text].filter(Boolean).join(", ")} `, button);
   });
-  return h("div", { class: result.verdict === "adequate" && result.conclusion?.code !== "cannot_tell" ? "box good" : "box warning", id: "verdict", "data-verdict": result.verdict, "data-conclusion": result.conclusion?.code ?? "" },
+  return h("div", { class: result.verdict === "adequate" ? "box good" : "box warning", id: "verdict", "data-verdict": result.verdict, "data-conclusion": result.conclusion?.code ?? "" },
     h("p", {}, h("strong", {}, `${title} `), summary),
     others.map((one) => h("p", {}, one)),
     items.length ? [h("p", {}, `${columns[0].word}:`), h("ol", {}, items)] : null,

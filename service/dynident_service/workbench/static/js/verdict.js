@@ -59,6 +59,7 @@ function useLine({ use, next_action }, [name, fit, reason, next], robot) {
 function nextClick(model, found) {
   const diagnosis = model.diagnosis?.result;
   const [tab, words] = found.stop ? ["data", "Look at the data"] : !diagnosis ? ["missing", "Find what is missing"]
-    : diagnosis.verdict === "adequate" ? ["trust", "Validate the model"] : ["missing", "See what is missing"];
+    : diagnosis.verdict === "adequate" ? ["trust", "Validate the model"]
+    : ["missing", diagnosis.verdict === "cannot_tell" ? "See what these data cannot tell" : "See what is missing"];
   return [h("span", { class: "note" }, "Next:"), h("button", { type: "button", class: "main", id: "next-click", onclick: () => goToTab(tab) }, words)];
 }
