@@ -5,7 +5,7 @@ Joints of a group may have shape constants of their own: no two gears of an arm 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dynident.array_types import FloatArray
@@ -345,8 +345,14 @@ def refine_findings(
         lean = RefinedModel.from_choices(model, findings, choices, since, inputs)
         impossible = lean.find_impossible()
         if impossible:
-            dropped.update((findings[i].judged.candidate, reason) for i, reason in impossible.items())
-            findings, choices = _rename_findings(findings, choices, list(impossible))
+            dropped.update(
+                (findings[i].judged.candidate, reason)
+                for i, (reason, joints) in impossible.items()
+                if len(joints) == len(choices[i].joints)
+            )
+            findings, choices = _rename_findings(
+                findings, choices, {i: joints for i, (_, joints) in impossible.items()}
+            )
             choices = refine_shapes(model, choices, inputs)
             continue
         slimmer, needed = lean.select_needed(floor, inputs.preprocessing)
@@ -371,18 +377,22 @@ def refine_findings(
 
 
 def _rename_findings(
-    findings: Sequence[Finding], choices: Sequence[EffectChoice], impossible: Sequence[int]
+    findings: Sequence[Finding], choices: Sequence[EffectChoice], impossible: Mapping[int, tuple[str, ...]]
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
-    """Give findings of these numbers the next of their equal names; drop those that have no other one."""
+    """Give findings of these numbers the next of their equal names on these joints; drop them there without one."""
     renamed: list[tuple[Finding, EffectChoice]] = []
     for i, (finding, choice) in enumerate(zip(findings, choices, strict=True)):
         if i not in impossible:
             renamed.append((finding, choice))
             continue
+        possible = tuple(joint for joint in choice.joints if joint not in impossible[i])
+        if possible:
+            renamed.append((finding, replace(choice, joints=possible)))
         others = [scored for scored in finding.equal if scored.candidate.effect != choice.effect]
         if others:
             new = Finding(replace(others[0], p=finding.p), tuple(others[1:]), finding.p)
-            renamed.append((new, new.judged.candidate.choice))
+            other = new.judged.candidate.choice
+            renamed.append((new, replace(other, joints=impossible[i]) if possible else other))
     return tuple(finding for finding, _ in renamed), tuple(choice for _, choice in renamed)
 
 

@@ -71,8 +71,8 @@ def find_impossibility(
 
 def find_impossible_parameter(
     data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
-) -> Reason | None:
-    """Return which parameter of a candidate itself is physically impossible, whatever else of the model is.
+) -> tuple[Reason, tuple[str, ...]] | None:
+    """Return which parameter of a candidate itself is physically impossible, and the joints on which one is.
 
     Parameters
     ----------
@@ -88,8 +88,18 @@ def find_impossible_parameter(
         The candidate.
     """
     rows = data.select_for_model(base + scored.candidate.columns)
-    values, doubts = _fit_columns(rows, base, scored.candidate.columns, noise)
-    return _check_parameters(rows, pool, base, noise, scored, (values, doubts))
+    fit = _fit_columns(rows, base, scored.candidate.columns, noise)
+    reason = _check_parameters(rows, pool, base, noise, scored, fit)
+    if reason is None:
+        return None
+    effect, choice = get_effect(scored.candidate.effect), scored.candidate.choice
+    own = _build_estimates(*fit)[len(base) :]
+    joints = tuple(
+        link
+        for link, known in _group_by_link(pool, scored, own)
+        if link in choice.joints and not effect.is_plausible(known, choice.shape_values)
+    )
+    return reason, joints if joints and not pool.is_change(scored.candidate) else choice.joints
 
 
 def _find_impossibility(

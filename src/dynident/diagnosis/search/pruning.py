@@ -306,19 +306,19 @@ class RefinedModel:
         ]
         return tuple(slim), indices
 
-    def find_impossible(self) -> dict[int, Reason]:
-        """Return which findings have a parameter that refined constants have made physically impossible, by number."""
+    def find_impossible(self) -> dict[int, tuple[Reason, tuple[str, ...]]]:
+        """Return, by number, findings that refined constants have made physically impossible, and on which joints."""
         everything = tuple(range(self.pool.observation.n_columns))
         noise = estimate_residual_noise(self.data, everything)
-        impossible: dict[int, Reason] = {}
+        impossible: dict[int, tuple[Reason, tuple[str, ...]]] = {}
         for i, finding in enumerate(self.findings):
             # Without such constants an effect is what the search has judged already.
             if all(spec.refined is None for spec in get_effect(finding.judged.candidate.effect).shapes):
                 continue
             base = tuple(k for k in everything if k not in finding.columns)
-            reason = find_impossible_parameter(self.data, self.pool, base, noise, finding.judged)
-            if reason is not None:
-                impossible[i] = reason
+            found = find_impossible_parameter(self.data, self.pool, base, noise, finding.judged)
+            if found is not None:
+                impossible[i] = found
         return impossible
 
     def select_harmless(self, order: Sequence[int]) -> list[int]:
