@@ -6,6 +6,7 @@ import re
 import sys
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,13 @@ from typer.testing import CliRunner
 import dynident as dy
 from dynident.advice.campaign import add_run, decide, plan_run, start_campaign
 from dynident.advice.campaign_request import CampaignRequest
-from dynident.advice.prediction_error import RegionRows, compute_region_rows, follows_design, predict_errors
+from dynident.advice.prediction_error import (
+    RegionRows,
+    compute_effect_errors,
+    compute_region_rows,
+    follows_design,
+    predict_errors,
+)
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.design_criterion import build_design_criterion
 from dynident.excitation.criteria.optimality_criteria import compute_true_values
@@ -279,8 +286,30 @@ def test_a_campaign_for_an_effect_finds_it_or_rules_it_out():
         ({"goal": "parameters", "parameters": ("m1",)}, "there is no base parameter m1; there are: ZZ1"),
         ({"goal": "effects"}, "no effect is named"),
         ({"goal": "effects", "decide": ("warm_up_friction",)}, "depends on more than the motion"),
+        ({"goal": "effects", "decide": ("coulomb",)}, "is in the first model already"),
+        ({"goal": "effects", "decide": ("torque_ripple",)}, "cannot be ruled out"),
+        ({"goal": "effects", "decide": ("external_contact",)}, "cannot be"),
+        ({"goal": "effects", "decide": ("stribeck", "rotor_coupling")}, "rotor_coupling cannot be a goal"),
     ],
 )
 def test_goals_that_cannot_be_are_refused_before_the_first_run(change, words):
     with pytest.raises(dy.DynidentError, match=words):
         start_campaign(ARM, replace(REQUEST, **change))
+
+
+def test_an_effect_is_ruled_out_only_where_it_would_have_shown_on_every_joint_that_may_have_it():
+    limits = [SimpleNamespace(effect="stribeck", joints=(name,), share=0.5) for name in ARM.joint_names]
+    diagnosis = SimpleNamespace(detection_limits=limits, recommended=())
+    assert compute_effect_errors(diagnosis, ["stribeck"], ARM) == pytest.approx([0.5])
+    # A joint without a limit would have shown nothing, unless the effect was found there.
+    diagnosis.detection_limits = limits[1:]
+    assert compute_effect_errors(diagnosis, ["stribeck"], ARM) == pytest.approx([np.inf])
+    diagnosis.recommended = (dy.EffectChoice("stribeck", ARM.joint_names[:1]),)
+    assert compute_effect_errors(diagnosis, ["stribeck"], ARM) == pytest.approx([0.5])
+
+
+def test_a_motion_that_ends_where_a_joint_is_farthest_out_is_still_the_planned_one():
+    first, state, _ = first_run()
+    request = replace(REQUEST, goal="parameters", parameters=("Fc1", "MY2", "MY4"))
+    plan = plan_run(add_run(start_campaign(ARM, request), state.recordings[0], first))
+    assert follows_design(recorded(plan.design, "run2"), plan.design)

@@ -134,6 +134,11 @@ def test_the_next_experiment_is_computed_when_it_is_asked_for(client: TestClient
     assert experiment["design"]["identification_id"] == model
     assert client.get(diagnosis).json()["result"]["next_experiment"] == experiment
     assert client.get("/v1/next_experiments").json()["items"][0]["result"]["experiment"] == experiment
-    # The search belongs to the diagnosis, and goes with it.
+    # The search belongs to the diagnosis, and goes with it, unless something else needs the diagnosis.
+    report = create("/v1/reports", {"identification_id": model, "diagnosis_id": diagnosis.rsplit("/", 1)[1]})
+    assert client.delete(diagnosis).status_code == 409
+    assert client.get(address).status_code == 200
+    wait(client, report)
+    assert client.delete(report).status_code == 204
     assert client.delete(diagnosis).status_code == 204
     assert client.get(address).status_code == 404

@@ -95,9 +95,8 @@ def get_diagnosis(diagnosis_id: str, services: ServicesDep) -> DiagnosisView:
 @router.delete("/{diagnosis_id}", status_code=204)
 def delete_diagnosis(diagnosis_id: str, services: ServicesDep) -> None:
     """Delete a diagnosis; 409 while other resources need it."""
-    for search in services.resources.list_page("next_experiment", 500, on_id=diagnosis_id).items:
-        services.resources.delete("next_experiment", search.id)
-    services.resources.delete("diagnosis", diagnosis_id)
+    # The searches for a next experiment belong to it.
+    services.resources.delete("diagnosis", diagnosis_id, with_kind="next_experiment")
 
 
 @router.post("/{diagnosis_id}/next_experiment", status_code=202)

@@ -312,7 +312,7 @@ class DiagnosisResult(ViewModel):
     not_visible: list[NotVisible]
     failure_map: list[FailureSpot]
     next_experiment: NextExperiment | None = Field(
-        description="null until POST /v1/diagnoses/{id}/next_experiment has found one"
+        description="null until POST /v1/diagnoses/{id}/next_experiment has found one, and in lists"
     )
     doubts: list[Doubt] = Field(
         default=[], description="What is open, most important first; a next experiment might decide it"

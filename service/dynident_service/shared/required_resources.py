@@ -11,6 +11,9 @@ from dynident_service.robots.wire_types import JointView, RobotResult
 from dynident_service.storage.repository_values import Dependency, Kind, Resource
 from dynident_service.storage.resource_repository import Resources
 
+_LATEST = 20
+"""Resources that are looked through for the newest one."""
+
 
 class ResourceReader(Protocol):
     """Reads resources by their ids."""
@@ -115,10 +118,11 @@ def depend_on(resource: Resource) -> Dependency:
 
 
 def find_newest(resources: Resources, kind: Kind, on_id: str) -> Resource | None:
-    """Find the newest resource of a kind that depends on another one, unless its job has failed or was cancelled."""
-    newest = next(iter(resources.list_page(kind, 1, on_id=on_id).items), None)
-    ended = newest is not None and newest.job is not None and newest.job.state in ("failed", "cancelled")
-    return None if ended else newest
+    """Find the newest resource of a kind that depends on another one, and whose job has not failed."""
+    for resource in resources.list_page(kind, _LATEST, on_id=on_id).items:
+        if resource.job is not None and resource.job.state not in ("failed", "cancelled"):
+            return resource
+    return None
 
 
 def add_next_experiment(resources: Resources, diagnosis: Resource) -> Resource:

@@ -213,19 +213,20 @@ class Resources:
         # One row more than asked for was read: it tells whether there is a next page.
         return Page(items, items[-1].id if len(rows) > limit else None)
 
-    def delete(self, kind: Kind, identifier: str) -> None:
-        """Delete a resource with its job and objects.
+    def delete(self, kind: Kind, identifier: str, *, with_kind: Kind | None = None) -> None:
+        """Delete a resource with its job and objects, and what depends on it of `with_kind`.
 
-        Refuse with 404 if there is none, with 409 if others depend on it or its job is not finished.
+        Refuse with 404 if there is none, with 409 if others depend on it or a job is not finished.
         """
         with self._database.write() as session:
             row = session.get(ResourceRow, identifier, with_for_update=True)
             if row is None or row.kind != kind:
                 raise make_not_found(kind, identifier)
             # The row is locked: nobody comes to depend on the resource between this check and its end.
-            _refuse_while_needed(session, row)
-            raise_tombstones(session, session.scalars(select(ObjectRow.key).where(ObjectRow.resource_id == identifier)))
-            session.delete(row)
+            parts = [] if with_kind is None else _list_dependents(session, row.id, with_kind)
+            for part in parts:
+                _delete_row(session, part)
+            _delete_row(session, row)
 
     def check_room(self, kind: Kind, files: Sequence[Path], attached_to: str | None = None) -> None:
         """Check that there is room for files before they are put into the store; it is checked again with their owner.
@@ -306,6 +307,20 @@ def _refuse_beside_others(session: Session, kind: Kind, siblings: Siblings) -> N
     if others:
         detail = f"Another request has just made the {kind} {min(others)}; look at it, and try again."
         raise SiblingsCame(409, detail, title="Made at the same time")
+
+
+def _list_dependents(session: Session, on_id: str, kind: Kind) -> list[ResourceRow]:
+    resting = select(DependencyRow.dependent_id).where(DependencyRow.on_id == on_id)
+    query = select(ResourceRow).where(ResourceRow.kind == kind, ResourceRow.id.in_(resting)).with_for_update()
+    return list(session.scalars(query))
+
+
+def _delete_row(session: Session, row: ResourceRow) -> None:
+    _refuse_while_needed(session, row)
+    raise_tombstones(session, session.scalars(select(ObjectRow.key).where(ObjectRow.resource_id == row.id)))
+    session.delete(row)
+    # Whoever is checked next is not needed by a row that is gone.
+    session.flush()
 
 
 def _refuse_while_needed(session: Session, row: ResourceRow) -> None:

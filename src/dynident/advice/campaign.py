@@ -282,10 +282,9 @@ def _choose_criterion(state: CampaignState) -> CriterionChoice:
     if state.request.goal == "parameters":
         return CriterionChoice("parameters", parameters=state.request.parameters)
     if state.request.goal == "effects":
-        # What showed already needs no further motion.
-        hidden = state.runs[-1].errors > state.request.largest_error
-        names = [name for name, is_open in zip(state.targets, hidden, strict=True) if is_open] or state.targets
-        return CriterionChoice("separation", effects=tuple(EffectChoice(name) for name in names))
+        # One after the other: they need not be told from each other.
+        worst = state.targets[int(np.argmax(state.runs[-1].errors))]
+        return CriterionChoice("separation", effects=(EffectChoice(worst),))
     return CriterionChoice("prediction")
 
 
@@ -364,7 +363,7 @@ def add_run(
         seconds=_measure_seconds(recording),
         promised=None if planned is None else planned.promised,
         predicted=predicted,
-        parameters=compute_effect_errors(diagnosis, state.targets)
+        parameters=compute_effect_errors(diagnosis, state.targets, state.robot)
         if measure is None
         else compute_parameter_errors(identification, measure),
         lacking=lacking,
@@ -432,12 +431,13 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
             f"no effect of the catalogue explains; more runs do not reach {format_percent(goal)}.{remarks}",
         )
     if not has_time:
+        larger = "" if state.request.goal == "effects" else " or a larger error"
         spent = (
             f"All {format_count(len(state.runs), 'run')} are made"
             if len(state.runs) >= state.request.runs
             else f"Less than one run is left of {state.request.minutes:g} min"
         )
-        return Decision("out_of_time", f"{spent}; error: {reached}. Give more or a larger error.{remarks}")
+        return Decision("out_of_time", f"{spent}; error: {reached}. Give more{larger}.{remarks}")
     if planned is not None and measure is not None and len(state.runs) >= FEWEST_RUNS:
         at_end = _predict_end(state, measure, planned)
         if (at_end > _BROKEN_PROMISE * goal).any():
@@ -455,7 +455,7 @@ def _word_error(goal: str, name: str, error: float) -> str:
     """Return the error of the worst target in words."""
     if goal == "effects":
         if not np.isfinite(error):
-            return f"{name} would have shown at no size"
+            return f"{name} would have shown at no size on at least one joint"
         if error == 0.0:
             return f"{name} is found"
         return f"{name} would have shown from {format_percent(error)} of its usual size on every joint"

@@ -17,17 +17,20 @@ from scipy.spatial import cKDTree
 from dynident.advice.campaign_request import CampaignRequest
 from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis import Diagnosis
+from dynident.diagnosis.candidates.candidate_pool import find_places
 from dynident.diagnosis.comparison.measured_against_predicted import compare
 from dynident.diagnosis.comparison.noise_floor import judge
 from dynident.diagnosis.diagnosis_request import check_candidates
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
-from dynident.excitation import Design
+from dynident.excitation import CriterionChoice, Design
+from dynident.excitation.criteria.design_criterion import select_parameters
 from dynident.excitation.criteria.prediction_region import Region, collect_region
 from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.excitation.experiments.design_task import STANDSTILL_VELOCITY
 from dynident.identification import Identification
 from dynident.recordings import Recording
+from dynident.recordings.row_storage import load_stored_samples
 from dynident.robot import Robot
 
 CONFIDENCE = 0.95
@@ -40,6 +43,7 @@ _PLANNED_SAMPLES = 2000
 # planned one, and where the travel of each joint and the median of their speeds are at least this part of the planned.
 # Joints with less travel than the fourth (rad or m) stand; samples above the fifth part of the top speed move.
 _ON_PATH, _NEAR, _LEAST_PART, _STANDS, _MOVES = 0.9, 0.1, 0.7, 1e-3, 0.05
+_PROPOSED_BY_LINES = ("angle_spectrum", "time_spectrum")
 # Directions of the covariance below this share of the largest, columns of unit norm, are known exactly.
 _EXACT = 1e-14
 
@@ -142,7 +146,9 @@ def select_parameter_errors(identification: Identification, names: Sequence[str]
     absent = [name for name in names if name not in places]
     if absent:
         raise DynidentError(
-            f"the model has no base parameter {', '.join(absent)}; it has: {', '.join(places)}", pointer="/parameters"
+            f"the model has no base parameter {', '.join(absent)}; it has: {', '.join(places)}. Was the torque of the "
+            "joint recorded?",
+            pointer="/parameters",
         )
     indices = np.array([places[name] for name in names], dtype=np.intp)
     return ParameterErrors(indices, identification.values[indices], identification.statistics.freedom[indices])
@@ -274,7 +280,9 @@ def follows_design(recording: Recording, design: Design) -> bool:
         return True
     # Slower is slower on all joints; filters take the speed of a single one that shakes.
     speeds = _compute_moving_rms(recorded.dq, slowest) / _compute_moving_rms(design.dq, slowest).clip(_STANDS)
-    is_wide = np.ptp(recorded.q, axis=0) >= _LEAST_PART * travel
+    # Filters cut the ends of a motion off, where a joint may be farthest out.
+    columns = load_stored_samples(recording).columns
+    is_wide = np.array([np.ptp(columns[f"q_{name}"]) for name in recording.joint_names]) >= _LEAST_PART * travel
     return bool(is_wide[moved].all() and np.median(speeds[moved]) >= _LEAST_PART)
 
 
@@ -354,12 +362,28 @@ def check_targets(robot: Robot, request: CampaignRequest) -> None:
             raise
         if not request.decide:
             raise DynidentError("no effect is named; name those that have to show", pointer="/decide")
-        needy = [name for name in request.decide if not is_of_motion(EffectChoice(name))]
-        if needy:
-            raise DynidentError(
-                f"{', '.join(needy)} depends on more than the motion, so that no motion alone decides it",
-                pointer="/decide",
-            )
+        for name in request.decide:
+            _check_decidable(robot, request.choices.effects, EffectChoice(name))
+
+
+def _check_decidable(robot: Robot, effects: Sequence[EffectChoice], choice: EffectChoice) -> None:
+    """Raise `DynidentError` for an effect that is in the first model, or that no motion alone finds or rules out."""
+    effect, why = get_effect(choice.effect), ""
+    if any(known.effect == choice.effect for known in effects):
+        why = "is in the first model already; name its parameters as a goal instead"
+    elif not is_of_motion(choice):
+        why = "depends on more than the motion, so that no motion alone decides it"
+    elif effect.proposal in _PROPOSED_BY_LINES or effect.is_transient:
+        # Of what is looked for only where the residual suggests it, nobody knows which size would have shown.
+        why = "is looked for where the residual suggests it, and cannot be ruled out"
+    if not why:
+        try:
+            model = build_design_model(robot, (*effects, choice))
+            select_parameters(model, CriterionChoice("separation", effects=(choice,)), {})
+        except DynidentError as error:
+            why = f"cannot be a goal: {error.detail}"
+    if why:
+        raise DynidentError(f"{choice.effect} {why}", pointer="/decide")
 
 
 def is_of_motion(choice: EffectChoice) -> bool:
@@ -377,10 +401,30 @@ def build_measure(request: CampaignRequest, region: Region, identification: Iden
     return compute_region_rows(identification, region)
 
 
-def compute_effect_errors(diagnosis: Diagnosis, effects: Sequence[str]) -> FloatArray:
-    """Return the smallest size (k,) that would have shown on every joint, as a share of the usual; 0 where found."""
-    found = {choice.effect for choice in diagnosis.recommended}
-    shares: dict[str, float] = {}
-    for limit in diagnosis.detection_limits:
-        shares[limit.effect] = max(shares.get(limit.effect, 0.0), limit.share)
-    return np.array([0.0 if name in found else shares.get(name, np.inf) for name in effects])
+def compute_effect_errors(diagnosis: Diagnosis, effects: Sequence[str], robot: Robot) -> FloatArray:
+    """Return the smallest size (k,) that would have shown wherever an effect may act, as a share of the usual.
+
+    It is 0 where the effect was found, and infinite where these recordings would have shown no size of it.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        The diagnosis of all runs.
+    effects : sequence of str
+        Ids of the effects.
+    robot : Robot
+        The robot.
+    """
+    shares = {
+        (limit.effect, place): limit.share for limit in diagnosis.detection_limits for place in limit.joints or ("",)
+    }
+    found = {(choice.effect, place) for choice in diagnosis.recommended for place in choice.joints or ("",)}
+
+    def find_worst(name: str) -> float:
+        effect = get_effect(name)
+        joints = [robot.tree.joint_names[j] for j in find_places(effect, robot)] if effect.scope == "joint" else [""]
+        return max(
+            (0.0 if (name, joint) in found else shares.get((name, joint), np.inf) for joint in joints), default=np.inf
+        )
+
+    return np.array([find_worst(name) for name in effects])

@@ -154,7 +154,7 @@ class DiagnosisResult(TypedDict):
     friction: list[FrictionDifference]
     """Change of the friction of each moving joint from the baseline, significant or not"""
     next_experiment: NextExperiment | None
-    """null until POST /v1/diagnoses/{id}/next_experiment has found one"""
+    """null until POST /v1/diagnoses/{id}/next_experiment has found one, and in lists"""
     noise_floor: list[float | None]
     not_visible: list[NotVisible]
     outcomes: list[Outcome]
