@@ -253,8 +253,9 @@ def _wrap_type(head: str, hint: str) -> Iterator[str]:
 def _write_hint(about: Mapping[str, Any]) -> str:
     if "$ref" in about:
         return str(about["$ref"]).rpartition("/")[2]
-    if "anyOf" in about:
-        return " | ".join(dict.fromkeys(_write_hint(member) for member in about["anyOf"]))
+    if "anyOf" in about or "oneOf" in about:
+        members = about.get("anyOf") or about["oneOf"]
+        return " | ".join(dict.fromkeys(_write_hint(member) for member in members))
     if "enum" in about or "const" in about:
         return f"Literal[{', '.join(json.dumps(value) for value in about.get('enum', [about.get('const')]))}]"
     if "prefixItems" in about:

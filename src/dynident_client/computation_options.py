@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, TypedDict
+from typing import Literal, TypedDict
 
 DesignKind = Literal["optimized", "random", "sequential", "constant_velocity", "slow_sweep", "reversals"]
 ValidationKind = Literal[
@@ -49,7 +49,7 @@ class CampaignOptions(TypedDict, total=False):
     """Effects of the first model; by default the usual ones"""
     first_speed: float
     """Share of the velocity limits that the first run keeps to (above 0 to 1)"""
-    goal: Any
+    goal: TorqueGoal | ParametersGoal | EffectsGoal
     """What is to be known"""
     home: Sequence[float] | None
     """Posture where the motion begins and ends, in rad or m"""

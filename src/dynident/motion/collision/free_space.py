@@ -39,6 +39,7 @@ from dynident.motion.collision.smooth_clearance import (
     ClearancePairs,
     cover_with_balls,
 )
+from dynident.motion.collision.surroundings import SMALLEST_CLEARANCE
 from dynident.robot.collision_reader import BASE, CollisionGeometry, collision_geometry
 from dynident.robot.collision_shapes import drop_contained, enclose_shape
 from dynident.robot.forward_kinematics import tool_path
@@ -224,8 +225,8 @@ def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, 
         # Bodies that are close in most postures are so by construction; no motion can keep them apart.
         own = [pair for pair, share in zip(candidates, close, strict=True) if share < _MOSTLY]
         touching = [pair.name for pair, share in zip(candidates, close, strict=True) if share >= _MOSTLY]
-        own, at_zero, pair_notes = _adapt_to_zero_posture(robot, own, low, high)
-        notes += [*_note_self_collision(geometry, [*touching, *at_zero]), *pair_notes]
+        own, pair_notes = _adapt_to_zero_posture(robot, own, low, high)
+        notes += [*_note_self_collision(geometry, touching), *pair_notes]
     obstacles = [build_half_space_solid(half.name, half.normal, half.offset) for half in list_half_spaces(surroundings)]
     obstacles += [build_solid(box.solid_name, BASE, [build_block(box)]) for box in surroundings.boxes]
     moving = [body for body in above_floor.bodies if body.joint != BASE]
@@ -318,29 +319,23 @@ def _reduce_clearances(
 
 def _adapt_to_zero_posture(
     robot: Robot, pairs: Sequence[SolidPair], low: FloatArray, high: FloatArray
-) -> tuple[list[SolidPair], list[str], list[str]]:
-    """Return pairs of links with a clearance that the zero posture keeps, the names of the others, and notes.
+) -> tuple[list[SolidPair], list[str]]:
+    """Return pairs of links with a clearance that the zero posture keeps, and a note where it had to be reduced.
 
-    Who describes a robot draws it at zero, where it stands: the hips of a humanoid are near each other there. Links
-    that touch at zero do so by construction, as MoveIt's setup assistant takes it as well.
+    Who describes a robot draws it at zero, where it stands: the hips of a humanoid are near each other there.
     """
     zero = np.clip(np.zeros(robot.n), low, high)
     if not pairs or zero.any():
-        return list(pairs), [], []
-    check, kept, touching, reduced = ContactCheck(robot, pairs), [], [], []
+        return list(pairs), []
+    check, kept, reduced = ContactCheck(robot, pairs), [], []
     for pair in pairs:
         distance = float(check.compute_distances(pair, zero[None]).min())
-        if distance <= 0:
-            touching.append(pair.name)
-            continue
-        if distance < pair.clearance:
-            pair = replace(pair, clearance=_SHARE_OF_ATTAINABLE * distance)
+        if SMALLEST_CLEARANCE < distance < pair.clearance:
+            pair = replace(pair, clearance=max(_SHARE_OF_ATTAINABLE * distance, SMALLEST_CLEARANCE))
             reduced.append(f"{pair.name} ({pair.clearance:.3g} m)")
         kept.append(pair)
-    note = (
-        f"Links that are near each other in the zero posture keep half of their distance there: {join_names(reduced)}."
-    )
-    return kept, touching, [note] if reduced else []
+    note = f"Links that are near each other at zero keep half of their distance there: {join_names(reduced)}."
+    return kept, [note] if reduced else []
 
 
 def _check_geometry(geometry: CollisionGeometry, surroundings: Surroundings) -> None:

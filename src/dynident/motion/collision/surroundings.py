@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from dynident.schema.fields import Request, declare_field
 
+SMALLEST_CLEARANCE = 1e-3
+"""Smallest clearance that can be asked for, m."""
 DEFAULT_CLEARANCE = 0.02
 FARTHEST = 1e4
 """Largest coordinate, m: a robot can touch nothing that is farther."""
@@ -136,7 +138,7 @@ class Surroundings(Request):
     boxes: tuple[Box, ...] = declare_field(default=(), most=50)
     tool_range: ToolRange | None = declare_field(default=None)
     clearance: float = declare_field(
-        "Smallest distance to all bodies", default=DEFAULT_CLEARANCE, unit="m", at_least=1e-3, at_most=10
+        "Smallest distance to all bodies", default=DEFAULT_CLEARANCE, unit="m", at_least=SMALLEST_CLEARANCE, at_most=10
     )
     link_radius: float | None = declare_field(
         "Links without collision geometry count as capsules of this radius between the joints' origins",
