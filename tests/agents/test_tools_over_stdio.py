@@ -218,9 +218,18 @@ def test_xacro_which_reads_what_it_likes_is_refused(agent: Agent) -> None:
     assert agent.refusal("inspect", file="run1.csv", robot="arm.xacro")["title"] == "Unusable xacro"
 
 
-def test_a_model_that_includes_files_is_refused(agent: Agent) -> None:
-    (agent.folder / "arm.xml").write_text('<mujoco><include file="../secret.xml"/></mujoco>')
-    assert agent.refusal("inspect", file="run1.csv", robot="arm.xml")["title"] == "Unusable MJCF"
+_MODEL = '<mujoco><include file="../secret.xml"/></mujoco>'
+
+
+@pytest.mark.parametrize(
+    "content",
+    [_MODEL.encode(), f"data: '{_MODEL}'".encode(), f"\ufeff{_MODEL}".encode("utf-16-le"), _MODEL.encode("utf-16")],
+    ids=["plain", "printed", "utf-16-le", "utf-16"],
+)
+def test_a_model_that_includes_files_is_refused(agent: Agent, content: bytes) -> None:
+    (agent.folder / "arm.xml").write_bytes(content)
+    refusal = agent.refusal("inspect", file="run1.csv", robot="arm.xml")
+    assert (refusal["title"], refusal["errors"][0]["pointer"]) == ("Unusable MJCF", "/robot")
 
 
 def test_a_refusal_is_the_problem_document_of_the_service(agent: Agent) -> None:

@@ -6,7 +6,9 @@ import pickle
 import pkgutil
 import subprocess
 import sys
+import time
 import zipfile
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -82,6 +84,21 @@ def test_a_pickle_of_any_protocol_is_named_and_not_opened(tmp_path, protocol):
         read_sample(tmp_path / "run.pt")
 
 
+def rename_in(header: Path, name: str) -> Path:
+    header.write_text(header.read_text().replace("trace.r64", name))
+    return header.with_name(name)
+
+
+def put_elsewhere(numbers: Path) -> None:
+    (numbers.parent / "elsewhere").mkdir()
+    numbers.symlink_to(numbers.rename(numbers.parent / "elsewhere" / "trace.r64"))
+
+
+def count_alone(count: int) -> str:
+    channel = f"#BEGINCHANNELHEADER\n200,Time\n210,IMPLIZIT\n220,{count}\n#ENDCHANNELHEADER\n"
+    return f"DIAEXTENDED  {{@:ENGLISH\n{channel}"
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -90,14 +107,35 @@ def test_a_pickle_of_any_protocol_is_named_and_not_opened(tmp_path, protocol):
         (lambda header, numbers: header.write_text(header.read_text().replace("REAL64", "ASCII")), "stored as ASCII"),
         (lambda header, numbers: header.write_text(header.read_text().replace("220,", "220,x")), "is damaged"),
         (lambda header, numbers: header.write_text("DIAEXTENDED"), "no arrays of numbers"),
+        (lambda header, numbers: numbers.rename(rename_in(header, "other.r64")), "in other.r64: put that beside it"),
+        (lambda header, numbers: numbers.rename(rename_in(header, f"{'x' * 90}.r64")), "leave both their common name"),
+        (lambda header, numbers: rename_in(header, f"trace.{'x' * 300}"), "put that beside it"),
+        (lambda header, numbers: put_elsewhere(numbers), "put that beside it"),
+        (lambda header, numbers: header.write_text(count_alone(10**12)), "no arrays of numbers"),
     ],
-    ids=["missing", "cut", "text", "damaged", "empty"],
+    ids=["missing", "cut", "text", "damaged", "empty", "of another", "long", "no name", "linked", "counted"],
 )
 def test_a_damaged_data_set_says_what_is_wrong(tmp_path, change, words):
     path = EXPORTED_TABLES["data_set_of_diadem"](tmp_path, recorded(*CASES[0]))
     change(path, tmp_path / "trace.r64")
     with pytest.raises(RecordingError, match=words):
         read_sample(path)
+
+
+def test_a_header_of_a_data_set_that_states_too_much_is_read_quickly(tmp_path):
+    """Its clock counts further than there are numbers; and channels that never end were sought to the end each."""
+    run = recorded(*CASES[0])
+    path = EXPORTED_TABLES["data_set_of_diadem"](tmp_path, run)
+    text = path.read_text()
+    path.write_text(text.replace(f"220,{len(run.t)}", f"220,{10**12}", 1))
+    assert sum(len(block) for block in open_source(path, None).blocks()) == len(run.t)
+    path.write_text(text + "#BEGINCHANNELHEADER\n" * 5000)
+    start = time.process_time()
+    assert len(open_source(path, None).names) == 1 + 2 * run.n
+    path.write_text(text + "#BEGINCHANNELHEADER\n" * 800_000)
+    with pytest.raises(RecordingError, match="columns"):
+        open_source(path, None)
+    assert time.process_time() - start < 5.0
 
 
 def test_many_columns_of_json_are_taken_apart_once(tmp_path, monkeypatch):

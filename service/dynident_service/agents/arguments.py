@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 import dynident as dy
-from dynident.api.robot_files import needs_xacro
+from dynident.api.robot_files import check_reads_no_others
 from dynident.diagnosis.diagnosis_request import DiagnosisChoices
 from dynident.errors import DynidentError
 from dynident.excitation.design_request import DesignRequest
@@ -20,7 +20,6 @@ from dynident.known_robots import list_library_arms, list_stock_robots
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Filters, RecordingMetadata
 from dynident.recordings.file_names_and_digests import JOINT, split_path
-from dynident.robot.mjcf_xml import has_includes
 from dynident.validation import LARGEST_ERROR
 from dynident_service.designs.wire_types import Criterion, Trajectory
 from dynident_service.identifications.wire_types import Preprocessing
@@ -67,22 +66,7 @@ class Folder:
         if text in list_library_arms() or text in list_stock_robots():
             return text
         path = self.find_file(text, pointer)
-        # Expanding would read whatever files it names, and evaluate its expressions.
-        content = path.read_text(encoding="utf-8", errors="replace")
-        if has_includes(content):
-            raise DynidentError(
-                f"{text} includes files, which may lie outside of the folder; let MuJoCo write the whole model to one "
-                "file first (mj_saveLastXML)",
-                pointer=pointer,
-                title="Unusable MJCF",
-            )
-        if needs_xacro(content):
-            raise DynidentError(
-                f"{text} is xacro, which can read files outside of the folder; expand it first "
-                "(xacro robot.xacro > robot.urdf)",
-                pointer=pointer,
-                title="Unusable xacro",
-            )
+        check_reads_no_others(path, pointer)
         return text
 
     def find_new_file(self, text: str, pointer: str) -> Path:

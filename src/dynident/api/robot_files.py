@@ -30,7 +30,7 @@ from dynident.robot.json_fields import (
 )
 from dynident.robot.limits_and_drives import split_hardware
 from dynident.robot.link_meshes import find_package
-from dynident.robot.mjcf_xml import expand_includes
+from dynident.robot.mjcf_xml import expand_includes, has_includes
 from dynident.robot.xml_text import read_root
 from dynident.schema.fields import point_within
 from dynident.text_encoding import decode_document
@@ -280,7 +280,7 @@ def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
     if path is None:
         arm = robot_from_library(str(source))
         return robot_from_description(name or arm.name, arm.description, **stated)
-    content = _strip_printed(_read_text(path))
+    content = _read_description(path)
     place_of_content = _CONTENT
     try:
         # The content decides on the format: the endings of such files are used for several formats.
@@ -367,9 +367,29 @@ def _parse_document(content: str) -> Any:
         raise DynidentError(f"this is neither XML (URDF, MJCF) nor JSON: {error.detail}", title=error.title) from error
 
 
-def _read_text(path: Path) -> str:
+def check_reads_no_others(path: Path, pointer: str) -> None:
+    """Refuse a robot's file that reads others, wherever they lie: an MJCF model with includes, and xacro."""
+    content = _read_description(path)
+    if has_includes(content):
+        raise DynidentError(
+            f"{path} includes files, which may lie outside of the folder; let MuJoCo write the whole model to one "
+            "file first (mj_saveLastXML)",
+            pointer=pointer,
+            title="Unusable MJCF",
+        )
+    if needs_xacro(content):
+        raise DynidentError(
+            f"{path} is xacro, which can read files outside of the folder; expand it first "
+            "(xacro robot.xacro > robot.urdf)",
+            pointer=pointer,
+            title=_XACRO_TITLE,
+        )
+
+
+def _read_description(path: Path) -> str:
+    """Return the text of a file as it is taken for a description."""
     try:
-        return decode_document(path.read_bytes())
+        return _strip_printed(decode_document(path.read_bytes()))
     except (OSError, UnicodeDecodeError) as error:
         raise DynidentError(f"{path} cannot be read as text: {error}", pointer=str(path), title=_ROBOT_TITLE) from error
 

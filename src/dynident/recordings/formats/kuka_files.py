@@ -118,7 +118,7 @@ def open_telegrams(path: Path) -> TelegramSource:
     return TelegramSource(path)
 
 
-_CHANNEL = re.compile(r"#BEGINCHANNELHEADER(.*?)#ENDCHANNELHEADER", re.DOTALL)
+_CHANNEL, _END_OF_CHANNEL = "#BEGINCHANNELHEADER", "#ENDCHANNELHEADER"
 _KEY = re.compile(r"^\s*(\d+)\s*,(.*?)\s*$", re.MULTILINE)
 _NAME, _UNIT, _KIND, _FILE, _ORDER, _TYPE, _COUNT, _FIRST = "200", "202", "210", "211", "213", "214", "220", "221"
 _OFFSET, _FACTOR = "240", "241"
@@ -127,7 +127,7 @@ offset + factor times the number, or times the number of the row where nothing i
 _TYPES = {
     "REAL32": "f4", "REAL64": "f8", "INT16": "i2", "INT32": "i4", "WORD8": "u1", "WORD16": "u2", "WORD32": "u4"
 }  # fmt: skip
-_LARGEST_HEADER = 1 << 24
+_LARGEST_HEADER, _SHOWN = 1 << 24, 100
 _SANE = (1e-30, 1e30)
 """Sizes of numbers that are measured; read with the bytes in the wrong order they have any."""
 
@@ -154,12 +154,16 @@ def open_data_set(path: Path) -> ArrayFileSource:
         raise RecordingError(f"The header of the data set is longer than {_LARGEST_HEADER >> 20} MB.", title=TITLE)
     # Channels of controllers are named in the code page of Windows.
     text = path.read_text(encoding="cp1252", errors="replace")
-    headers = [{key: value.strip() for key, value in _KEY.findall(channel)} for channel in _CHANNEL.findall(text)]
-    check_columns(len(headers))
+    check_columns(text.count(_CHANNEL))
+    headers = [
+        {key: value.strip() for key, value in _KEY.findall(channel)}
+        for channel, closed, _ in (part.partition(_END_OF_CHANNEL) for part in text.split(_CHANNEL)[1:])
+        if closed
+    ]
     of_file: dict[str, int] = {}
     for header in headers:
         of_file[header.get(_FILE, "")] = of_file.get(header.get(_FILE, ""), 0) + 1
-    arrays = []
+    channels = []
     units = {}
     for number, header in enumerate(headers):
         name = header.get(_NAME) or f"channel{number + 1}"
@@ -169,9 +173,16 @@ def open_data_set(path: Path) -> ArrayFileSource:
             stored = None if header.get(_KIND, "").startswith("IMPL") else _map_numbers(path, header, of_file, count)
         except (KeyError, ValueError) as error:
             raise RecordingError(f"The header of the channel {name} is damaged: {error}", title=TITLE) from error
-        arrays.append(StoredArray(name, (count,), _make_channel_reader(stored, offset, factor)))
+        channels.append((name, count, stored, offset, factor))
         units[name] = header.get(_UNIT, "")
-    source = ArrayFileSource(arrays)
+    # A channel that is counted has no numbers in a file, and may state any length.
+    longest = max((count for _, count, stored, _, _ in channels if stored is not None), default=0)
+    source = ArrayFileSource(
+        [
+            StoredArray(name, (min(count, longest),), _make_channel_reader(stored, offset, factor))
+            for name, count, stored, offset, factor in channels
+        ]
+    )
     source.units = {name: unit for name, unit in units.items() if unit and name in source.names}
     return source
 
@@ -193,10 +204,11 @@ def _map_numbers(
     """Return the numbers of a channel, which stay on the disk."""
     name = header[_FILE].replace("\\", "/").rpartition("/")[2]
     file = path.parent / name
-    if not file.is_file():
+    # A header may name any file: it is followed to one of its own name, beside it. In a store others' files lie there.
+    if Path(name).stem.lower() != path.stem.lower() or not _is_beside(file, path):
         raise RecordingError(
-            f"The file is the header of a data set whose numbers are in {name}: put that beside it, in the same "
-            "folder; or write both as CSV.",
+            f"The file is the header of a data set whose numbers are in {name[:_SHOWN]}: put that beside it, in the "
+            "same folder, and leave both their common name; or write both as CSV.",
             title=TITLE,
         )
     if header.get(_TYPE) not in _TYPES:
@@ -216,6 +228,14 @@ def _map_numbers(
     numbers = np.memmap(file, dtype=kind, mode="r")[first : first + count * step : step][:count]
     # The key of the header for the order of the bytes is not to be relied on: numbers themselves tell it.
     return numbers if _are_sane(numbers) else numbers.view(numbers.dtype.newbyteorder())
+
+
+def _is_beside(file: Path, header: Path) -> bool:
+    """Return whether a file is there, in the folder of the header and not elsewhere through a link."""
+    try:
+        return file.is_file() and file.resolve().parent == header.resolve().parent
+    except (OSError, ValueError):  # a name that no file can have
+        return False
 
 
 def _are_sane(numbers: np.ndarray[tuple[int], np.dtype[np.generic]]) -> bool:
