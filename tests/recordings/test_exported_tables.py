@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 import pkgutil
 import subprocess
@@ -23,7 +24,8 @@ from dynident.api.recording_files import read_recordings
 from dynident.identification.column_inference.file_inspection import inspect_file, read_sample
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.recordings import RecordingError
-from dynident.recordings.formats import json_records, open_source
+from dynident.recordings.formats import csv_and_parquet, json_records, open_source
+from dynident.recordings.formats.text_streams import TextContent
 from dynident.robot import robot_from_urdf
 from dynident.robot.description_and_json import set_base
 
@@ -222,3 +224,70 @@ def test_a_unit_may_stand_before_the_number_of_the_joint(tmp_path):
     path = written(tmp_path / "c.csv", table(header, cells(1e3 * np.column_stack([run.t, run.q, 0.1 * run.tau]))))
     proposal = propose(read_sample(path), machine("ur10"))
     assert (proposal.questions, proposal.units) == ((), {"t": "ms", "q": "mrad", "tau": "cN m"})
+
+
+def test_an_array_of_arrays_is_a_row_each_to_its_end(tmp_path):
+    rows = [[0.01 * k, np.sin(k), np.cos(k)] for k in range(3000)]
+    blocks = open_source(written(tmp_path / "rows.json", json.dumps(rows)), None).blocks()
+    np.testing.assert_array_equal(np.concatenate(list(blocks)), rows)
+
+
+def test_two_values_of_one_name_in_a_record_are_one_column(tmp_path):
+    path = written(tmp_path / "twice.jsonl", '{"t": 0, "q1": 1, "q": [2, 3]}\n{"t": 1, "q1": 4, "q": [5, 6]}\n')
+    source = open_source(path, None)
+    assert source.names == ["t", "q1", "q2"]
+    np.testing.assert_array_equal(np.concatenate(list(source.blocks())), [[0, 2, 3], [1, 5, 6]])
+
+
+def test_runs_in_a_list_are_not_held_beyond_the_longest_object(tmp_path, monkeypatch):
+    runs = [{"t": list(range(300)), "q": [[k, k] for k in range(300)]} for _ in range(9)]
+    path = written(tmp_path / "runs.json", json.dumps(runs))
+    assert "segment" in open_source(path, None).names
+    decoded = []
+    decode = json.JSONDecoder.raw_decode
+    monkeypatch.setattr(json.JSONDecoder, "raw_decode", lambda *given: decoded.append(0) or decode(*given))
+    monkeypatch.setattr(json_records, "LARGEST_OBJECT", 2 * path.stat().st_size // 9)
+    monkeypatch.setattr(json_records, "RecordSource", lambda _: None)
+    assert json_records.open_json(TextContent(path)) is None
+    assert len(decoded) < 6
+
+
+@pytest.mark.parametrize("column", ["motion_type", "kind", "parameter"])
+def test_a_word_for_how_rows_move_does_not_tear_a_table_apart(tmp_path, column):
+    rows = [f"{0.01 * k:.2f},{np.sin(k):.6f},{np.cos(k):.6f},{'slow' if k < 700 else 'fast'}" for k in range(1000)]
+    source = open_source(written(tmp_path / "t.csv", "\n".join([f"t,q1,tau1,{column}", *rows, ""])), None)
+    assert source.names[:3] == ["t", "q1", "tau1"]
+    assert sum(len(block) for block in source.blocks()) == 1000
+
+
+def test_signals_below_another_are_bounded_by_what_they_become(tmp_path, monkeypatch):
+    # A long signal and many short ones, of which each would be as long as it.
+    names = [("long", 6000), *((f"s{k}", 8) for k in range(1200))]
+    rows = [f"{k / count:.6f},{name},{np.sin(k):.4f}" for name, count in names for k in range(count)]
+    path = written(tmp_path / "s.csv", "\n".join(["time,signal,value", *rows, ""]))
+    monkeypatch.setattr(csv_and_parquet, "MOST_UNPACKED", 1 << 20)
+    with pytest.raises(RecordingError, match="below another, in too many rows"):
+        open_source(path, None)
+    # Where the table is too long, one signal alone is none of several, and the table stays as it is.
+    monkeypatch.setattr(csv_and_parquet, "_MOST_STACKED", 1 << 10)
+    word = "\n".join(["time,signal,value", *rows[:900], *(row.replace("long", "end") for row in rows[900:6000]), ""])
+    assert "value" in open_source(written(tmp_path / "w.csv", word), None).names
+
+
+@pytest.mark.parametrize(
+    ("names", "are_runs"),
+    [
+        (["exp3_joint1", "exp3_joint2", "exp3_joint3"], False),
+        (["run1_joint1", "run2_joint2"], False),
+        (["arm2_run1", "arm2_run2"], True),
+        (["run1_slow", "run2_fast"], False),
+        (["run_2024-01-30_9", "run_2024-01-30_10"], True),
+    ],
+)
+def test_the_number_that_differs_says_whether_files_are_runs(tmp_path, names, are_runs):
+    run = recorded(*CASES[0])
+    with zipfile.ZipFile(tmp_path / "files.zip", "w") as archive:
+        for k, name in enumerate(names):
+            values = np.column_stack([run.t, run.q[:, k], run.tau[:, k]])
+            archive.writestr(f"{name}.csv", table(["t", "q", "tau"], cells(values)))
+    assert ("segment" in open_source(tmp_path / "files.zip", None).names) == are_runs

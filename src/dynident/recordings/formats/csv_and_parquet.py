@@ -30,7 +30,13 @@ from dynident.recordings.cells_without_numbers import (
     name_list_places,
 )
 from dynident.recordings.csv_dialects import Dialect, detect_dialect, dialect_bytes, empty_repeated_names
-from dynident.recordings.file_size_limits import TITLE, check_columns, check_unpacked, choose_block_rows
+from dynident.recordings.file_size_limits import (
+    MOST_UNPACKED,
+    TITLE,
+    check_columns,
+    check_unpacked,
+    choose_block_rows,
+)
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.formats.text_streams import (
     CHANGES_OF_CELLS,
@@ -407,29 +413,46 @@ def join_stacked_series(source: FileSource) -> FileSource:
     if not labels or not columns or time is None or any(len(set(source.texts[name])) > 1 for name in labels):
         return source
     parts: dict[str, list[FloatArray]] = {}
-    last, first_row, n_bytes = "", 0, 0
+    last, last_time, first_row, n_bytes = "", np.nan, 0, 0
     for batch in source.batches([time, *columns, *labels]):
         table = np.column_stack([to_float_column(batch, name, first_row) for name in (time, *columns)])
         coded = pc.dictionary_encode(join_labels([batch.column(name) for name in labels]))
         codes = coded.indices.to_numpy(zero_copy_only=False)
-        edges = [0, *(np.flatnonzero(np.diff(codes)) + 1).tolist(), len(codes)]
+        edges = [0, *(np.flatnonzero(np.diff(codes)) + 1).tolist(), len(codes)] if len(codes) else []
         for begin, end in pairwise(edges):
-            name = coded.dictionary[codes[begin]].as_py() if end > begin else last
-            # A signal that comes again is one of rows that take turns, or of another run.
-            if name != last and name in parts:
+            name = coded.dictionary[codes[begin]].as_py()
+            # A signal that comes again is one of rows that take turns, or of another run; where time goes on, the word
+            # says something of the rows, such as how they move.
+            if parts and name != last and (name in parts or not table[begin, 0] < last_time):
                 return source
             parts.setdefault(name, []).append(table[begin:end])
-            last = name
+            last, last_time = name, table[end - 1, 0]
         first_row, n_bytes = first_row + batch.num_rows, n_bytes + table.nbytes
         if n_bytes > _MOST_STACKED:
-            raise RecordingError(
-                "The signals stand one below another, in too many rows to be sorted: write a row for each moment, with "
-                "a column for each signal (pandas: df.pivot).",
-                title=TITLE,
-            )
+            if len(parts) > 1:
+                raise _make_stacked_error()
+            parts[last].clear()  # it may be the only one, and is too long to be held beside another
+    if len(parts) < 2:
+        return source
     series = {name: np.concatenate(tables) for name, tables in parts.items()}
-    is_usable = all(len(table) >= _FEWEST_SAMPLES and (np.diff(table[:, 0]) >= 0.0).all() for table in series.values())
-    return StackedSource(source, time, series, columns) if len(series) > 1 and is_usable else source
+    spans = [(table[0, 0], table[-1, 0]) for table in series.values()]
+    if any(len(table) < _FEWEST_SAMPLES or not (np.diff(table[:, 0]) >= 0.0).all() for table in series.values()) or max(
+        begin for begin, _ in spans
+    ) >= min(end for _, end in spans):
+        return source
+    check_columns(1 + len(series) * len(columns))
+    # Many short signals beside a long one would become far more numbers than the file has.
+    if 8 * max(map(len, series.values())) * len(series) * len(columns) > max(MOST_UNPACKED, 2 * n_bytes):
+        raise _make_stacked_error()
+    return StackedSource(source, time, series, columns)
+
+
+def _make_stacked_error() -> RecordingError:
+    return RecordingError(
+        "The signals stand one below another, in too many rows to be sorted: write a row for each moment, with a "
+        "column for each signal (pandas: df.pivot).",
+        title=TITLE,
+    )
 
 
 _MOST_STACKED, _FEWEST_SAMPLES = 1 << 30, 8

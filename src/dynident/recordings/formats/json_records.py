@@ -73,7 +73,8 @@ class RecordSource(FileSource):
             raise RecordingError("The file contains no JSON object with values.", title=TITLE)
         super().__init__(list(columns))
         self._parsed: IO[bytes] | None = None
-        self._shape = shape if list(head[0]) == self.names else None
+        # Of two values with one name, {"q1": 1, "q": [1, 2]}, the later one counts: the shape alone would have both.
+        self._shape = shape if list(head[0]) == self.names and _count_values(shape) == len(columns) else None
         self.texts = {
             name: tuple(cell if isinstance(cell, str) else "" for cell in (row.get(name) for row in head))
             for name in columns
@@ -155,11 +156,19 @@ def open_json(content: TextContent) -> FileSource:
         For what is no JSON, or holds no records.
     """
     # One object may hold everything, or one for each run or joint; else each is a row.
-    records = list(itertools.islice(_read_objects(content), _MOST_HOLDERS + 1))
-    is_list = content.read_start(_LOOKED_AT_BYTES).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"[")
-    whole = records[0] if len(records) == 1 else {"run": records} if is_list else None
-    if isinstance(whole, dict):
-        arrays = list(_find_arrays(whole, "", 0))
+    records: list[object] = []
+    length = 0
+    for record, size in _read_objects(content):
+        records.append(record)
+        length += size
+        # Runs in a list may be as long together as one object that holds them.
+        if len(records) > 1 and (length > LARGEST_OBJECT or len(records) > _MOST_HOLDERS):
+            break
+    else:
+        is_list = content.read_start(_LOOKED_AT_BYTES).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"[")
+        are_objects = all(isinstance(record, dict) for record in records)
+        whole = records[0] if len(records) == 1 else {"run": records} if is_list and are_objects else None
+        arrays = list(_find_arrays(whole, "", 0)) if isinstance(whole, dict) else []
         if arrays:
             return ArrayFileSource(arrays)
     return RecordSource(content)
@@ -167,7 +176,7 @@ def open_json(content: TextContent) -> FileSource:
 
 def _read_records(content: TextContent) -> Iterator[object]:
     """Yield the records one by one; those of a single object are the longest array of objects in it."""
-    objects = _read_objects(content)
+    objects = (value for value, _ in _read_objects(content))
     first, second = next(objects, None), next(objects, None)
     if second is None and isinstance(first, dict):
         inner = [value for value in first.values() if isinstance(value, list) and value and isinstance(value[0], dict)]
@@ -178,8 +187,8 @@ def _read_records(content: TextContent) -> Iterator[object]:
     yield from objects
 
 
-def _read_objects(content: TextContent) -> Iterator[object]:
-    """Yield the values that stand one behind another; one that the end of the file cuts off is left out."""
+def _read_objects(content: TextContent) -> Iterator[tuple[object, int]]:
+    """Yield the values that stand one behind another, with their lengths; one that the end cuts off is left out."""
     decoder = json.JSONDecoder()
     decode = codecs.getincrementaldecoder("utf-8-sig")(errors="replace").decode
     text, place, number, at_end = "", 0, 0, False
@@ -216,10 +225,10 @@ def _read_objects(content: TextContent) -> Iterator[object]:
                 at_end = not part
                 text, place = text[place:] + decode(part, final=at_end), 0
                 continue
-            place = end
+            size, place = end - place, end
             if isinstance(value, (dict, list)):
                 number = max(number, 1) + 1
-                yield value
+                yield value, size
 
 
 def _is_cut_off(error: Exception, text: str) -> bool:
@@ -267,6 +276,10 @@ def _find_shape(value: object, depth: int = 0) -> _Shape | None:
         is_labelled = any(isinstance(item, dict) and set(_NAMES) & set(item) for item in value)
         return None if is_labelled else (len(value), tuple(_find_shape(inner, depth + 1) for inner in value))
     return None
+
+
+def _count_values(shape: _Shape | None) -> int:
+    return 1 if shape is None else sum(_count_values(inner) for inner in shape[1])
 
 
 def _append_values(value: Any, shape: _Shape | None, row: list[Any]) -> bool:

@@ -356,12 +356,16 @@ def open_joined_files(
 
 def _join_or_chain(files: Sequence[Named]) -> FileSource:
     """Return files that are runs, run1 and run2 of the same columns, one behind another; others side by side."""
-    stems = [PurePosixPath(file).stem for file, _ in files]
-    patterns = {re.sub(r"\d+", "#", stem) for stem in stems}
+    # Words and numbers take turns; the one number that differs counts what the word before it says.
+    split_stems = [re.split(r"(\d+)", PurePosixPath(file).stem) for file, _ in files]
+    first = split_stems[0]
+    counting = [place for place, parts in enumerate(zip(*split_stems, strict=False)) if len(set(parts)) > 1]
     are_runs = (
-        len(patterns) == 1
-        and len(set(stems)) == len(stems)
-        and RUN_WORDS.search(patterns.pop().partition("#")[0]) is not None
+        len({len(parts) for parts in split_stems}) == 1
+        and len(counting) == 1
+        and counting[0] % 2 == 1
+        and len({parts[counting[0]] for parts in split_stems}) == len(files)
+        and RUN_WORDS.search("".join(first[: counting[0]])) is not None
         and len({tuple(source.names) for _, source in files}) == 1
         and _SEGMENT not in files[0][1].names
     )
