@@ -6,13 +6,14 @@ import tracemalloc
 from contextlib import suppress
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.recordings import RecordingError, file_size_limits
-from dynident.recordings.formats import open_source
+from dynident.recordings.formats import array_files, open_source
 from dynident.recordings.formats.open_any_format import format_of
 
 scipy_io = pytest.importorskip("scipy.io")
@@ -138,3 +139,53 @@ def test_what_unpacks_to_a_full_disk_is_refused(tmp_path, monkeypatch, suffix):
     monkeypatch.setattr(file_size_limits, "MOST_UNPACKED", 2**20)
     with pytest.raises(RecordingError, match="unpacks to more than"):
         open_source(path, None)
+
+
+CLOCKED = {"imu.t": np.arange(50) / 50.0, "imu.acc": np.ones((50, 3)), "ft.t": np.arange(20) / 20.0,
+           "ft.force": np.ones((20, 3))}  # fmt: skip
+WIDE = {"t": np.arange(100) / 100.0, "q": np.random.default_rng(0).normal(size=(100, 2)), "tau": np.ones((100, 2))}
+
+
+def test_arrays_beside_groups_with_times_of_their_own_are_read(tmp_path):
+    np.savez(tmp_path / "beside.npz", **WIDE, **CLOCKED)
+    assert {"t", "q1", "q2", "tau1", "tau2"} <= set(open_source(tmp_path / "beside.npz", None).names)
+
+
+def test_pictures_in_groups_are_no_columns(tmp_path):
+    pictures = {"camera.t": np.arange(50) / 50.0, "camera.rgb": np.zeros((50, 4, 4, 3))}
+    np.savez(tmp_path / "clocks.npz", **pictures, **{f"arm.{name}": values for name, values in WIDE.items()})
+    assert not any("rgb" in name for name in open_source(tmp_path / "clocks.npz", None).names)
+    runs = {f"demo{k}.{name}": values for k in (1, 2) for name, values in WIDE.items()}
+    np.savez(tmp_path / "runs.npz", **runs, **{f"demo{k}.rgb": np.zeros((100, 4, 4, 3)) for k in (1, 2)})
+    assert open_source(tmp_path / "runs.npz", None).names == ["t", "q1", "q2", "tau1", "tau2", "segment"]
+
+
+def test_a_signal_that_one_run_lacks_is_named(tmp_path):
+    runs = {f"demo{k}.{name}": values for k in (1, 2) for name, values in WIDE.items()}
+    np.savez(tmp_path / "runs.npz", **runs, **{"demo1.temperature": np.ones(100)})
+    (remark,) = open_source(tmp_path / "runs.npz", None).remarks
+    assert "temperature" in remark
+    np.savez(tmp_path / "runs.npz", **runs)
+    assert "left out" not in open_source(tmp_path / "runs.npz", None).remarks[0]
+
+
+@pytest.mark.parametrize("name", ["ft/t", "dt"])
+def test_a_damaged_clock_is_unreadable_and_nothing_else(tmp_path, name):
+    path = tmp_path / "clocks.h5"
+    with h5py.File(path, "w") as file:
+        for group, values in ((name.replace(".", "/"), values) for name, values in CLOCKED.items()):
+            file.create_dataset(group, data=values, chunks=True, compression="gzip")
+        file.create_dataset("dt", data=[0.01], chunks=True, compression="gzip")
+        chunk = file[name].id.get_chunk_info(0)
+    damaged = bytearray(path.read_bytes())
+    damaged[chunk.byte_offset : chunk.byte_offset + chunk.size] = b"x" * chunk.size
+    path.write_bytes(damaged)
+    with pytest.raises(RecordingError, match=f"{name} cannot be read"):
+        open_source(path, None)
+
+
+def test_arrays_of_other_times_are_not_held_where_they_are_large(tmp_path, monkeypatch):
+    np.savez(tmp_path / "clocks.npz", **CLOCKED)
+    assert "ft.force1" in open_source(tmp_path / "clocks.npz", None).names
+    monkeypatch.setattr(array_files, "MOST_UNPACKED", 8 * 100)
+    assert "ft.force1" not in open_source(tmp_path / "clocks.npz", None).names

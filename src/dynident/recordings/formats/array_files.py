@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from dynident.array_types import FloatArray
 from dynident.recordings.arrow_tables import from_numbers
-from dynident.recordings.file_size_limits import TITLE, check_columns, choose_block_rows
+from dynident.recordings.file_size_limits import MOST_UNPACKED, TITLE, check_columns, choose_block_rows
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.recording_metadata import RecordingError
 from dynident.recordings.time_columns import is_time_name
@@ -221,12 +221,14 @@ class ArrayFileSource(FileSource):
     def __init__(self, arrays: Sequence[StoredArray], words: Sequence[tuple[str, ...]] = ()) -> None:
         self._places: dict[str, _ArrayColumn] = {}
         self.stated_rate = _find_stated_rate(arrays)
-        runs = _find_runs(arrays)
+        deep = next((array for array in arrays if len(array.shape) > 2), None)
+        arrays = [array for array in arrays if 1 <= len(array.shape) <= 2 and min(array.shape) > 0]
+        runs, left_out = _find_runs(arrays)
         if runs:
             arrays = _chain_runs(runs)
             self.own_remarks = (
                 f"The file holds {len(runs)} runs with the same signals: they are read one behind another, each as a "
-                "segment of its own.",
+                f"segment of its own{_describe_left_out(left_out)}.",
             )
         elif joined := _join_clocks(arrays):
             arrays = joined
@@ -234,12 +236,7 @@ class ArrayFileSource(FileSource):
                 "Groups of arrays have times of their own: they are read at those of the longest, on a straight line "
                 "between two samples.",
             )
-        deep = next((array for array in arrays if len(array.shape) > 2), None)
-        arrays = [
-            array
-            for array in arrays
-            if 1 <= len(array.shape) <= 2 and min(array.shape) > 0 and max(array.shape) >= FEWEST_ROWS
-        ]
+        arrays = [array for array in arrays if max(array.shape) >= FEWEST_ROWS]
         if not arrays:
             raise RecordingError(_describe_no_arrays(deep), title=TITLE)
         # Arrays do not say which of their axes is time: it is the length that they share.
@@ -284,8 +281,8 @@ RUN_WORDS = re.compile(
 """Words before a number that say that it counts runs, and not arms or joints."""
 
 
-def _find_runs(arrays: Sequence[StoredArray]) -> list[dict[str, StoredArray]]:
-    """Return the arrays of each run by their signals, where groups of arrays are runs; else nothing.
+def _find_runs(arrays: Sequence[StoredArray]) -> tuple[list[dict[str, StoredArray]], list[str]]:
+    """Return the arrays of each run by their signals, where groups of arrays are runs, and the signals of some only.
 
     Groups are numbered, and each has arrays of the same names, one of them for several joints. Of different lengths
     they are runs; of one length they may also be arms, unless a word such as "demo" says what is counted.
@@ -311,8 +308,22 @@ def _find_runs(arrays: Sequence[StoredArray]) -> list[dict[str, StoredArray]]:
         ]
         is_wide = any(len(runs[0][tail].shape) == 2 and min(runs[0][tail].shape) > 1 for tail in chained)
         if len(chained) > 1 and is_wide and (len(set(lengths)) > 1 or RUN_WORDS.search(head)):
-            return [{tail: run[tail] for tail in run if tail in chained} for run in runs]
-    return []
+            others = dict.fromkeys(tail.lstrip("./_") for run in runs for tail in run if tail not in chained)
+            return [{tail: run[tail] for tail in run if tail in chained} for run in runs], list(others)
+    return [], []
+
+
+def _describe_left_out(signals: Sequence[str]) -> str:
+    """Return which signals not all runs have, or not in rows of the same number."""
+    if not signals:
+        return ""
+    shown = ", ".join(name[:_SHOWN] for name in signals[:_SHOWN_SIGNALS])
+    more = f" and {len(signals) - _SHOWN_SIGNALS} more" if len(signals) > _SHOWN_SIGNALS else ""
+    return f"; left out is what not every run has a value of in each row: {shown}{more}"
+
+
+_SHOWN, _SHOWN_SIGNALS = 60, 8
+"""Characters of a name, and signals, that a remark shows."""
 
 
 def _chain_runs(runs: Sequence[dict[str, StoredArray]]) -> list[StoredArray]:
@@ -352,8 +363,11 @@ def _join_clocks(arrays: Sequence[StoredArray]) -> list[StoredArray]:
     groups: dict[str, list[StoredArray]] = {}
     for array in arrays:
         group = re.split(r"[./][^./]*$", array.name)[0]
-        if group != array.name and max(array.shape) >= FEWEST_ROWS:
-            groups.setdefault(group, []).append(array)
+        if max(array.shape) < FEWEST_ROWS:
+            continue
+        if group == array.name:
+            return []  # it has no group, and so belongs to the times of none
+        groups.setdefault(group, []).append(array)
     clocks = {
         group: next((own for own in members if math.prod(own.shape) == max(own.shape) and is_time_name(own.name)), None)
         for group, members in groups.items()
@@ -365,6 +379,10 @@ def _join_clocks(arrays: Sequence[StoredArray]) -> list[StoredArray]:
     main_clock = clocks[main]
     assert main_clock is not None
     joined = [array for array in groups[main] if timed[main] in array.shape]
+    # What is read at other times is held in memory, and all clocks are.
+    n_held = timed[main] + sum(math.prod(own.shape) for group in groups if group != main for own in groups[group])
+    if 8 * n_held > MOST_UNPACKED:
+        return []
     t = _read_clock(main_clock)
     for group, clock in clocks.items():
         own = _read_clock(clock) if group != main and clock is not None else t
@@ -377,7 +395,7 @@ def _join_clocks(arrays: Sequence[StoredArray]) -> list[StoredArray]:
 
 def _read_clock(clock: StoredArray) -> FloatArray:
     length = max(clock.shape)
-    return np.asarray(clock.read(0, length, clock.shape.index(length)), dtype=np.float64).reshape(length)
+    return _read_rows(_ArrayColumn(clock, clock.shape.index(length), 0), 0, length)[:, 0]
 
 
 def _resample(array: StoredArray, own: FloatArray, t: FloatArray) -> StoredArray:
@@ -424,7 +442,7 @@ def _find_stated_rate(arrays: Sequence[StoredArray]) -> float | None:
         name = re.split(r"[./]", array.name)[-1]
         if math.prod(array.shape) != 1 or not (_PERIOD.fullmatch(name) or _RATE.fullmatch(name)):
             continue
-        value = float(np.ravel(array.read(0, 1, 0))[0])
+        value = float(_read_rows(_ArrayColumn(array, 0, 0), 0, 1)[0, 0])
         rate = value if _RATE.fullmatch(name) else 1.0 / value if value > 0.0 else 0.0
         if _SLOWEST <= rate <= _FASTEST:
             rates.add(rate)
