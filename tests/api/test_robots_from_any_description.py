@@ -145,6 +145,8 @@ def test_an_mjcf_model_is_read_with_the_files_that_it_includes(tmp_path: Path) -
         (None, "the file 'parts/fore.xml' of this <include> is not there"),
         ('<mujocoinclude><include file="parts/defaults.xml"/></mujocoinclude>', "included twice, or includes itself"),
         ("<mujocoinclude><body>", "parts/fore.xml: .*malformed"),
+        (f'<mujocoinclude>\n<include file="{"x" * 300}"/></mujocoinclude>', "line 2: .*x{90}.* is not there"),
+        (f"<mujocoinclude>{'<frame>' * 98}{'</frame>' * 98}</mujocoinclude>", "line 2: .*nested more than 100 levels"),
     ],
 )
 def test_an_include_that_cannot_be_followed_says_why(tmp_path: Path, fore: str | None, words: str) -> None:
@@ -152,6 +154,34 @@ def test_an_include_that_cannot_be_followed_says_why(tmp_path: Path, fore: str |
     if fore is None:
         (tmp_path / "parts" / "fore.xml").unlink()
     with pytest.raises(DynidentError, match=words):
+        dy.load_robot(path)
+
+
+def test_includes_within_frames_in_many_files_are_nested_too_deep(tmp_path: Path) -> None:
+    opening, closing = "<frame>" * 90, "</frame>" * 90
+    for k in range(30):
+        text = f'<mujocoinclude>{opening}<include file="part{k + 1}.xml"/>{closing}</mujocoinclude>'
+        (tmp_path / f"part{k}.xml").write_text(text)
+    (tmp_path / "arm.xml").write_text('<mujoco><worldbody><include file="part0.xml"/></worldbody></mujoco>')
+    with pytest.raises(DynidentError, match="nested more than 100 levels"):
+        dy.load_robot(tmp_path / "arm.xml")
+
+
+def test_an_include_in_an_included_file_may_name_a_file_beside_it(tmp_path: Path) -> None:
+    path = write_model(tmp_path, '<mujocoinclude><include file="hand.xml"/></mujocoinclude>')
+    (tmp_path / "parts" / "hand.xml").write_text(FORE)
+    assert dy.load_robot(path).joint_names == ("a", "b")
+    # One in the folder of the model comes first.
+    (tmp_path / "hand.xml").write_text(FORE.replace('name="b"', 'name="c"'))
+    assert dy.load_robot(path).joint_names == ("a", "c")
+
+
+@pytest.mark.parametrize("wrong", ["", FORE.replace("class", 'type="ball" class')], ids=["own", "included"])
+def test_lines_of_a_model_with_includes_are_those_of_its_own_text(tmp_path: Path, wrong: str) -> None:
+    path = write_model(tmp_path, wrong or FORE)
+    if not wrong:
+        path.write_text(MODEL.replace("</worldbody>", '\n\n<body name="x"><joint type="ball"/></body></worldbody>'))
+    with pytest.raises(DynidentError, match=rf"line {2 if wrong else 5}: Body .* ball joint"):
         dy.load_robot(path)
 
 

@@ -13,7 +13,7 @@ from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
-from dynident.export import export_model
+from dynident.export import PredictingModel, export_model
 from dynident.identification import (
     Identification,
     IdentificationChoices,
@@ -106,6 +106,10 @@ def test_whatever_is_done_with_the_model_goes_on_without_that_torque(
     again = from_bytes(to_bytes(found))
     assert again.model.robot.joints_without_torque == (silent,)
     assert again.model.base.kept == found.model.base.kept
+    state = (np.full(found.model.robot.n, 0.3), *np.ones((2, found.model.robot.n)))
+    stepped = PredictingModel.from_identification(found).predictor().step(*state)
+    assert np.flatnonzero(np.isnan(stepped)).tolist() == [joint]
+    np.testing.assert_allclose(predict(found.estimate, *(row[None] for row in state)).torque[0], stepped)
     comparison = compare(found, held)
     assert (comparison.phase[:, joint] == Phase.NO_TORQUE).all()
     assert comparison.errors.counts[joint] == 0

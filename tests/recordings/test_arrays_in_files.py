@@ -189,3 +189,13 @@ def test_arrays_of_other_times_are_not_held_where_they_are_large(tmp_path, monke
     assert "ft.force1" in open_source(tmp_path / "clocks.npz", None).names
     monkeypatch.setattr(array_files, "MOST_UNPACKED", 8 * 100)
     assert "ft.force1" not in open_source(tmp_path / "clocks.npz", None).names
+
+
+def test_words_of_a_length_that_the_file_only_states_are_not_read(tmp_path):
+    path = tmp_path / "words.h5"
+    with h5py.File(path, "w") as file:
+        for name, values in WIDE.items():
+            file[name] = values
+        file.create_dataset("words", (20,), dtype="S1000000000")
+    assert path.stat().st_size < 1_000_000
+    assert open_source(path, None).names == ["q1", "q2", "t", "tau1", "tau2"]

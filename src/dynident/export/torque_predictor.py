@@ -103,7 +103,9 @@ class PredictingModel:
         self, q: FloatArray, dq: FloatArray, ddq: FloatArray, states: FloatArray, further: FurtherSignals
     ) -> FloatArray:
         entries = self.observation.evaluate(q, dq, ddq, reference=self.reference, memory=states, further=further)
-        return self.observation.compute_torque(entries, self.values)
+        torque = self.observation.compute_torque(entries, self.values)
+        # Of a joint whose torque was not recorded a part of the parameters is known, and no sum of them.
+        return np.where(self.observation.robot.has_torque, torque, np.nan)
 
 
 class TorquePredictor:

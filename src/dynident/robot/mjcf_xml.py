@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from dynident.errors import DynidentError
 from dynident.robot.description_formats import BaseKind
 from dynident.robot.json_fields import join_names
-from dynident.robot.xml_text import Element, parse_xml, read_root, write_xml
+from dynident.robot.xml_text import DEEPEST, Element, parse_xml, read_root, write_with_line_numbers
 from dynident.text_encoding import decode_document
 
 TITLE = "Unusable MJCF"
@@ -300,7 +300,7 @@ def expand_includes(path: Path, content: str, pointer: str = "") -> str:
     Parameters
     ----------
     path : Path
-        The model's file; names of files are relative to its folder, as MuJoCo reads them.
+        The model's file; names of files are relative to its folder, or else to that of the file that names them.
     content : str
         Of the file.
     pointer : str
@@ -315,24 +315,36 @@ def expand_includes(path: Path, content: str, pointer: str = "") -> str:
         return content
     included = {path.resolve()}
 
-    def expand(element: Element) -> list[Element]:
+    def expand(element: Element, file: Path, depth: int, line: int) -> list[Element]:
+        if depth > DEEPEST:
+            raise _include_error(f"line {line}: with what it includes the model is nested more than {DEEPEST} levels")
         if element.tag != "include":
-            children = [expanded for child in element.children for expanded in expand(child)]
-            return [replace(element, children=children)]
+            children = [grown for child in element.children for grown in expand(child, file, depth + 1, line)]
+            return [replace(element, children=children, line=line or element.line)]
+        # Later messages name lines of the model's own text: of what is included, that of the <include> in it.
+        line = line or element.line
         name = element.attributes.get("file", "")
-        file = (path.parent / name).resolve()
-        if not name or not file.is_file():
-            raise _include_error(f"line {element.line}: the file {name!r} of this <include> is not there")
-        if file in included:
-            raise _include_error(f"line {element.line}: {name} is included twice, or includes itself")
-        included.add(file)
+        found = _find_included(name, (path.parent, file.parent))
+        if found is None:
+            raise _include_error(f"line {line}: the file {name[:100]!r} of this <include> is not there")
+        if found in included:
+            raise _include_error(f"line {line}: {name} is included twice, or includes itself")
+        included.add(found)
         try:
-            root = parse_xml(decode_document(file.read_bytes()), "An MJCF", "", TITLE)
+            root = parse_xml(decode_document(found.read_bytes()), "An MJCF", "", TITLE)
         except (DynidentError, OSError, UnicodeDecodeError) as error:
             raise _include_error(f"{name}: {getattr(error, 'detail', error)}") from error
-        return [expanded for child in root.children for expanded in expand(child)]
+        return [grown for child in root.children for grown in expand(child, found, depth + 1, line)]
 
-    return write_xml(expand(parse_xml(content, "An MJCF", pointer, TITLE))[0], indent=True)
+    return write_with_line_numbers(expand(parse_xml(content, "An MJCF", pointer, TITLE), path, 1, 0)[0])
+
+
+def _find_included(name: str, folders: Sequence[Path]) -> Path | None:
+    """Return the file that a name means: in the folder of the model, else beside the file that includes it."""
+    try:
+        return next((file.resolve() for folder in folders if (file := folder / name).is_file()), None)
+    except (OSError, ValueError):  # a name that no file can have
+        return None
 
 
 def _include_error(reason: str) -> DynidentError:

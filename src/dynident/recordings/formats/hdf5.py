@@ -161,6 +161,8 @@ def _unusable_data_error(name: str, reason: str) -> RecordingError:
 
 
 _NUMBERS = "fiub"
+_LONGEST_WORD = 1024
+"""Bytes of a word of fixed length, as the file states them; what one of another kind takes lies in the file."""
 _BROKEN = (OSError, RuntimeError, TypeError, ValueError, KeyError, NotImplementedError)
 """What h5py raises of files that are damaged, or hold types that NumPy has not."""
 
@@ -264,6 +266,7 @@ def _has_words(item: Any) -> bool:
         and len(item.shape) == 1
         and 1 < item.shape[0] <= MOST_WORDS
         and h5py.check_string_dtype(item.dtype) is not None
+        and item.dtype.itemsize <= _LONGEST_WORD
         and item.chunks is None
         and item.external is None
         and not item.is_virtual
