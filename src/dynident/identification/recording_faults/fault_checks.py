@@ -162,7 +162,9 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         return DynamicsCheck(described, None)
     faults, now = search_result
     # A zero for each joint fits many faults half-way, so that it has to explain more than a single one of the columns.
-    from_start = report_zeros_from_start(machine, recording, motion, judges.plain_fit, (as_is, now), q)
+    # Several are several causes where this is one.
+    otherwise = (as_is, now) if len(faults) == 1 else (as_is,)
+    from_start = report_zeros_from_start(machine, recording, motion, judges.plain_fit, otherwise, q)
     if from_start is not None:
         return DynamicsCheck((from_start, *described), as_is)
     mounted = None if _is_explained_by_one(faults, now) else find_other_mounting(machine, motion, as_is)

@@ -57,7 +57,7 @@ def report_zeros_from_start(
     recording: Recording,
     motion: Motion,
     fit: HeldOutFit,
-    otherwise: tuple[UnexplainedTorque, UnexplainedTorque],
+    otherwise: tuple[UnexplainedTorque, ...],
     q: Sequence[str],
 ) -> Check | None:
     """Report positions that begin at 0 and do not go with the description's zeros; None where they do.
@@ -73,7 +73,7 @@ def report_zeros_from_start(
     fit : HeldOutFit
         That of the robot.
     otherwise : tuple of UnexplainedTorque
-        What it leaves of the torque as it is, and without the faults of the columns that were found.
+        What it leaves of the torque as it is, and without the single fault of a column that was found.
     q : sequence of str
         Names of the columns of positions.
     """
