@@ -186,9 +186,12 @@ def test_torque_that_was_not_recorded_drives_no_simulation(heavier: Identificati
     assert (response.drift, response.judged.verdict) == (None, "not_evaluated")
     assert f"has the torque of {ROBOT.joint_names[1]}" in response.judged.reason
     evidence = HeldOutEvidence.from_identification(heavier, heavier.fit, [silent], [])
-    sentences = {finding.state: finding.sentence for finding in judge_simulation(evidence, compute_drift(evidence))}
-    assert ROBOT.joint_names[1] in sentences["not_judged"]
-    assert "fails at the first step" not in str(sentences)
+    findings = judge_simulation(evidence, compute_drift(evidence))
+    (unjudged,) = (finding for finding in findings if finding.state == "not_judged")
+    assert ROBOT.joint_names[1] in unjudged.sentence
+    assert unjudged.next is not None
+    assert "Record the torque" in unjudged.next.sentence
+    assert not any("fails at the first step" in finding.sentence for finding in findings)
 
 
 def test_a_model_of_joints_without_torque_is_not_simulated() -> None:

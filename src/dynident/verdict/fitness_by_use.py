@@ -173,7 +173,9 @@ def combine_findings(name: UseName, findings: Sequence[UseFinding], when_good: N
 
 
 _FORCE_THAT_COUNTS = "The limit that counts is that of your risk assessment."
-_LONGER = NextStep(f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that carry the tool.")
+_LONGER = NextStep(
+    f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that carry the tool, with their torque."
+)
 
 
 def judge_collision_detection(
@@ -259,7 +261,8 @@ def judge_simulation(evidence: HeldOutEvidence, drift: Drift | None) -> list[Use
         return [*findings, _judge_drift(drift)]
     unknown = find_unknown_torque(evidence.identification, evidence.recordings)
     if unknown and evidence.recordings:
-        return [*findings, UseFinding("not_judged", describe_unknown_torque(unknown))]
+        record = NextStep(f"Record the torque of {', '.join(unknown)}, too.")
+        return [*findings, UseFinding("not_judged", describe_unknown_torque(unknown), record)]
     if evidence.recordings:
         sentence = "A simulation with these parameters fails at the first step along the held-out motion."
         return [*findings, UseFinding("no", sentence, CURE)]
