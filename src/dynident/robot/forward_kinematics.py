@@ -147,7 +147,18 @@ def compute_tool_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def draw_unit_forces(jacobian: FloatArray) -> FloatArray | None:
-    """Return directions (m, d, 3) of forces at the tool that some posture feels; None where no joint feels any."""
+    """Return directions of forces at the tool that some posture feels.
+
+    Parameters
+    ----------
+    jacobian : (m, 3, n)
+        Jacobians of the tool, as of `compute_tool_jacobian`.
+
+    Returns
+    -------
+    (m, d, 3) or None
+        Unit vectors; None where no joint feels any force.
+    """
     left_vectors, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
     largest = float(singular.max(initial=0.0))
     if largest <= _SMALL:

@@ -144,7 +144,15 @@ def compute_open_loop_drift(
 
 
 def find_unknown_torque(identification: Identification, recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Return the joints whose torque is unknown in each of the recordings; none where one has the torque of all."""
+    """Return the joints whose torque is unknown in each of the recordings; none where one has the torque of all.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recordings : sequence of Recording
+        The recordings.
+    """
     known = identification.model.robot.joints_without_torque
     if known or not recordings:
         return known
@@ -152,7 +160,13 @@ def find_unknown_torque(identification: Identification, recordings: Sequence[Rec
 
 
 def describe_unknown_torque(joints: Sequence[str]) -> str:
-    """Describe why nothing is simulated under the measured torque, in a sentence."""
+    """Describe why nothing is simulated under the measured torque, in a sentence.
+
+    Parameters
+    ----------
+    joints : sequence of str
+        Names of the joints whose torque is unknown.
+    """
     return f"No recording has the torque of {', '.join(joints)}, which a simulation without a controller needs."
 
 
