@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate
-from dynident.diagnosis.search import pruning
+from dynident.diagnosis.outcome_reasons import Reason
+from dynident.diagnosis.search import finding_refinement, pruning
 from dynident.diagnosis.search.search_state import Finding, State
+from dynident.effects import EffectChoice
+from dynident.progress import ignore_progress
 
 ARM = tuple(f"joint_{k}" for k in range(1, 7))
 WEAK, AGAINST = 1.5, -1.5
@@ -96,3 +99,55 @@ def test_a_change_of_one_joint_that_is_impossible_beside_what_was_found_since_is
     state = State((0, 1, 2), np.ones(6), np.ones(6), findings)
     left = pruning.prune_findings(cast(Any, None), cast(Any, pool), state)
     assert ([one.judged.candidate for one in left.findings], left.base) == ([lasting], (0, 2))
+
+
+@pytest.fixture
+def refine(monkeypatch: pytest.MonkeyPatch):
+    """Refines one group of which a joint is impossible at first: what is left, and why the rest was dropped."""
+
+    def refine(group: Candidate, equal: Candidate) -> tuple[tuple[EffectChoice, ...], dict[Candidate, Reason]]:
+        finding = Finding(cast(Any, ScoredStub(group)), (cast(Any, ScoredStub(equal)),), 0.001)
+        reason = Reason.build("impossible", parameter="Fs2")
+        rounds = iter([{0: (reason, (ARM[1],))}, {}])
+
+        def build(model: Any, findings: Any, choices: tuple[EffectChoice, ...], *others: Any) -> Any:
+            return SimpleNamespace(
+                find_impossible=lambda: next(rounds),
+                select_needed=lambda *asked: (choices, list(range(len(choices)))),
+                select_harmless=lambda order: sorted(order),
+            )
+
+        monkeypatch.setattr(finding_refinement, "locate_findings", lambda model, findings, inputs: findings)
+        monkeypatch.setattr(finding_refinement, "refine_shapes", lambda model, choices, *others: choices)
+        monkeypatch.setattr(finding_refinement, "is_width_resolved", lambda *asked: True)
+        monkeypatch.setattr(finding_refinement, "improve_reference", lambda model, choices, inputs: inputs)
+        monkeypatch.setattr(finding_refinement, "_find_independent", lambda model, choices: range(len(choices)))
+        monkeypatch.setattr(finding_refinement, "compute_explained_error", lambda *asked: 1.0)
+        monkeypatch.setattr(finding_refinement, "RefinedModel", SimpleNamespace(from_choices=build))
+        robot = SimpleNamespace(tree=SimpleNamespace(joint_names=ARM))
+        nothing, model = cast(Any, SimpleNamespace(preprocessing=None)), SimpleNamespace(robot=robot)
+        _, choices, dropped = finding_refinement.refine_findings(
+            cast(Any, SimpleNamespace(model=model)), (finding,), nothing, nothing, np.zeros(6), (), ignore_progress
+        )
+        return choices, dropped
+
+    return refine
+
+
+@dataclass(frozen=True)
+class ScoredStub:
+    candidate: Candidate
+    p: float = 0.5
+
+
+def test_an_impossible_joint_of_a_group_is_renamed_alone_and_its_reason_is_kept(refine) -> None:
+    group = Candidate("stribeck", ARM[:2], (("vs", 0.1),), (0, 1))
+    choices, dropped = refine(group, Candidate("quadratic", ARM[:2], (), (2, 3)))
+    assert [(choice.effect, choice.joints) for choice in choices] == [("stribeck", ARM[:1]), ("quadratic", ARM[1:2])]
+    assert [(candidate.joints, reason.code) for candidate, reason in dropped.items()] == [(ARM[1:2], "impossible")]
+
+
+def test_a_name_of_other_joints_is_not_given_to_the_impossible_one(refine) -> None:
+    group = Candidate("stribeck", ARM[:2], (("vs", 0.1),), (0, 1))
+    choices, _ = refine(group, Candidate("quadratic", ARM[2:3], (), (2,)))
+    assert [(choice.effect, choice.joints) for choice in choices] == [("stribeck", ARM[:1])]

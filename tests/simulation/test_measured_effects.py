@@ -89,7 +89,8 @@ def test_late_torque_is_that_of_an_earlier_instant_with_its_jumps(robot: Robot, 
 
 @pytest.mark.parametrize(
     ("effect", "values"),
-    [("drive_gain_error", {"eps": -0.3}), ("drive_gain_saturation", {"sat": 1e-3}), ("torque_delay", {"delay": 0.012}),
+    [("drive_gain_error", {"eps": -0.3}), ("drive_gain_error", {"eps": 0.9}), ("drive_gain_error", {"eps": 1.5}),
+     ("drive_gain_saturation", {"sat": 1e-3}), ("torque_delay", {"delay": 0.012}),
      ("encoder_zero_error", {"dq0": 1e-3})],
 )  # fmt: skip
 def test_the_torque_of_the_motors_is_recovered_from_what_sensors_show(
@@ -104,6 +105,15 @@ def test_the_torque_of_the_motors_is_recovered_from_what_sensors_show(
     recovered = arm.sensing.recover_motor_torque(motion, found.tau, "")
     assert share(found.tau, found.truth.tau) > 1e-3
     assert share(recovered, found.truth.tau) < 1e-6
+
+
+def test_torque_that_no_motor_gives_is_refused(robot: Robot, reference: Reference) -> None:
+    # A drive that shows a tenth less for each N m shows at most 2.5 N m.
+    arm = VirtualRobot(robot, (on_joint(robot, "drive_gain_saturation", {"sat": -0.1}),))
+    motion = arm.measure(reference, EXACT).truth
+    given = Reference(np.arange(len(motion.q)) * 1e-3, motion.q, motion.dq, motion.ddq)
+    with pytest.raises(DynidentError, match="too large"):
+        arm.sensing.recover_motor_torque(given, np.full_like(motion.tau, 50.0), "")
 
 
 def test_an_encoder_that_is_off_shows_the_torque_of_the_true_position(robot: Robot, reference: Reference) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,13 +13,14 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.errors import DynidentError
 from dynident.identification import Identification
 from dynident.recordings import Recording
-from dynident.validation import MomentumObserver, validate_collision
+from dynident.robot import Robot
+from dynident.validation import MomentumObserver, contact_detection, validate_collision
 from dynident.validation.contact_detection import (
     ContactDetection,
     compute_threshold,
     fit_contact_detection,
 )
-from dynident.validation.momentum_observer import observe_recording
+from dynident.validation.momentum_observer import Run, observe_recording
 from dynident.verdict.fitness_by_use import judge_collision_detection
 from dynident.verdict.held_out_evidence import HeldOutEvidence
 
@@ -116,3 +118,36 @@ def test_what_no_observer_can_know_is_said() -> None:
     (reason,) = (finding.sentence for finding in findings if finding.state == "not_judged")
     assert "temperature" in reason
     assert validate_collision(known(), []).judged.verdict == "not_evaluated"
+
+
+def test_torque_that_was_not_recorded_is_no_contact() -> None:
+    whole = [move(seed, 1.0) for seed in (1, 2)]
+    quiet = move(3, 1.0)
+    silent = replace(quiet, joints_without_torque=(ROBOT.joint_names[1],))
+    fractions: list[float] = []
+    both = validate_collision(known(), [*whole, silent], 60.0, progress=lambda done, _: fractions.append(done))
+    alone = validate_collision(known(), whole, 60.0)
+    assert (both.contact is None, alone.contact is None) == (False, False)
+    np.testing.assert_array_equal(both.contact.thresholds, alone.contact.thresholds)
+    assert (both.alarms, both.expected) == (alone.alarms, alone.expected)
+    # A fit without each of the recordings takes time, too.
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == pytest.approx(5 / 6)
+    judged = validate_collision(known(), [silent]).judged
+    assert judged.verdict == "not_evaluated"
+    assert f"torque of {ROBOT.joint_names[1]}" in judged.reason
+    findings = judge_collision_detection(evidence(), validate_collision(known(), [silent]))
+    assert any(ROBOT.joint_names[1] in finding.sentence for finding in findings if finding.state == "not_judged")
+
+
+def test_the_force_is_searched_for_once_whatever_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    fits: list[int] = []
+
+    def count(robot: Robot, runs: Sequence[Run], detection: ContactDetection) -> tuple[float, None]:
+        fits.append(len(runs))
+        return 10.0, None
+
+    monkeypatch.setattr(contact_detection, "compute_contact_forces", count)
+    outcome = validate_collision(known(), [move(seed, 1.0) for seed in (1, 2, 3)], 60.0)
+    assert fits == [3]
+    assert outcome.expected > 0.5

@@ -113,6 +113,9 @@ def test_what_an_observer_cannot_know_is_refused() -> None:
             MomentumObserver(known(), **words)
     with pytest.raises(DynidentError, match="a value a joint"):
         MomentumObserver(known(), 1e-3).observe(np.zeros((3, 2)), np.zeros((3, 2)))
+    for rows, others in ((0, 0), (5, 1), (1, 5)):
+        with pytest.raises(DynidentError, match="as many of both"):
+            MomentumObserver(known(), 1e-3).observe(np.zeros((rows, ROBOT.n)), np.zeros((others, ROBOT.n)))
     with pytest.raises(DynidentError, match="false_alarms"):
         calibrate_contact_detection(known(), [], false_alarms_an_hour=0.0)
 

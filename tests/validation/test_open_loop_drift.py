@@ -15,12 +15,15 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.export import export_model
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.estimators.identified_robot_simulator import RecordedMotion, read_pieces
+from dynident.identification.estimators.identified_robot_simulator import RecordedMotion, build_simulator, read_pieces
 from dynident.recordings import Recording
 from dynident.robot import to_pinocchio
 from dynident.simulation import Reference, VirtualRobot
 from dynident.validation import compute_open_loop_drift, validate_drift, validate_simulation
+from dynident.validation.open_loop_drift import simulate_from_many_starts
 from dynident.validation.validation_request import DriftTrial, build_trial
+from dynident.verdict.fitness_by_use import compute_drift, judge_simulation
+from dynident.verdict.held_out_evidence import HeldOutEvidence
 
 ROBOT = arm("ur10")
 LINKS = IdentificationChoices((EffectChoice("rigid_body"),), estimator="feasible")
@@ -158,3 +161,57 @@ def test_starts_are_spread_over_all_segments_and_the_times_are_the_callers(heavi
     assert np.isfinite(alone.distance).all()
     with pytest.raises(DynidentError, match="is 2 s long"):
         compute_open_loop_drift(heavier, recordings[1:], (2.0,))
+
+
+def _record_without_torque_of(joint: int) -> Recording:
+    """A recording as it is stored where the torque of a joint was not recorded."""
+    motion = fourier_motion(ROBOT, 10.0, 200.0, 4)
+    tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq)
+    tau[:, joint] = 0.0
+    return replace(record(ROBOT, motion, tau, "silent"), joints_without_torque=(ROBOT.joint_names[joint],))
+
+
+def test_torque_that_was_not_recorded_drives_no_simulation(heavier: Identification) -> None:
+    whole = _record_links(1.0, 10.0, 5)
+    silent = _record_without_torque_of(1)
+    alone = compute_open_loop_drift(heavier, [whole])
+    both = compute_open_loop_drift(heavier, [silent, whole])
+    assert both.starts == alone.starts
+    assert both.share == pytest.approx(alone.share)
+    outcome = validate_drift(heavier, [silent])
+    assert (outcome.drift, outcome.judged.verdict) == (None, "not_evaluated")
+    assert ROBOT.joint_names[1] in outcome.judged.reason
+    # The joints whose torque is known are followed under control all the same.
+    response = validate_simulation(heavier, silent, 0.9)
+    assert (response.drift, response.judged.verdict) == (None, "not_evaluated")
+    assert f"has the torque of {ROBOT.joint_names[1]}" in response.judged.reason
+    evidence = HeldOutEvidence.from_identification(heavier, heavier.fit, [silent], [])
+    findings = judge_simulation(evidence, compute_drift(evidence))
+    (unjudged,) = (finding for finding in findings if finding.state == "not_judged")
+    assert ROBOT.joint_names[1] in unjudged.sentence
+    assert unjudged.next is not None
+    assert "Record the torque" in unjudged.next.sentence
+    assert not any("fails at the first step" in finding.sentence for finding in findings)
+
+
+def test_a_model_of_joints_without_torque_is_not_simulated() -> None:
+    model = identify(ROBOT, [_record_without_torque_of(2)], choices=replace(LINKS, estimator="wls"))
+    judged = validate_drift(model, [_record_links(1.0, 3.0, 5)]).judged
+    assert judged.verdict == "not_evaluated"
+    assert ROBOT.joint_names[2] in judged.reason
+
+
+@pytest.mark.parametrize("horizons", [(), (-1.0,), (0.0, 0.5), (float("nan"),), (float("inf"),)])
+def test_times_that_no_simulation_has_are_refused(heavier: Identification, horizons: tuple[float, ...]) -> None:
+    with pytest.raises(DynidentError, match="above 0"):
+        compute_open_loop_drift(heavier, [_record_links(1.0, 3.0, 5)], horizons)
+
+
+def test_the_drift_after_each_time_is_given_in_the_order_of_the_times(heavier: Identification) -> None:
+    simulator = build_simulator(heavier.model, heavier.values)
+    motions = read_pieces(_record_links(1.0, 3.0, 5), heavier.preprocessing)
+    ascending = simulate_from_many_starts(simulator, motions, (0.1, 0.5, 8.0))
+    mixed = simulate_from_many_starts(simulator, motions, (8.0, 0.1, 0.5))
+    assert ascending is not None
+    assert mixed is not None
+    assert mixed.share == pytest.approx(ascending.share[[2, 0, 1]], nan_ok=True)

@@ -114,3 +114,17 @@ def test_an_answer_asked_for_ahead_is_taken_once_and_an_error_is_still_told(page
     assert found["asked"].count("/v1/robots/none") == 2
     assert found["same"]
     assert found["complaint"] == 404
+
+
+DRIFT = """async (distance) => {
+  const { driftFigure } = await import('/workbench/js/ladder_figures.js');
+  const drawn = driftFigure({ joint_names: distance[0].map((_, k) => `joint ${k}`), after: [0.1], distance });
+  return drawn.querySelectorAll('line.grid').length;
+}"""
+
+
+@pytest.mark.parametrize("distance", [[4e-3, 5e-3, 6e-3, 7.5e-3], [6e-3, 7e-3, 8e-3], [3e-3], [1e-4, 0.5]])
+def test_an_axis_of_drifts_has_values_however_near_they_are_to_each_other(page: Any, distance: list[float]) -> None:
+    page.goto("/?view=new")
+    page.locator("#new-robot").wait_for()
+    assert 1 <= page.evaluate(DRIFT, [distance]) <= 12

@@ -17,11 +17,11 @@ from dynident.errors import DynidentError
 from dynident.export.feasible_links_and_joints import FeasibleLinks
 from dynident.export.randomisation import HELD_ROLES, ModelDistribution, TorqueDisturbance
 from dynident.identification import Identification
-from dynident.identification.estimators.identified_robot_simulator import build_simulator, read_pieces
+from dynident.identification.estimators.identified_robot_simulator import build_simulator
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
-from dynident.validation.open_loop_drift import simulate_open_loop
+from dynident.validation.open_loop_drift import read_driven_motions, simulate_open_loop
 
 # Correlation times in s to choose from, and the two lengths of blocks whose means it compares.
 _TIMES = np.geomspace(0.1, 10.0, 100)
@@ -142,7 +142,7 @@ def _simulate_drift(
 ) -> FloatArray:
     """Return how far (s, h, n) recorded positions are from the middle of simulated ones, in standard deviations."""
     projected, n = links.projected, len(distribution.disturbance.deviation)
-    motions = [piece for recording in recordings for piece in read_pieces(recording, projected.preprocessing)]
+    motions = read_driven_motions(projected, recordings)
     parameters = distribution.draw_base_parameters(DRAWS, seed=1)
     off = []
     for number, values in enumerate(parameters):

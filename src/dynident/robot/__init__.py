@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from dynident.robot.bundled_arms import library_names, library_source, library_table, robot_from_library
     from dynident.robot.collision_reader import CollisionGeometry, collision_geometry
     from dynident.robot.description_and_json import robot_from_description
-    from dynident.robot.forward_kinematics import compute_tool_jacobian, joint_frames, tool_path
+    from dynident.robot.forward_kinematics import compute_tool_jacobian, draw_unit_forces, joint_frames, tool_path
     from dynident.robot.joint import Joint
     from dynident.robot.limits_and_drives import Drive, Limits
     from dynident.robot.mjcf_reader import robot_from_mjcf
@@ -31,6 +31,7 @@ __all__ = [
     "collision_geometry",
     "compute_tool_jacobian",
     "coupling_matrix",
+    "draw_unit_forces",
     "joint_frames",
     "library_names",
     "library_source",

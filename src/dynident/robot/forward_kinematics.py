@@ -12,6 +12,9 @@ from dynident.robot.robot_model import Robot
 
 # Step of the numerical derivative in rad or m.
 _MOVE = 1e-6
+# Directions that a force at the tool is tried in; Jacobian (m/rad) below which it moves no joint; share of the largest
+# below which none is felt in a direction.
+_DIRECTIONS, _SMALL, _FLAT = 60, 1e-6, 1e-3
 
 
 def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:
@@ -141,6 +144,31 @@ def compute_tool_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
         step[joint] = _MOVE
         columns.append((tool_path(robot, q + step) - tool_path(robot, q - step)) / (2 * _MOVE))
     return np.stack(columns, axis=2)
+
+
+def draw_unit_forces(jacobian: FloatArray) -> FloatArray | None:
+    """Return directions of forces at the tool that some posture feels.
+
+    Parameters
+    ----------
+    jacobian : (m, 3, n)
+        Jacobians of the tool, as of `compute_tool_jacobian`.
+
+    Returns
+    -------
+    (m, d, 3) or None
+        Unit vectors; None where no joint feels any force.
+    """
+    left_vectors, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
+    largest = float(singular.max(initial=0.0))
+    if largest <= _SMALL:
+        return None
+    # A planar arm feels forces in its plane alone. Directions are drawn in the space that some posture feels at all, or
+    # a share of them would never show.
+    rank = int((singular.max(axis=0) > _FLAT * largest).sum())
+    directions = np.random.default_rng(0).normal(size=(_DIRECTIONS, rank))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    return np.asarray(np.einsum("mir,dr->mdi", left_vectors[:, :, :rank], directions))
 
 
 def project_wrench(robot: Robot, q: FloatArray, link: int, wrench: FloatArray, *, in_world: bool = False) -> FloatArray:

@@ -28,8 +28,9 @@ from dynident.simulation.virtual_robot_request import Sensors
 # Hz: links behind elastic gears do not follow what is faster.
 _ELASTIC_BAND = 25.0
 _ORDER = 3
-# Rounds in which the torque of the motors is recovered: a gain that is off by a half leaves less than a millionth.
-_RECOVERY_ROUNDS = 25
+# Rounds of Newton's method in which the torque of the motors is recovered, and share of the largest torque that may be
+# left: a gain needs one round.
+_RECOVERY_ROUNDS, _RECOVERED = 25, 1e-9
 # Place of the torque of the motors among the inputs of what sensors add.
 _MOTOR = 9
 
@@ -128,6 +129,11 @@ class SensorEffects:
             The torque that the sensors show.
         run : str
             Label of the run.
+
+        Raises
+        ------
+        DynidentError
+            Where no torque of the motors is found with which the sensors show this one.
         """
         t, torque = motion.t, tau
         if self.delay:
@@ -137,11 +143,21 @@ class SensorEffects:
         temperature = np.zeros_like(tau) if motion.temperature is None else motion.temperature
         inputs = self._list_inputs(t, Truth(motion.q, motion.dq, motion.ddq, tau), temperature, run)
         motor = torque
-        # What a sensor adds is a small share of the torque, so that each round leaves that share of the difference.
+        scale = float(np.abs(torque).max(initial=np.finfo(float).tiny))
+        # What a sensor adds to a joint's torque depends on the motor of that joint alone, so one slope a joint will do.
+        step = 1e-3 * scale
         for _ in range(_RECOVERY_ROUNDS):
-            inputs[_MOTOR] = motor
-            motor = torque - self.added(*inputs)
-        return motor
+            here, beside = (self.added(*inputs[:_MOTOR], at, *inputs[_MOTOR + 1 :]) for at in (motor, motor + step))
+            difference, slope = motor + here - torque, 1.0 + (beside - here) / step
+            # Where more torque shows as less, another torque of the motors shows the same.
+            if np.abs(difference).max(initial=0.0) <= _RECOVERED * scale and (slope > 0).all():
+                return motor
+            with np.errstate(all="ignore"):
+                motor = motor - difference / slope
+        raise DynidentError(
+            "no torque of the motors shows as the recorded one; an error of a drive is too large",
+            pointer="/effects",
+        )
 
     def _list_inputs(self, t: FloatArray, truth: Truth, temperature: FloatArray, run: str) -> list[FloatArray]:
         """Return the inputs of `added`, with the torque of `truth` as that of the motors."""

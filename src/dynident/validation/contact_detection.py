@@ -2,7 +2,7 @@
 
 Thresholds come from the observer's residual on held-out recordings, by joint, apart for joints that move slowly or have
 just done so and for three classes of speed: friction at reversals must not blunt the whole motion. Residuals are
-correlated in time, so the tail is told from the largest values of seconds, not from samples (Coles 2001, ch. 4).
+correlated in time, so the tail is estimated from the largest values of seconds, not of samples (Coles 2001, ch. 4).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
-from dynident.robot import Robot, compute_tool_jacobian
+from dynident.robot import Robot, compute_tool_jacobian, draw_unit_forces
 from dynident.validation.momentum_observer import (
     GAIN,
     WITHIN,
@@ -36,7 +36,7 @@ FALSE_ALARMS_AN_HOUR = 1.0
 """What a detector may cost: a cell that stops for nothing more than once an hour is switched off."""
 
 FEWEST_BLOCKS = 15
-"""Seconds of held-out motion, at least: from fewer largest values no tail is told."""
+"""Seconds of held-out motion, at least: from fewer largest values no tail is estimated."""
 
 SEEN = 0.95
 """Share of postures along the held-out motion and of directions in which the force that is stated shows."""
@@ -57,10 +57,8 @@ _SCALE = 0.99
 _TAIL, _FEWEST_PEAKS = 0.1, 5
 # Times the held-out motion over which one alarm is stated at most: further out, nothing has tested the tail.
 _FARTHEST = 20.0
-# Postures along the motion and directions in each that a force is tried in.
-_POSTURES, _DIRECTIONS = 200, 60
-# Jacobian (m/rad) below which a force moves no joint; share of the largest below which none is felt in a direction.
-_SMALL, _FLAT = 1e-6, 1e-3
+# Postures along the motion that a force is tried in.
+_POSTURES = 200
 WRONG_IN_SOME_MOTIONS = "The model is wrong in some of the recordings more than in the others."
 """What it means that the rate of false alarms is disproved."""
 
@@ -216,23 +214,32 @@ def fit_contact_detection(
     ContactDetection or None
         None where the motions are too short, or no joint feels a force at the tool.
     """
+    detection = _fit_thresholds(robot, runs, false_alarms_an_hour, gain)
+    if detection is None:
+        return None
+    force, at_rest = compute_contact_forces(robot, runs, detection)
+    if force is None:
+        return None
+    return replace(detection, force=force, force_at_rest=at_rest)
+
+
+def _fit_thresholds(
+    robot: Robot, runs: Sequence[Run], false_alarms_an_hour: float, gain: float = GAIN
+) -> ContactDetection | None:
+    """Return the thresholds without the force that they detect, which takes most of the time."""
     seconds = float(sum(len(run.residual) * period for run, period in runs))
     if seconds < FEWEST_BLOCKS:
         return None
     rate = max(false_alarms_an_hour, 3600.0 / (_FARTHEST * seconds))
     speeds = np.array([_split_speeds([run for run, _ in runs], joint) for joint in range(robot.n)])
-    # Every joint may cry out: each has its share of the false alarms.
+    # Each joint may raise an alarm, so each has its share of the false alarms.
     share = rate / 3600.0 * _BLOCK / max(int(np.sum(robot.has_torque)), 1)
     thresholds = np.full((robot.n, _SPEED_CLASSES + 1), np.inf)
     for joint in np.flatnonzero(robot.has_torque):
         thresholds[joint] = _compute_joint_thresholds(runs, speeds, int(joint), share)
-    detection = ContactDetection(
+    return ContactDetection(
         np.inf, WITHIN / gain, rate, gain, speeds, thresholds, seconds, requested=false_alarms_an_hour
     )
-    force, at_rest = compute_contact_forces(robot, runs, detection)
-    if force is None:
-        return None
-    return replace(detection, force=force, force_at_rest=at_rest)
 
 
 def _split_speeds(runs: Sequence[ObservedContacts], joint: int) -> FloatArray:
@@ -383,20 +390,6 @@ def _find_quantile(forces: Sequence[FloatArray]) -> float | None:
     return force if np.isfinite(force) else None
 
 
-def draw_unit_forces(jacobian: FloatArray) -> FloatArray | None:
-    """Return directions (m, d, 3) of forces at the tool that some posture feels; None where no joint feels any."""
-    left_vectors, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
-    largest = float(singular.max(initial=0.0))
-    if largest <= _SMALL:
-        return None
-    # A planar arm feels forces in its plane alone. Directions are drawn in the space that some posture feels at all, or
-    # a share of them would never show.
-    rank = int((singular.max(axis=0) > _FLAT * largest).sum())
-    directions = np.random.default_rng(0).normal(size=(_DIRECTIONS, rank))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    return np.asarray(np.einsum("mir,dr->mdi", left_vectors[:, :, :rank], directions))
-
-
 @dataclass(frozen=True, eq=False)
 class CollisionValidation:
     """Contact detection with a model: what held-out recordings state, tried on each of them in turn.
@@ -468,14 +461,21 @@ def validate_collision(
     _check_rate(false_alarms_per_hour)
     robot = identification.model.robot
     runs: list[list[Run]] = []
+    silent = set(robot.joints_without_torque)
+    lacking = [sorted(set(recording.joints_without_torque) - silent) for recording in recordings]
+    if lacking and all(lacking):
+        fewest = min(lacking, key=len)
+        reason = f"No recording has the torque of {', '.join(fewest)}, which the observer needs."
+        return CollisionValidation(None, 0, 0.0, ValidationOutcome("not_evaluated", reason))
     for k, recording in enumerate(recordings):
-        progress(k / (len(recordings) + 1), "observing the momentum")
+        progress(k / (2 * len(recordings)), "observing the momentum")
         runs.append(observe_recording(identification, recording))
     contact = fit_contact_detection(robot, [run for own in runs for run in own], false_alarms_per_hour)
     alarms, expected = 0, 0.0
     for k, left_out in enumerate(runs):
+        progress((len(runs) + k) / (2 * len(runs)), "counting false alarms")
         others = [run for own in (*runs[:k], *runs[k + 1 :]) for run in own]
-        detection = fit_contact_detection(robot, others, false_alarms_per_hour)
+        detection = _fit_thresholds(robot, others, false_alarms_per_hour)
         if detection is not None:
             alarms += sum(detection.count_alarms(*run) for run in left_out)
             seconds = sum(len(run.residual) * period for run, period in left_out)

@@ -127,6 +127,10 @@ class MomentumObserver:
                 raise DynidentError(
                     f"{name} has the shape {values.shape}; give (m, {n}), a value a joint", pointer=name
                 )
+        if q.shape != tau.shape or not len(q):
+            raise DynidentError(
+                f"q has {len(q)} samples and tau {len(tau)}; give as many of both, at least one", pointer="tau"
+            )
         # Backward differences, y - y' = T w (x - y), which are stable for every period.
         rate, gain = self.period * SMOOTHING * self.gain, self.period * self.gain
         smoothing, smooth_pole, residual_pole = rate / (1 + rate), 1 / (1 + rate), 1 / (1 + gain)
@@ -171,6 +175,9 @@ Run = tuple[ObservedContacts, float]
 def observe_recording(identification: Identification, recording: Recording, gain: float = GAIN) -> list[Run]:
     """Return the residual along every unbroken piece of a recording, without its beginning.
 
+    There is none of a recording that lacks the torque of a joint of the model: it is stored as 0, which would look like
+    a contact that lasts.
+
     Parameters
     ----------
     identification : Identification
@@ -180,6 +187,8 @@ def observe_recording(identification: Identification, recording: Recording, gain
     gain : float
         Bandwidth of the observer in 1/s.
     """
+    if set(recording.joints_without_torque) - set(identification.model.robot.joints_without_torque):
+        return []
     # The observer has filters of its own, which see no future samples.
     raw = replace(identification.preprocessing, position_cutoff=None)
     observer = MomentumObserver(identification, 1.0 / recording.sampling_rate, gain)

@@ -127,11 +127,12 @@ def compute_open_loop_drift(
     Raises
     ------
     DynidentError
-        Where no robot can have the identified parameters, or no recording has a motion to follow.
+        Where no robot can have the identified parameters, no recording has a motion to follow or the torque of every
+        joint, or a horizon is not above 0.
     """
     after = tuple(sorted(set(horizons)))
+    motions = read_driven_motions(identification, recordings)
     simulator = build_simulator(identification.model, identification.values)
-    motions = [piece for recording in recordings for piece in read_pieces(recording, identification.preprocessing)]
     drift = simulate_from_many_starts(simulator, motions, after, progress)
     if drift is None:
         raise DynidentError(
@@ -140,6 +141,55 @@ def compute_open_loop_drift(
             title="Too short",
         )
     return drift
+
+
+def find_unknown_torque(identification: Identification, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Return the joints whose torque is unknown in each of the recordings; none where one has the torque of all.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recordings : sequence of Recording
+        The recordings.
+    """
+    known = identification.model.robot.joints_without_torque
+    if known or not recordings:
+        return known
+    return min((recording.joints_without_torque for recording in recordings), key=len)
+
+
+def describe_unknown_torque(joints: Sequence[str]) -> str:
+    """Describe why nothing is simulated under the measured torque, in a sentence.
+
+    Parameters
+    ----------
+    joints : sequence of str
+        Names of the joints whose torque is unknown.
+    """
+    return f"No recording has the torque of {', '.join(joints)}, which a simulation without a controller needs."
+
+
+def read_driven_motions(identification: Identification, recordings: Sequence[Recording]) -> list[RecordedMotion]:
+    """Read the motions of the recordings that have the torque of every joint.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recordings : sequence of Recording
+        Recordings of the same robot. Those that lack the torque of a joint are left out: it is stored as 0.
+
+    Raises
+    ------
+    DynidentError
+        Where none has the torque of every joint.
+    """
+    unknown = find_unknown_torque(identification, recordings)
+    if unknown:
+        raise DynidentError(describe_unknown_torque(unknown).rstrip("."), title="No torque")
+    complete = [recording for recording in recordings if not recording.joints_without_torque]
+    return [piece for recording in complete for piece in read_pieces(recording, identification.preprocessing)]
 
 
 def simulate_from_many_starts(
@@ -176,22 +226,30 @@ def simulate_open_loop(
     motions : sequence of RecordedMotion
         Recorded motions with their torque.
     horizons : tuple of float
-        Seconds of simulation after which the drift is given.
+        Seconds of simulation after which the drift is given, in any order.
     most : int
         Most starts.
     progress : Progress
         Called with the fraction done and a message.
+
+    Raises
+    ------
+    DynidentError
+        For no horizons, or one that is not above 0.
     """
+    if not horizons or not all(np.isfinite(horizon) and horizon > 0 for horizon in horizons):
+        raise DynidentError(f"horizons is {tuple(horizons)}; give numbers above 0", pointer="/horizons")
+    ascending, columns = np.unique(horizons, return_inverse=True)
     sensing = simulator.robot.sensing
     driven = [replace(m, tau=sensing.recover_motor_torque(m.reference, m.tau, m.label)) for m in motions]
-    starts = choose_drift_starts(driven, horizons, most)
+    starts = choose_drift_starts(driven, tuple(ascending), most)
     outcomes: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for motion, start in starts:
         progress(len(outcomes) / len(starts), "simulating without a controller")
-        outcomes.append(_simulate_without_control(simulator, motion, start, horizons))
+        outcomes.append(_simulate_without_control(simulator, motion, start, tuple(ascending)))
     if not outcomes:
         return None
-    position, velocity, way = (np.array(values) for values in zip(*outcomes, strict=True))
+    position, velocity, way = (np.array(values)[:, columns] for values in zip(*outcomes, strict=True))
     return position, velocity, way
 
 
@@ -263,7 +321,7 @@ class DriftValidation:
     Parameters
     ----------
     drift : Drift or None
-        The drift; None where no robot can have the identified parameters.
+        The drift; None where no robot can have the identified parameters, or the torque of a joint is unknown.
     judged : ValidationOutcome
         Whether the drift is small enough for a simulation, and the reason.
     """
@@ -306,6 +364,9 @@ def validate_drift(
     if impossible:
         reason = f"No physical robot can have the identified parameters: {impossible}."
         return DriftValidation(None, ValidationOutcome("fail", reason))
+    unknown = find_unknown_torque(identification, recordings)
+    if unknown:
+        return DriftValidation(None, ValidationOutcome("not_evaluated", describe_unknown_torque(unknown)))
     drift = compute_open_loop_drift(identification, recordings, horizons, progress)
     return DriftValidation(drift, judge_drift(drift))
 

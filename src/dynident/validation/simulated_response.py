@@ -6,6 +6,7 @@ it. So the drift without a controller counts as well.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,8 @@ from dynident.recordings.joint_phases import SLOW
 from dynident.schema.fields import check_value
 from dynident.validation.open_loop_drift import (
     Drift,
+    describe_unknown_torque,
+    find_unknown_torque,
     judge_drift,
     name_impossible_parameters,
     simulate_from_many_starts,
@@ -137,8 +140,9 @@ def validate_simulation(
     # A joint that hardly moves has no range to be off by: its share would be noise over nearly zero.
     share = np.where(np.ptp(motion.reference.q, axis=0) > 1e-3, position / span, 0.0)
     progress(0.6, "simulating without a controller")
-    drift = simulate_from_many_starts(simulator, [motion])
-    judged = _judge_response(identification, motion, errors, drift, limit)
+    unknown = find_unknown_torque(identification, [recording])
+    drift = None if unknown else simulate_from_many_starts(simulator, [motion])
+    judged = _judge_response(identification, motion, errors, drift, unknown, limit)
     return SimulationValidation(recording.name, duration, errors, position, share, drift, limit, judged)
 
 
@@ -167,7 +171,12 @@ def _compute_torque_errors(
 
 
 def _judge_response(
-    identification: Identification, motion: RecordedMotion, errors: Errors | None, drift: Drift | None, limit: float
+    identification: Identification,
+    motion: RecordedMotion,
+    errors: Errors | None,
+    drift: Drift | None,
+    unknown: Sequence[str],
+    limit: float,
 ) -> ValidationOutcome:
     if errors is None:
         return ValidationOutcome(
@@ -192,6 +201,8 @@ def _judge_response(
         return ValidationOutcome(
             "fail", f"{text}, and above {format_percent(LARGEST_OF_JOINT, decimals=0)} on {', '.join(useless)}."
         )
+    if unknown:
+        return ValidationOutcome("not_evaluated", f"{text}. {describe_unknown_torque(unknown)}")
     if drift is None or np.isnan(drift.worst_share):
         return ValidationOutcome("not_evaluated", f"{text}. The motion is too short to be simulated without control.")
     judged = judge_drift(drift)

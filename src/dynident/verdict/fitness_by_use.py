@@ -29,7 +29,12 @@ from dynident.validation.contact_detection import (
     WRONG_IN_SOME_MOTIONS,
     CollisionValidation,
 )
-from dynident.validation.open_loop_drift import Drift, compute_open_loop_drift
+from dynident.validation.open_loop_drift import (
+    Drift,
+    compute_open_loop_drift,
+    describe_unknown_torque,
+    find_unknown_torque,
+)
 from dynident.verdict.held_out_evidence import HeldOutEvidence
 
 UseName = Literal["simulation", "feed_forward", "collision_detection", "payload"]
@@ -168,7 +173,9 @@ def combine_findings(name: UseName, findings: Sequence[UseFinding], when_good: N
 
 
 _FORCE_THAT_COUNTS = "The limit that counts is that of your risk assessment."
-_LONGER = NextStep(f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that carry the tool.")
+_LONGER = NextStep(
+    f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that carry the tool, with their torque."
+)
 
 
 def judge_collision_detection(
@@ -197,8 +204,7 @@ def judge_collision_detection(
         sentence = "The threshold can only be computed from the held-out recordings."
         return [*findings, UseFinding("not_judged", sentence, GIVE_RECORDINGS)]
     if collision.contact is None:
-        sentence = "The held-out data are too short to determine a threshold."
-        return [*findings, UseFinding("not_judged", sentence, _LONGER)]
+        return [*findings, UseFinding("not_judged", collision.judged.reason, _LONGER)]
     least, figures = collision.contact.force, collision.contact.describe()
     if collision.is_disproved:
         figures = collision.describe()
@@ -253,6 +259,10 @@ def judge_simulation(evidence: HeldOutEvidence, drift: Drift | None) -> list[Use
     findings = [*_judge_bodies(evidence), *_judge_mass_matrix(evidence)]
     if drift is not None:
         return [*findings, _judge_drift(drift)]
+    unknown = find_unknown_torque(evidence.identification, evidence.recordings)
+    if unknown and evidence.recordings:
+        record = NextStep(f"Record the torque of {', '.join(unknown)}, too.")
+        return [*findings, UseFinding("not_judged", describe_unknown_torque(unknown), record)]
     if evidence.recordings:
         sentence = "A simulation with these parameters fails at the first step along the held-out motion."
         return [*findings, UseFinding("no", sentence, CURE)]

@@ -16,14 +16,13 @@ from dynident.estimation.parameter_covariance import NORMAL_95
 from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase
-from dynident.robot import Robot, compute_tool_jacobian, tool_path
+from dynident.robot import Robot, compute_tool_jacobian, draw_unit_forces, tool_path
 from dynident.validation import ValidationOutcome
 from dynident.validation.contact_detection import (
     FALSE_ALARMS_AN_HOUR,
     FEWEST_BLOCKS,
     SEEN,
     compute_threshold,
-    draw_unit_forces,
 )
 
 LONGEST = 600.0
@@ -36,7 +35,7 @@ FEWEST_ROWS = 10
 _BLOCK = 1.0
 # Postures along the motion that a force is tried in.
 _POSTURES = 60
-# Lift (1/N) below which no force is told.
+# Lift (1/N) below which no force is stated.
 _SMALL_LIFT = 1e-12
 # Step of the numerical second derivative in s.
 _TIME = 1e-3
@@ -277,7 +276,7 @@ def compute_detectable_force(robot: Robot, comparisons: Sequence[Comparison]) ->
     """
     blocks = [_BlockMaxima.from_comparison(comparison) for comparison in comparisons]
     seconds = _BLOCK * sum(len(block.maxima) for block in blocks)
-    # Every joint may cry out: each has its share of the false alarms.
+    # Each joint may raise an alarm, so each has its share of the false alarms.
     share = FALSE_ALARMS_AN_HOUR / 3600.0 * _BLOCK / robot.n
     # Static friction hides what pushes a joint that stands: only seconds in which it moves tell.
     moving = [[block.maxima[block.moves[:, j], j] for block in blocks] for j in range(robot.n)]

@@ -50,8 +50,8 @@ TESTS: Mapping[UseName, str] = {
     "simulation": "Can bodies have these parameters, and how far does a simulated robot drift from held-out motions "
     "under the measured torque, without a controller?",
     "feed_forward": "How large is the held-out residual while joints move, at reversals, and at starts and stops?",
-    "collision_detection": "Which force at the tool does a momentum observer detect, and how fast, with one false "
-    "alarm an hour?",
+    "collision_detection": "Which force at the tool does a momentum observer detect, and how fast, with how many "
+    "false alarms an hour?",
     "payload": "Was a known load weighed rightly, and which mass at the tool shows along the held-out motion?",
 }
 """What each use is judged by."""

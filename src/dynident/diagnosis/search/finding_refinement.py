@@ -346,9 +346,8 @@ def refine_findings(
         impossible = lean.find_impossible()
         if impossible:
             dropped.update(
-                (findings[i].judged.candidate, reason)
+                (replace(findings[i].judged.candidate, joints=joints), reason)
                 for i, (reason, joints) in impossible.items()
-                if len(joints) == len(choices[i].joints)
             )
             findings, choices = _rename_findings(
                 findings, choices, {i: joints for i, (_, joints) in impossible.items()}
@@ -388,7 +387,13 @@ def _rename_findings(
         possible = tuple(joint for joint in choice.joints if joint not in impossible[i])
         if possible:
             renamed.append((finding, replace(choice, joints=possible)))
-        others = [scored for scored in finding.equal if scored.candidate.effect != choice.effect]
+        # A name for some joints of a group alone has to be one that the data gave to these joints.
+        others = [
+            scored
+            for scored in finding.equal
+            if scored.candidate.effect != choice.effect
+            and (not possible or set(impossible[i]) <= set(scored.candidate.joints))
+        ]
         if others:
             new = Finding(replace(others[0], p=finding.p), tuple(others[1:]), finding.p)
             other = new.judged.candidate.choice

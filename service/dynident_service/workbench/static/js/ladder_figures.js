@@ -51,10 +51,11 @@ export function driftFigure({ joint_names: joints, after, distance }) {
   const values = distance.flat().filter((value) => value > 0).map((value) => 1e3 * value);
   if (!values.length) return null;
   const [low, high] = [Math.log10(Math.min(...values)), Math.log10(Math.max(...values))];
-  const margin = 0.06 * (high - low) + 0.05;
+  // Two and a half times from end to end at least, so that one of the ticks 1, 2, 5, 10, … lies inside.
+  const margin = Math.max(0.06 * (high - low) + 0.05, (0.4 - (high - low)) / 2);
   const x = (k) => room.left + ((k + 0.5) / after.length) * (width - room.left - room.right);
   const y = (value) => height - room.bottom - ((Math.log10(value) - low + margin) / (high - low + 2 * margin)) * (height - room.top - room.bottom);
-  const ticks = Array.from({ length: 12 }, (_, k) => 10 ** (Math.floor(low) + Math.floor(k / 2)) * [1, 3][k % 2]).filter((value) => y(value) <= height - room.bottom && y(value) >= room.top);
+  const ticks = Array.from({ length: 24 }, (_, k) => 10 ** (Math.floor(low - margin) + Math.floor(k / 3)) * [1, 2, 5][k % 3]).filter((value) => y(value) <= height - room.bottom && y(value) >= room.top);
   const lines = joints.map((joint, j) => {
     const points = after.map((_, k) => [k, distance[k][j]]).filter(([, value]) => value > 0).map(([k, value]) => [x(k), y(1e3 * value)]);
     const stroke = JOINT_COLOURS[j % JOINT_COLOURS.length];
