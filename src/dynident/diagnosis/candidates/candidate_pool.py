@@ -367,6 +367,13 @@ def find_places(effect: Effect, robot: Robot) -> tuple[int, ...]:
     """Return the joints of the tree that an effect is tried on; on those that follow others it is friction alone.
 
     A joint that turns so many times as far as a driven one has the same friction for all that can be seen.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    robot : Robot
+        The robot.
     """
     possible, linkage = list_possible_joints(effect, robot.tree), robot.linkage
     if linkage is None or effect.in_some_runs:
