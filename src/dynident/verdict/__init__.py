@@ -1,8 +1,13 @@
-"""Verdicts: what a model is fit for, what not, and what to do next."""
+"""Verdicts: what a model is fit for, what not, and what to do next.
+
+The observer of contacts is of `dynident.validation`; its names can still be imported from here.
+"""
 
 from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlaps
-from dynident.validation.contact_detection import ContactDetection, calibrate_contact_detection
-from dynident.validation.momentum_observer import MomentumObserver, ObservedContacts
+from dynident.validation.contact_detection import ContactDetection as ContactDetection
+from dynident.validation.contact_detection import calibrate_contact_detection
+from dynident.validation.momentum_observer import MomentumObserver as MomentumObserver
+from dynident.validation.momentum_observer import ObservedContacts as ObservedContacts
 from dynident.verdict.fitness_by_use import MARKS, Action, NextStep, State, Use, UseName
 from dynident.verdict.held_out_evidence import DetectableForce, Outcome
 from dynident.verdict.model_verdict import ModelVerdict, explain_stop, is_stopped, verdict
@@ -11,13 +16,10 @@ from dynident.verdict.stop_cause import Stop
 __all__ = [
     "MARKS",
     "Action",
-    "ContactDetection",
     "DataOverlap",
     "DetectableForce",
     "ModelVerdict",
-    "MomentumObserver",
     "NextStep",
-    "ObservedContacts",
     "Outcome",
     "State",
     "Stop",
