@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,7 +79,9 @@ class Lab:
     def found(self, services: Services, **changed: Any) -> dict[str, Any]:
         """What the job finds, computed here: a worker takes its time to start."""
         made = self.asked(**changed)
-        made.cancel()
+        # A worker may have been fast: then there is nothing to cancel.
+        with suppress(ProblemError):
+            made.cancel()
         stored = services.resources.get("drive_gains", made.id)
         return dict(
             find_gains(Task(stored, {}, services.resources, services.objects, ObjectCache(), ignore_progress)).result
