@@ -275,6 +275,7 @@ def test_a_campaign_for_an_effect_finds_it_or_rules_it_out():
     for hidden in ("", "stribeck"):
         state = run_to_the_end(request, hidden)
         assert state.decision.code == "reached"
+        assert state.decision.sentence.startswith("The goal is reached: stribeck")
         found = {choice.effect for choice in state.identification.model.effects}
         assert ("stribeck" in found) == bool(hidden)
 

@@ -411,6 +411,10 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
         )
     worst = int(np.argmax(run.errors))
     reached = _word_error(state.request.goal, names[worst], float(run.errors[worst]))
+    # Of effects there is no error to be stated: each is found, or ruled out at its usual size.
+    is_of_effects = state.request.goal == "effects"
+    aim = "The goal" if is_of_effects else f"The goal of {format_percent(goal)}"
+    stand = reached if is_of_effects else f"Error: {reached}"
     remarks = _describe_promise(run, names)
     design = state.request.design
     duration = compute_planned_seconds(design) if planned is None else planned.design.duration
@@ -418,9 +422,9 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
     if run.is_changed and has_time:
         count = format_count(len(run.added), "effect") if run.added else "no effect"
         words = f"The diagnosis of all runs now adds {count}, unlike before; the next run tests the model."
-        return Decision("next_run", f"{words} Error: {reached}.{remarks}")
+        return Decision("next_run", f"{words} {stand}.{remarks}")
     if (run.errors <= goal).all() and len(state.runs) >= FEWEST_RUNS:
-        return Decision("reached", f"The goal of {format_percent(goal)} is reached: {reached}.{remarks}")
+        return Decision("reached", f"{aim} is reached: {reached}.{remarks}")
     if (run.errors <= goal).all() and has_time:
         return Decision("next_run", f"The goal seems reached ({reached}); another run has to confirm it.{remarks}")
     lacking = int(np.argmax(run.lacking))
@@ -431,13 +435,13 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
             f"no effect of the catalogue explains; more runs do not reach {format_percent(goal)}.{remarks}",
         )
     if not has_time:
-        larger = "" if state.request.goal == "effects" else " or a larger error"
+        larger = "" if is_of_effects else " or a larger error"
         spent = (
             f"All {format_count(len(state.runs), 'run')} are made"
             if len(state.runs) >= state.request.runs
             else f"Less than one run is left of {state.request.minutes:g} min"
         )
-        return Decision("out_of_time", f"{spent}; error: {reached}. Give more{larger}.{remarks}")
+        return Decision("out_of_time", f"{spent}. {stand}. Give more{larger}.{remarks}")
     if planned is not None and measure is not None and len(state.runs) >= FEWEST_RUNS:
         at_end = _predict_end(state, measure, planned)
         if (at_end > _BROKEN_PROMISE * goal).any():
@@ -448,7 +452,8 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
                 f"{format_percent(goal)}; now it is {reached}. Give more minutes, wider limits or a larger error."
                 f"{remarks}",
             )
-    return Decision("next_run", f"Error: {reached}; the goal is {format_percent(goal)}.{remarks}")
+    wanted = "its usual size has to show" if is_of_effects else f"the goal is {format_percent(goal)}"
+    return Decision("next_run", f"{stand}; {wanted}.{remarks}")
 
 
 def _word_error(goal: str, name: str, error: float) -> str:
