@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from scipy.interpolate import CubicSpline
+import scipy
 
 from dynident.effects.effect_columns import check_shape_constants, find_joints
 from dynident.errors import DynidentError
@@ -48,7 +48,7 @@ def samples_to_reference(samples: wire.Samples) -> Reference:
         detail = "t must increase and have one row of q each, at least four, so that dq and ddq can be computed from q"
         raise DynidentError(detail, pointer="/trajectory/t", title="Unusable trajectory")
     # A cubic has a continuous acceleration, which the torque needs.
-    spline = CubicSpline(t, q)
+    spline = scipy.interpolate.CubicSpline(t, q)
     dq = spline(t, 1) if samples.dq is None else _to_matrix(samples.dq, "dq")
     return Reference(t, q, dq, spline(t, 2) if samples.ddq is None else _to_matrix(samples.ddq, "ddq"))
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy import stats
-from scipy.spatial import cKDTree
+import scipy
 
 from dynident.advice.campaign_request import CampaignRequest
 from dynident.array_types import FloatArray, IndexArray
@@ -77,7 +76,7 @@ class ParameterErrors:
         """Return the half-widths (k,) of the 95 % intervals over the values, with each one's own freedom."""
         deviations = np.sqrt(np.maximum(np.diag(covariance)[self.indices], 0.0))
         sizes = np.maximum(np.abs(self.values), np.finfo(float).tiny)
-        return np.asarray(stats.t.ppf(0.5 + CONFIDENCE / 2, self.freedom) * deviations / sizes)
+        return np.asarray(scipy.stats.t.ppf(0.5 + CONFIDENCE / 2, self.freedom) * deviations / sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +268,7 @@ def follows_design(recording: Recording, design: Design) -> bool:
     recorded = collect_region([recording])
     travel = np.maximum(np.ptp(design.q, axis=0), np.finfo(float).tiny)
     planned = design.q[:: max(1, len(design.q) // _PLANNED_SAMPLES)]
-    tree = cKDTree(planned / travel)
+    tree = scipy.spatial.cKDTree(planned / travel)
     distances, _ = tree.query(recorded.q / travel, p=np.inf)
     if np.mean(distances <= _NEAR) < _ON_PATH:
         return False

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import clarabel
 import numpy as np
-from scipy import sparse
+import scipy
 
 from dynident.array_types import FloatArray, IndexArray
 from dynident.errors import DynidentError
@@ -145,13 +145,13 @@ class _Problem:
         """Return the solution x (c,)."""
         r, c = self.factor.shape
         # The residual as a variable of its own: factorᵀfactor would square the condition number.
-        quadratic = sparse.diags(np.concatenate([np.zeros(c), np.ones(r)]), format="csc")
+        quadratic = scipy.sparse.diags(np.concatenate([np.zeros(c), np.ones(r)]), format="csc")
         rows, rights, cones = self._build_rows()
         # A strict tolerance first. Where rounding prevents it, a looser one still gives far more digits than the data
         # have.
         for tolerance in _TOLERANCES:
             answer = clarabel.DefaultSolver(
-                quadratic, np.zeros(c + r), sparse.csc_matrix(rows), rights, cones, _build_settings(tolerance)
+                quadratic, np.zeros(c + r), scipy.sparse.csc_matrix(rows), rights, cones, _build_settings(tolerance)
             ).solve()
             status = str(answer.status)
             if status in _SOLVED or status in _INFEASIBLE:

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
+import scipy
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
@@ -320,9 +319,9 @@ def _find_shortest_path(postures: FloatArray, bounds: Bounds) -> list[FloatArray
     looks = first + _LOOKS[:, None, None] * (last - first)
     slack = bounds.space.compute_least_slack(looks.reshape(-1, postures.shape[1])).reshape(len(_LOOKS), -1).min(axis=0)
     clear = legs[slack >= 0]
-    graph = csr_array((lengths[clear[:, 0], clear[:, 1]], (clear[:, 0], clear[:, 1])), shape=lengths.shape)
+    graph = scipy.sparse.csr_array((lengths[clear[:, 0], clear[:, 1]], (clear[:, 0], clear[:, 1])), shape=lengths.shape)
     # Undirected: a leg that is clear one way is clear the other way.
-    distances, before = dijkstra(graph, directed=False, indices=[0], return_predecessors=True)
+    distances, before = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=[0], return_predecessors=True)
     if not np.isfinite(distances[0, 1]):
         return None
     stations = [1]

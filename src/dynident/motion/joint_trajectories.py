@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy.interpolate import BSpline
+import scipy
 from scipy.linalg import null_space, solve_triangular
 
 from dynident.array_types import FloatArray
@@ -76,7 +76,7 @@ class BSplineFamily:
         return replace(self, period=period)
 
     @cached_property
-    def _splines(self) -> tuple[BSpline, ...]:
+    def _splines(self) -> tuple[scipy.interpolate.BSpline, ...]:
         """Shapes (m - 1) over u = t / period from 0 to 1, and their four derivatives."""
         ends = (np.zeros(DEGREE), np.linspace(0.0, 1.0, self.intervals + 1), np.ones(DEGREE))
         # Clamped: with end knots of full multiplicity the curve begins and ends at its outermost control points.
@@ -86,12 +86,12 @@ class BSplineFamily:
         control = np.eye(self.intervals + DEGREE)[:, 3:-3]
         # The integral of a B-spline is the width of its support over its degree plus one.
         means = (knots[DEGREE + 1 :] - knots[: -DEGREE - 1])[3:-3] / (DEGREE + 1)
-        plain = BSpline(knots, control - means, DEGREE)
+        plain = scipy.interpolate.BSpline(knots, control - means, DEGREE)
         velocity = plain.derivative()(self._nodes[0])
         gram = (velocity * self._nodes[1][:, None]).T @ velocity / _MEAN_SQUARE
         # Gram-Schmidt on the velocities, by the Cholesky factor of their inner products.
         lower = np.linalg.cholesky(gram)
-        shapes = BSpline(knots, solve_triangular(lower, (control - means).T, lower=True).T, DEGREE)
+        shapes = scipy.interpolate.BSpline(knots, solve_triangular(lower, (control - means).T, lower=True).T, DEGREE)
         return tuple(shapes.derivative(order) if order else shapes for order in range(5))
 
     @property

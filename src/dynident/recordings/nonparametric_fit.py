@@ -14,7 +14,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.errors import DynidentError
@@ -49,13 +49,13 @@ class Shiftable(NamedTuple):
 
     Parameters
     ----------
-    torque : CubicSpline
+    torque : scipy.interpolate.CubicSpline
         Torques of all joints over time.
     t : (m,)
         Times of its rows in s.
     """
 
-    torque: CubicSpline
+    torque: scipy.interpolate.CubicSpline
     t: FloatArray
 
 
@@ -394,7 +394,10 @@ def _arrange_evidence(runs: list[FilteredRows], n: int, moving: BoolArray, resol
     """Return the evidence in filtered rows; the ends, at which torque could not be shifted, are left out."""
     inside = [run.used & (run.t >= run.t[0] + SPAN) & (run.t <= run.t[-1] - SPAN) for run in runs]
     values = np.concatenate([run.values[keep] for run, keep in zip(runs, inside, strict=True)])
-    series = [Shiftable(CubicSpline(r.t, r.values[:, -n:]), r.t[keep]) for r, keep in zip(runs, inside, strict=True)]
+    series = [
+        Shiftable(scipy.interpolate.CubicSpline(r.t, r.values[:, -n:]), r.t[keep])
+        for r, keep in zip(runs, inside, strict=True)
+    ]
     # The last six groups of n columns, in the order of `_build_columns`; q̈ stays with the smooth ones.
     borders = values.shape[1] - n * np.array([6, 5, 4, 3, 2, 1])
     smooth, speed, rounded, sign, reversal, rests, tau = np.split(values, borders, axis=1)
@@ -421,7 +424,7 @@ def _evaluate_at_shifts(evidence: TorqueEvidence, joint: int, shifts: FloatArray
     """Return a joint's torque at its rows' times plus every shift (r, len(shifts))."""
     parts = []
     for run in evidence.series:
-        own = CubicSpline.construct_fast(run.torque.c[:, :, joint], run.torque.x)
+        own = scipy.interpolate.CubicSpline.construct_fast(run.torque.c[:, :, joint], run.torque.x)
         parts.append(own(run.t[:, None] + shifts))
     return np.concatenate(parts)
 

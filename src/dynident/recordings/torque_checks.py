@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.errors import Remedy
@@ -234,7 +234,7 @@ def _check_order(recording: Recording, evidence: TorqueEvidence, layout: Layout,
     # friction from deciding for all others.
     certainty = np.log(shares + LEAST_OWNED)
     # The order of all torques together that explains them best: joint by joint, one torque could be given away twice.
-    owner = linear_sum_assignment(-certainty)[1].astype(np.int64)
+    owner = scipy.optimize.linear_sum_assignment(-certainty)[1].astype(np.int64)
     swapped = [
         joint
         for joint in range(n)

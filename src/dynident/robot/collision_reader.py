@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
@@ -144,10 +144,14 @@ def read_origin(element: Element, owner: str) -> FloatArray:
     if "xyz" in origin.attributes:
         placement[:3, 3] = _read_numbers(origin, "xyz", owner, 3)
     if "quat_xyzw" in origin.attributes:
-        placement[:3, :3] = Rotation.from_quat(_read_numbers(origin, "quat_xyzw", owner, 4)).as_matrix()
+        placement[:3, :3] = scipy.spatial.transform.Rotation.from_quat(
+            _read_numbers(origin, "quat_xyzw", owner, 4)
+        ).as_matrix()
     # Roll, pitch and yaw turn about fixed axes, x first: what SciPy writes in lower case.
     elif "rpy" in origin.attributes:
-        placement[:3, :3] = Rotation.from_euler("xyz", _read_numbers(origin, "rpy", owner, 3)).as_matrix()
+        placement[:3, :3] = scipy.spatial.transform.Rotation.from_euler(
+            "xyz", _read_numbers(origin, "rpy", owner, 3)
+        ).as_matrix()
     return placement
 
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
@@ -390,8 +390,8 @@ def _intersect_edges(points: FloatArray, along: FloatArray, edges: NDArray[np.in
 def _hull_corners(points: FloatArray) -> FloatArray:
     """Return the corners of the convex hull, or all points if they are flat."""
     try:
-        corners: FloatArray = points[ConvexHull(points).vertices]
-    except QhullError:
+        corners: FloatArray = points[scipy.spatial.ConvexHull(points).vertices]
+    except scipy.spatial.QhullError:
         return points
     return corners
 

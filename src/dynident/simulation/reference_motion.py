@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+import scipy
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
@@ -71,8 +71,8 @@ class ReferencePath:
         self._reference = reference
         # Position and velocity are interpolated separately: the derivative of a cubic through q and dq would not meet
         # the given accelerations.
-        self._q = CubicHermiteSpline(reference.t, reference.q, reference.dq)
-        self._dq = CubicHermiteSpline(reference.t, reference.dq, reference.ddq)
+        self._q = scipy.interpolate.CubicHermiteSpline(reference.t, reference.q, reference.dq)
+        self._dq = scipy.interpolate.CubicHermiteSpline(reference.t, reference.dq, reference.ddq)
 
     def evaluate(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return position, velocity and acceleration, each (k, n), at times t (k,)."""
@@ -158,7 +158,7 @@ def read_reference(path: Path, robot: Robot) -> Reference:
     t, q = _read_column(table, "t", path), _read_signal(table, "q", robot, path)
     if len(t) < 4 or not np.all(np.diff(t) > 0):
         raise DynidentError("t must increase and have at least four rows", pointer=f"{path}: t", title=_TITLE)
-    spline = CubicSpline(t, q)
+    spline = scipy.interpolate.CubicSpline(t, q)
     derivatives = []
     for order, kind in enumerate(("dq", "ddq"), start=1):
         # Of all joints or of none: a spline for some of them would not fit the others.

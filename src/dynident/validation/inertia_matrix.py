@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from dynident.array_types import FloatArray
 from dynident.effects import get_effect
@@ -137,7 +137,7 @@ class _PostureSearch:
 
     def descend(self, start: FloatArray, low: FloatArray, high: FloatArray) -> None:
         """Go from a posture to a local minimum of the smallest eigenvalue."""
-        minimize(
+        scipy.optimize.minimize(
             self._value_and_gradient,
             start,
             jac=True,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
+import scipy
 from scipy.linalg import cho_factor, cho_solve
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
@@ -115,10 +115,10 @@ class Amplitudes:
         return np.concatenate([own.ravel() for own in self.each])
 
     @cached_property
-    def _mixing(self) -> sparse.csr_array:
+    def _mixing(self) -> scipy.sparse.csr_array:
         """Matrix (g, c) that combines all columns into one for each candidate, portion by portion."""
         columns, ends = _list_entries(self.portions)
-        return sparse.csr_array((self.values, columns, ends), shape=(len(ends) - 1, self.projection.shape[1]))
+        return scipy.sparse.csr_array((self.values, columns, ends), shape=(len(ends) - 1, self.projection.shape[1]))
 
 
 def _list_entries(portions: Sequence[Batch]) -> tuple[IndexArray, IndexArray]:
@@ -182,7 +182,7 @@ class OwnColumns:
         if len(self.candidates) == 1:
             return np.asarray(values @ x[self.columns])[None]
         shape = len(self.candidates), self.count
-        return np.asarray(sparse.csr_array((values, self.columns, self.ends), shape=shape) @ x)
+        return np.asarray(scipy.sparse.csr_array((values, self.columns, self.ends), shape=shape) @ x)
 
 
 # Ridge on the model's equations with unit columns, on those of a candidate, and share of the largest eigenvalue below

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from scipy import special
-from scipy.interpolate import make_interp_spline
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
@@ -331,6 +331,6 @@ def _pair_repetition(
     n = len(comparison.joint_names)
     signals = np.hstack([comparison.measured, comparison.counted_residual])
     # The next pass is sampled at other instants, so its signals are interpolated at those of the first.
-    there = make_interp_spline(b.t, signals[b.first : b.first + len(b.t)], _DEGREE)(later)
+    there = scipy.interpolate.make_interp_spline(b.t, signals[b.first : b.first + len(b.t)], _DEGREE)(later)
     here = signals[a.first + rows]
     return (here[:, :n], there[:, :n]), (here[:, n:], there[:, n:])

@@ -11,8 +11,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from scipy import fft
-from scipy.interpolate import BSpline, make_interp_spline
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.recordings import Recording
@@ -61,9 +61,9 @@ class Track:
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
     @cached_property
-    def curve(self) -> BSpline[np.float64]:
+    def curve(self) -> scipy.interpolate.BSpline[np.float64]:
         """Spline of the positions over time."""
-        return make_interp_spline(self.t, self.q, _DEGREE)
+        return scipy.interpolate.make_interp_spline(self.t, self.q, _DEGREE)
 
     @cached_property
     def moving(self) -> BoolArray:

@@ -19,7 +19,7 @@ from functools import partial
 from threading import Lock
 
 import numpy as np
-from scipy.optimize import OptimizeResult, minimize
+import scipy
 
 from dynident.array_types import FloatArray
 from dynident.excitation.optimisation.design_problem import (
@@ -401,14 +401,14 @@ class _Start:
         descent = _Descent(self.problem, self._multipliers)
 
         # SciPy calls a function with an argument of this name otherwise than others.
-        def after_iteration(intermediate_result: OptimizeResult) -> None:  # noqa: ARG001
+        def after_iteration(intermediate_result: scipy.optimize.OptimizeResult) -> None:  # noqa: ARG001
             self.iterations += 1
             tell(descent.last)
             if budget.is_spent:
                 # SciPy takes StopIteration as a request to end, and returns the coefficients reached so far.
                 raise StopIteration
 
-        result = minimize(
+        result = scipy.optimize.minimize(
             descent,
             self.x.ravel(),
             jac=True,

@@ -11,8 +11,7 @@ from itertools import combinations, product
 from typing import Literal, Protocol
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 
@@ -109,7 +108,7 @@ def estimate_delay(
         return None
     rows = np.arange(len(motion.q), dtype=np.float64)
     # A delay is no whole number of rows, so the torque is interpolated between them.
-    torque = make_interp_spline(rows, motion.tau, k=3)
+    torque = scipy.interpolate.make_interp_spline(rows, motion.tau, k=3)
 
     def shift_torque(seconds: float) -> Motion:
         return replace(motion, tau=torque(np.clip(rows + seconds / period, 0.0, rows[-1])))
@@ -459,7 +458,7 @@ def list_chain_orders(
                 # Joints that stand have a share of zero, but explain nothing.
                 logs = np.log(np.where(shares > 0.0, np.maximum(shares, _TINY), 1.0))
                 left[range(count), sources] = [logs[list(own)].sum() for own in alike]
-            _, best = linear_sum_assignment(left)
+            _, best = scipy.optimize.linear_sum_assignment(left)
             if (best != np.arange(count)).any():
                 yield _order_chains(kind, alike, best.tolist())
 

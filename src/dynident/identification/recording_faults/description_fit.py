@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import nnls
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
@@ -365,5 +365,5 @@ def _fit(gram: FloatArray) -> FloatArray:
     normal = gram[:-1, :-1] / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
     # Non-negative least squares on the Cholesky factor has the same solution as on all rows, and is small.
     upper = cholesky(normal)
-    scaled_values, _ = nnls(upper, solve_triangular(upper, gram[:-1, -1] / scale, trans="T"))
+    scaled_values, _ = scipy.optimize.nnls(upper, solve_triangular(upper, gram[:-1, -1] / scale, trans="T"))
     return scaled_values / scale

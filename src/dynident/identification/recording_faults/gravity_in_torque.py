@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.recording_faults.column_faults import Motion
@@ -437,7 +437,7 @@ class _GravityDirections:
         def score(tangent: FloatArray) -> float:
             return self.measure_unexplained(_normalise(start + tangent @ across)).score
 
-        optimum = minimize(score, np.zeros(2), method="Nelder-Mead", options={
+        optimum = scipy.optimize.minimize(score, np.zeros(2), method="Nelder-Mead", options={
             "initial_simplex": _SIMPLEX, "xatol": _FINE, "fatol": _FINE, "maxfev": _MOST_TRIED})  # fmt: skip
         # Rounded to what the search tells, so that a message has no false digits.
         return _normalise(np.round(_normalise(start + optimum.x @ across), 2))

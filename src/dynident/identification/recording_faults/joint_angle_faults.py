@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
+import scipy
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import Remedy
@@ -129,9 +129,9 @@ def _find_zeros(robot: Robot, motion: Motion, fit: HeldOutFit) -> FloatArray:
         return measure(_spread(angles, inner, robot.n))
 
     # Joints with parallel axes trade their zeros for one another: a narrow valley, along which slopes lead.
-    rough = minimize(measure_inner, zeros[inner], method="Powell", options={
+    rough = scipy.optimize.minimize(measure_inner, zeros[inner], method="Powell", options={
         "xtol": 1e-2, "ftol": 1e-2, "maxfev": _TRIES})  # fmt: skip
-    angles = minimize(measure_inner, rough.x, method="BFGS", options={"maxiter": _STEPS}).x
+    angles = scipy.optimize.minimize(measure_inner, rough.x, method="BFGS", options={"maxiter": _STEPS}).x
     zeros = _spread(angles, inner, robot.n)
     least = measure(zeros)
     for joint in joints:
@@ -229,7 +229,9 @@ def estimate_zeros(
             starts += [far[1]] if far[0] <= as_is - least_fall else []
         # A start may lead to a valley that is not the deepest one.
         for start in starts:
-            angle = float(minimize_scalar(measure, bracket=(start, start + _BY), options={"xtol": _EXACT}).x)
+            angle = float(
+                scipy.optimize.minimize_scalar(measure, bracket=(start, start + _BY), options={"xtol": _EXACT}).x
+            )
             fault = _round_zero(joint, angle, _NOMINAL)
             if abs(fault.factor) >= _LEAST_ANGLE:
                 yield fault
@@ -259,7 +261,9 @@ def refine_zero_by_masses(fault: ColumnFault, described: DescriptionFit) -> Colu
         left = described.estimate_left(replace(fault, factor=angle))
         return 0.0 if left is None else left
 
-    angle = float(minimize_scalar(measure, bracket=(fault.factor, fault.factor + _BY), options={"xtol": _EXACT}).x)
+    angle = float(
+        scipy.optimize.minimize_scalar(measure, bracket=(fault.factor, fault.factor + _BY), options={"xtol": _EXACT}).x
+    )
     return _round_zero(fault.joints[0], angle, _NOMINAL_BY_MASSES)
 
 

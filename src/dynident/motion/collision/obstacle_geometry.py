@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
@@ -221,7 +221,7 @@ class HalfSpace:
 def build_block(box: Box) -> Block:
     """Return a box as a shape in the base frame."""
     placement = np.eye(4)
-    placement[:3, :3] = Rotation.from_euler("xyz", box.rpy).as_matrix()
+    placement[:3, :3] = scipy.spatial.transform.Rotation.from_euler("xyz", box.rpy).as_matrix()
     placement[:3, 3] = box.center
     return Block(placement, np.array(box.size))
 

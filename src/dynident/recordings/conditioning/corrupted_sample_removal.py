@@ -9,7 +9,7 @@ them in thousands is enough to spoil a model, since differentiation turns it int
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+import scipy
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.conditioning.angle_wrapping import TURN, find_wrapping_columns
@@ -132,7 +132,7 @@ class CorruptedSamples:
             jumps[at] = np.nan_to_num(np.abs(measured[at + TURN_ROWS] - measured[at - TURN_ROWS]))
             usual = float(jumps @ jumps) / max(float(jumps.sum()), np.finfo(float).tiny)
             moment = max(TURN_ROWS, round(MOMENT / self._signals.step))
-            friction = np.maximum(maximum_filter1d(jumps, 2 * moment + 1)[rows], usual)
+            friction = np.maximum(scipy.ndimage.maximum_filter1d(jumps, 2 * moment + 1)[rows], usual)
             present = np.isfinite(measured)
             # How far off the suspects are is measured from a straight line between the samples that are no suspects.
             off = np.abs(x[rows] - np.interp(window.t[rows], window.t[present], measured[present]))
