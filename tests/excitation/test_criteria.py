@@ -7,7 +7,11 @@ from hypothesis import strategies as st
 
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_choice import CRITERIA, CriterionChoice
-from dynident.excitation.criteria.optimality_criteria import build_smooth_criterion, compute_true_values
+from dynident.excitation.criteria.optimality_criteria import (
+    RowStructure,
+    build_smooth_criterion,
+    compute_true_values,
+)
 
 seeds = st.integers(0, 2**32 - 1)
 A_PRIORI = np.geomspace(0.5, 2, 6)
@@ -82,3 +86,28 @@ def test_a_matrix_without_full_rank_has_an_infinite_condition_number_and_a_finit
 def test_an_unknown_criterion_is_answered_with_those_there_are():
     with pytest.raises(DynidentError, match=r"'best'; choose from: .*condition_number.*e_optimal"):
         build_smooth_criterion(CriterionChoice("best"), A_PRIORI)
+
+
+@pytest.mark.parametrize("name", CRITERIA)
+def test_the_zeros_of_w_change_no_value_and_no_gradient_of_the_other_entries(name):
+    # Two limbs of two joints each: an equation has entries for the joints behind it.
+    present = np.kron(np.eye(2, dtype=bool), np.array([[1, 1, 1], [0, 1, 1]], dtype=bool))
+    rng = np.random.default_rng(1)
+    w = (rng.standard_normal((20, 4, 6)) * present).reshape(-1, 6)
+    earlier = 0.3 * rng.standard_normal((8, 6))
+    for before in (None, earlier):
+        choice = CriterionChoice(name, weight=0.7)
+        value, gradient = build_smooth_criterion(choice, A_PRIORI, earlier=before)(w)
+        structure = RowStructure.from_entries(present)
+        sparse_value, sparse = build_smooth_criterion(choice, A_PRIORI, structure=structure, earlier=before)(w)
+        assert sparse_value == pytest.approx(value, rel=1e-12)
+        zeros = np.tile(~present, (20, 1))
+        np.testing.assert_allclose(np.where(zeros, 0, sparse), np.where(zeros, 0, gradient), rtol=1e-9, atol=1e-13)
+
+
+def test_earlier_rows_count_as_rows_of_their_own():
+    w, earlier = drawn(5), drawn(6)
+    value, gradient = build_smooth_criterion(CriterionChoice("d_optimal"), A_PRIORI, earlier=earlier)(w)
+    whole, of_all = build_smooth_criterion(CriterionChoice("d_optimal"), A_PRIORI)(np.concatenate([w, earlier]))
+    assert value == pytest.approx(whole, rel=1e-12)
+    np.testing.assert_allclose(gradient, of_all[: len(w)], rtol=1e-9)

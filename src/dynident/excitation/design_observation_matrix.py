@@ -279,6 +279,13 @@ class DesignModel:
         return Observation.from_columns(self.robot, self.base_columns[: self.n_parameters], self.signals)
 
     @property
+    def present_entries(self) -> BoolArray:
+        """Entries (n, b) of W that are not zero in every motion."""
+        present = np.zeros((self.robot.n, self.observation.n_columns), bool)
+        present[self.observation.entry_rows, self.observation.entry_columns] = True
+        return present
+
+    @property
     def needs_path(self) -> bool:
         """Whether a column depends on the path up to now: W then needs samples close enough to follow it."""
         return self.observation.n_memory > 0

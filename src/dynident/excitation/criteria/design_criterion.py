@@ -17,6 +17,7 @@ from dynident.excitation.criteria.criterion_choice import CriterionChoice
 from dynident.excitation.criteria.optimality_criteria import (
     Criterion,
     CriterionValues,
+    RowStructure,
     build_smooth_criterion,
     compute_true_values,
 )
@@ -96,6 +97,8 @@ class DesignCriterion:
         What was assumed, in words for the user.
     earlier : (r, b), optional
         Rows besides W / √N that stand for the information of earlier runs.
+    structure : RowStructure, optional
+        Entries of W that are zero in every motion; none where left out.
     """
 
     choice: CriterionChoice
@@ -103,21 +106,14 @@ class DesignCriterion:
     deciding: ParameterSelection
     notes: tuple[str, ...] = ()
     earlier: FloatArray | None = None
+    structure: RowStructure | None = None
 
     @property
     def smooth_criterion(self) -> Criterion:
         """The smooth criterion that is optimised, a function of W / √N."""
-        criterion = build_smooth_criterion(self.choice, self.a_priori, self.deciding)
-        earlier = self.earlier
-        if earlier is None:
-            return criterion
-
-        def add_earlier(w: FloatArray) -> tuple[float, FloatArray]:
-            # The earlier rows are constant: they change the value, and have no part in the gradient.
-            value, gradient = criterion(np.concatenate([w, earlier]))
-            return value, gradient[: len(w)]
-
-        return add_earlier
+        return build_smooth_criterion(
+            self.choice, self.a_priori, self.deciding, structure=self.structure, earlier=self.earlier
+        )
 
     def evaluate(self, w: FloatArray, n_samples: int) -> CriterionValues:
         """Return the true values of W.
@@ -185,7 +181,8 @@ def build_design_criterion(
     if one_equation:
         # The row of a sample is a sum over all joints, which the noise of a single joint cannot weigh.
         deciding = replace(deciding, row_weights=np.ones(1))
-    return DesignCriterion(choice, a_priori, deciding, notes, earlier)
+        return DesignCriterion(choice, a_priori, deciding, notes, earlier)
+    return DesignCriterion(choice, a_priori, deciding, notes, earlier, RowStructure.from_entries(model.present_entries))
 
 
 def add_rivals(effects: tuple[EffectChoice, ...], choice: CriterionChoice) -> tuple[EffectChoice, ...]:

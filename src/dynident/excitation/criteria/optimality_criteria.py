@@ -9,17 +9,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from dynident.array_types import FloatArray
+from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.excitation.criteria.criterion_choice import CriterionChoice, check_criterion
 from dynident.excitation.criteria.parameter_variances import ParameterSelection, build_variance_criterion, sum_variances
 
 Criterion = Callable[[FloatArray], tuple[float, FloatArray]]
 """Value and ∂/∂W (r, b) of a criterion at W (r, b), whose rows are divided by √N; the smaller the better."""
+
+_OfInformation = Callable[[FloatArray], tuple[float, FloatArray]]
+"""Value and symmetric ∂/∂M (b, b) of a criterion at M (b, b)."""
+
+_Blocks = Sequence[Any]
+"""Places in M (b, b), as NumPy's indices, outside of which it is zero."""
 
 _SCHATTEN = 8.0
 # Eigenvalues below this share of the largest are rounding errors: W has lost rank.
@@ -31,6 +40,66 @@ _ILL_CONDITIONED = 1e11
 
 
 @dataclass(frozen=True, eq=False)
+class RowStructure:
+    """Limbs of the robot: sets of equations of a sample and of columns that have no entry in common with others.
+
+    With them M of a robot with arms and legs costs a fraction of what it costs without.
+
+    Parameters
+    ----------
+    n_equations : int
+        Number of equations k of a sample.
+    limbs : tuple of ((j,), (c,))
+        Indices of the equations and of the columns of each limb.
+    """
+
+    n_equations: int
+    limbs: tuple[tuple[IndexArray, IndexArray], ...]
+
+    @classmethod
+    def from_entries(cls, present: BoolArray) -> RowStructure:
+        """Return the structure of entries (k, b) that are not zero in every motion."""
+        together = present.T.astype(float) @ present
+        count, limb = scipy.sparse.csgraph.connected_components(together)
+        columns = [np.flatnonzero(limb == k) for k in range(count)]
+        return cls(len(present), tuple((np.flatnonzero(present[:, own].any(axis=1)), own) for own in columns))
+
+    @property
+    def blocks(self) -> _Blocks:
+        """Places of the limbs in M, outside of which it is zero."""
+        if len(self.limbs) == 1:
+            return (...,)
+        return tuple(np.ix_(columns, columns) for _, columns in self.limbs)
+
+    def compute_information(self, w: FloatArray) -> FloatArray:
+        """Return M = WᵀW (b, b) of rows (k m, b)."""
+        if len(self.limbs) == 1:
+            return w.T @ w
+        m = np.zeros((w.shape[1], w.shape[1]))
+        for limb, block in zip(self.limbs, self.blocks, strict=True):
+            rows = self._take(w, limb)
+            m[block] = rows.T @ rows
+        return m
+
+    def multiply(self, w: FloatArray, slope: FloatArray) -> FloatArray:
+        """Return W slope (k m, b) for a matrix (b, b), at the places where W has entries."""
+        if len(self.limbs) == 1:
+            return w @ slope
+        product = np.zeros_like(w)
+        by_equation = product.reshape(-1, self.n_equations, w.shape[1])
+        for limb, block in zip(self.limbs, self.blocks, strict=True):
+            equations, columns = limb
+            of_limb = self._take(w, limb) @ slope[block]
+            by_equation[:, equations[:, None], columns] = of_limb.reshape(-1, len(equations), len(columns))
+        return product
+
+    def _take(self, w: FloatArray, limb: tuple[IndexArray, IndexArray]) -> FloatArray:
+        equations, columns = limb
+        taken: FloatArray = w.reshape(-1, self.n_equations, w.shape[1])[:, equations[:, None], columns]
+        return taken.reshape(-1, len(columns))
+
+
+@dataclass(frozen=True, eq=False)
 class _Spectrum:
     """Eigenvalues (b,), ascending and above zero, and eigenvectors (b, b) of M."""
 
@@ -38,15 +107,15 @@ class _Spectrum:
     vectors: FloatArray
 
     @classmethod
-    def from_rows(cls, w: FloatArray) -> _Spectrum:
-        values, vectors = np.linalg.eigh(w.T @ w)
+    def from_information(cls, m: FloatArray) -> _Spectrum:
+        values, vectors = np.linalg.eigh(m)
         return cls(np.maximum(values, _FLOOR * values[-1] + np.finfo(float).tiny), vectors)
 
-    def compute_gradient(self, w: FloatArray, slope: FloatArray) -> FloatArray:
-        """Return ∂/∂W of a function of the eigenvalues with the derivatives `slope` (b,)."""
-        # The derivative of an eigenvalue by M is v vᵀ, and M = WᵀW gives the factor 2 W.
-        gradient: FloatArray = 2.0 * (w @ ((self.vectors * slope) @ self.vectors.T))
-        return gradient
+    def compute_slope(self, slope: FloatArray) -> FloatArray:
+        """Return ∂/∂M (b, b) of a function of the eigenvalues with the derivatives `slope` (b,)."""
+        # The derivative of an eigenvalue by M is v vᵀ.
+        of_information: FloatArray = (self.vectors * slope) @ self.vectors.T
+        return of_information
 
     def compute_log_norm(self, exponent: float) -> tuple[float, FloatArray]:
         """Return (1/|p|) log Σ λ^p and its slope: the smooth log λmax for p > 0, the smooth -log λmin for p < 0."""
@@ -59,98 +128,115 @@ class _Spectrum:
         return float(top + np.log(total)) / size, np.sign(exponent) * weights / total / self.values
 
 
-def condition_number(w: FloatArray) -> tuple[float, FloatArray]:
-    """Return the logarithm of the smooth condition number, ½ log(‖M‖p ‖M⁻¹‖p), [12.12], and its gradient.
+def _condition_number(m: FloatArray, blocks: _Blocks) -> tuple[float, FloatArray]:
+    """Return the logarithm of the smooth condition number, ½ log(‖M‖p ‖M⁻¹‖p), [12.12], and its derivative.
 
     It comes from powers of M and M⁻¹, which take a fraction of the time of the eigenvalues; from these where M is
     nearly singular.
     """
-    m = w.T @ w
-    inverse = _invert(m)
+    inverse = _invert(m, blocks)
     if inverse is None:
-        return _compute_spectral_condition(w)
-    large, slope_large = _compute_schatten_norm(m)
-    small, slope_small = _compute_schatten_norm(inverse)
-    # ∂ of a function of M⁻¹: -M⁻¹ (…) M⁻¹.
-    slope = 0.5 * (slope_large - inverse @ slope_small @ inverse)
-    return 0.5 * (large + small), 2.0 * (w @ slope)
+        return _compute_spectral_condition(m)
+    large, slope = _compute_schatten_norm(m, blocks)
+    small, slope_small = _compute_schatten_norm(inverse, blocks)
+    for block in blocks:
+        # ∂ of a function of M⁻¹: -M⁻¹ (…) M⁻¹.
+        slope[block] -= inverse[block] @ slope_small[block] @ inverse[block]
+    return 0.5 * (large + small), 0.5 * slope
 
 
-def _compute_schatten_norm(m: FloatArray) -> tuple[float, FloatArray]:
+def _compute_schatten_norm(m: FloatArray, blocks: _Blocks) -> tuple[float, FloatArray]:
     """Return log (tr M⁸)^(1/8) of a positive definite M and its derivative M⁷ / tr M⁸: the Schatten norm for p = 8."""
-    size = float(np.trace(m))
-    # Divided by its trace, powers of M neither overflow nor underflow. Three products give the eighth power.
-    first = m / size
-    second = first @ first
-    fourth = second @ second
-    total = float(np.sum(fourth * fourth))
-    return np.log(size) + np.log(total) / _SCHATTEN, fourth @ (second @ first) / (total * size)
+    size, total = float(np.trace(m)), 0.0
+    slope = np.zeros_like(m)
+    for block in blocks:
+        # Divided by its trace, powers of M neither overflow nor underflow. Three products give the eighth power.
+        first = m[block] / size
+        second = first @ first
+        fourth = second @ second
+        total += float(np.sum(fourth * fourth))
+        slope[block] = fourth @ (second @ first)
+    return np.log(size) + np.log(total) / _SCHATTEN, slope / (total * size)
 
 
-def _invert(m: FloatArray) -> FloatArray | None:
+def _invert(m: FloatArray, blocks: _Blocks) -> FloatArray | None:
     """Return M⁻¹ by Cholesky; None where M is so near to singular that its small eigenvalues are lost in it."""
-    factor, failed = dpotrf(m, lower=1)
-    if failed:
-        return None
-    # LAPACK fills the lower triangle alone.
-    lower, failed = dpotri(factor, lower=1)
-    inverse: FloatArray = np.tril(lower) + np.tril(lower, -1).T
-    ill = failed or not np.trace(m) * np.trace(inverse) < _ILL_CONDITIONED
-    return None if ill else inverse
+    inverse = np.zeros_like(m)
+    for block in blocks:
+        factor, failed = dpotrf(m[block], lower=1)
+        if failed:
+            return None
+        # LAPACK fills the lower triangle alone.
+        lower, failed = dpotri(factor, lower=1)
+        if failed:
+            return None
+        inverse[block] = np.tril(lower) + np.tril(lower, -1).T
+    return inverse if np.trace(m) * np.trace(inverse) < _ILL_CONDITIONED else None
 
 
-def _compute_spectral_condition(w: FloatArray) -> tuple[float, FloatArray]:
-    spectrum = _Spectrum.from_rows(w)
+def _compute_spectral_condition(m: FloatArray) -> tuple[float, FloatArray]:
+    spectrum = _Spectrum.from_information(m)
     large, slope_large = spectrum.compute_log_norm(_SCHATTEN)
     small, slope_small = spectrum.compute_log_norm(-_SCHATTEN)
-    return 0.5 * (large + small), spectrum.compute_gradient(w, 0.5 * (slope_large + slope_small))
+    return 0.5 * (large + small), spectrum.compute_slope(0.5 * (slope_large + slope_small))
 
 
-def d_optimal(w: FloatArray) -> tuple[float, FloatArray]:
-    """Return -log det M / b, which is the volume of the parameters' confidence ellipsoid, and its gradient."""
-    spectrum = _Spectrum.from_rows(w)
-    b = w.shape[1]
-    return -float(np.log(spectrum.values).sum()) / b, spectrum.compute_gradient(w, -1.0 / spectrum.values / b)
+def _d_optimal(m: FloatArray) -> tuple[float, FloatArray]:
+    """Return -log det M / b, which is the volume of the parameters' confidence ellipsoid, and its derivative."""
+    spectrum = _Spectrum.from_information(m)
+    b = len(m)
+    return -float(np.log(spectrum.values).sum()) / b, spectrum.compute_slope(-1.0 / spectrum.values / b)
 
 
-def a_optimal(w: FloatArray) -> tuple[float, FloatArray]:
-    """Return log trace M⁻¹, which is the sum of the parameters' variances, and its gradient."""
-    spectrum = _Spectrum.from_rows(w)
+def _a_optimal(m: FloatArray) -> tuple[float, FloatArray]:
+    """Return log trace M⁻¹, which is the sum of the parameters' variances, and its derivative."""
+    spectrum = _Spectrum.from_information(m)
     value, slope = spectrum.compute_log_norm(-1.0)
-    return value, spectrum.compute_gradient(w, slope)
+    return value, spectrum.compute_slope(slope)
 
 
-def e_optimal(w: FloatArray) -> tuple[float, FloatArray]:
-    """Return the smooth -log σmin, which is the worst direction among the parameters, and its gradient."""
-    spectrum = _Spectrum.from_rows(w)
+def _e_optimal(m: FloatArray) -> tuple[float, FloatArray]:
+    """Return the smooth -log σmin, which is the worst direction among the parameters, and its derivative."""
+    spectrum = _Spectrum.from_information(m)
     value, slope = spectrum.compute_log_norm(-_SCHATTEN)
-    return 0.5 * value, spectrum.compute_gradient(w, 0.5 * slope)
+    return 0.5 * value, spectrum.compute_slope(0.5 * slope)
 
 
-def condition_plus_inverse_sigma(weight: float) -> Criterion:
+def _condition_plus_inverse_sigma(weight: float) -> _OfInformation:
     """Return the criterion log of [12.14], cond(W) + k2 / σmin."""
 
-    def criterion(w: FloatArray) -> tuple[float, FloatArray]:
-        spectrum = _Spectrum.from_rows(w)
+    def criterion(m: FloatArray) -> tuple[float, FloatArray]:
+        spectrum = _Spectrum.from_information(m)
         large, slope_large = spectrum.compute_log_norm(_SCHATTEN)
         small, slope_small = spectrum.compute_log_norm(-_SCHATTEN)
         condition, inverse = np.exp(0.5 * (large + small)), weight * np.exp(0.5 * small)
         # Derivative of the logarithm of a sum: both terms hold 1 / σmin, and the first alone σmax.
         share = condition / (condition + inverse)
         slope = 0.5 * (share * slope_large + slope_small)
-        return float(np.log(condition + inverse)), spectrum.compute_gradient(w, slope)
+        return float(np.log(condition + inverse)), spectrum.compute_slope(slope)
 
     return criterion
 
 
-def build_equilibrated_criterion(weight: float) -> Criterion:
+def _weighted(a_priori: FloatArray, blocks: _Blocks) -> _OfInformation:
+    """Return the criterion log of the smooth cond(W diag(Z)), [12.15]; a_priori (b,) is |Z|."""
+    sizes = np.outer(a_priori, a_priori)
+
+    def criterion(m: FloatArray) -> tuple[float, FloatArray]:
+        value, slope = _condition_number(m * sizes, blocks)
+        return value, slope * sizes
+
+    return criterion
+
+
+def _add_entry_ratio(of_condition: Criterion, weight: float) -> Criterion:
     """Return the criterion log of [12.13], cond(W) + k1 max|Wij| / min|Wij| over the entries that are not zero.
 
     Both extremes are p-norms of the entries, as those of the singular values are.
     """
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
-        log_condition, gradient = condition_number(w)
+        log_condition, gradient = of_condition(w)
         # The structure of W has zeros that no motion changes; [12.13] means the smallest of the other entries.
         present = find_nonzero_entries(w)
         entries = _Spectrum(np.square(w[present]), np.empty((0, 0)))
@@ -171,18 +257,13 @@ def find_nonzero_entries(w: FloatArray) -> NDArray[np.bool_]:
     return present
 
 
-def build_weighted_criterion(a_priori: FloatArray) -> Criterion:
-    """Return the criterion log of the smooth cond(W diag(Z)), [12.15]; a_priori (b,) is |Z|."""
-
-    def criterion(w: FloatArray) -> tuple[float, FloatArray]:
-        value, gradient = condition_number(w * a_priori)
-        return value, gradient * a_priori
-
-    return criterion
-
-
 def build_smooth_criterion(
-    choice: CriterionChoice, a_priori: FloatArray, deciding: ParameterSelection | None = None
+    choice: CriterionChoice,
+    a_priori: FloatArray,
+    deciding: ParameterSelection | None = None,
+    *,
+    structure: RowStructure | None = None,
+    earlier: FloatArray | None = None,
 ) -> Criterion:
     """Return the smooth criterion of a choice.
 
@@ -194,6 +275,10 @@ def build_smooth_criterion(
         |Z| of [12.15].
     deciding : ParameterSelection, optional
         Parameters that "parameters" and "separation" are about; all where left out.
+    structure : RowStructure, optional
+        Entries of W that are zero in every motion; none where left out.
+    earlier : (r, b), optional
+        Rows besides W / √N that stand for the information of earlier runs.
 
     Returns
     -------
@@ -202,20 +287,39 @@ def build_smooth_criterion(
     """
     check_criterion(choice)
     scope = deciding or ParameterSelection.select_all(len(a_priori))
+    rows_of = structure or RowStructure.from_entries(np.ones((1, len(a_priori)), bool))
+    # What earlier runs tell may join parameters of different limbs.
+    blocks = rows_of.blocks if earlier is None else (...,)
     # All of them are logarithms: their differences are relative, and no criterion needs a scale of its own.
-    criteria: Mapping[str, Criterion] = {
-        "condition_number": condition_number,
-        "d_optimal": d_optimal,
-        "a_optimal": a_optimal,
-        "e_optimal": e_optimal,
-        "equilibrated": build_equilibrated_criterion(choice.weight),
-        "condition_plus_inverse_sigma": condition_plus_inverse_sigma(choice.weight),
-        "weighted": build_weighted_criterion(a_priori),
-        "parameters": build_variance_criterion(scope, a_priori),
-        "separation": build_variance_criterion(scope, a_priori),
-        "prediction": build_variance_criterion(scope, a_priori),
+    of_variances = build_variance_criterion(scope, a_priori)
+    criteria: Mapping[str, _OfInformation] = {
+        "condition_number": partial(_condition_number, blocks=blocks),
+        "d_optimal": _d_optimal,
+        "a_optimal": _a_optimal,
+        "e_optimal": _e_optimal,
+        "equilibrated": partial(_condition_number, blocks=blocks),
+        "condition_plus_inverse_sigma": _condition_plus_inverse_sigma(choice.weight),
+        "weighted": _weighted(a_priori, blocks),
+        "parameters": of_variances,
+        "separation": of_variances,
+        "prediction": of_variances,
     }
-    return criteria[choice.name]
+    of_information = criteria[choice.name]
+    # The joints' noise weighs their rows where variances count.
+    weighted = of_information is of_variances
+    # Earlier rows are constant: they change the value, and have no part in the gradient.
+    before: float | FloatArray = 0.0
+    if earlier is not None:
+        rows_before = scope.weight_rows(earlier) if weighted else earlier
+        before = rows_before.T @ rows_before
+
+    def criterion(w: FloatArray) -> tuple[float, FloatArray]:
+        rows = scope.weight_rows(w) if weighted else w
+        value, slope = of_information(rows_of.compute_information(rows) + before)
+        gradient = rows_of.multiply(rows, 2.0 * slope)
+        return value, scope.weight_rows(gradient) if weighted else gradient
+
+    return _add_entry_ratio(criterion, choice.weight) if choice.name == "equilibrated" else criterion
 
 
 @dataclass(frozen=True)

@@ -172,6 +172,8 @@ def build_variance_criterion(
 ) -> Callable[[FloatArray], tuple[float, FloatArray]]:
     """Return the criterion: log of the (geometric mean over groups of the) sum of variances over a_priori² (b,).
 
+    It is a function of M (b, b) of the weighted rows; with the value it returns the symmetric derivative by M.
+
     With moments in the selection it is the log of the variance of the predicted torque.
 
     Parameters
@@ -182,17 +184,15 @@ def build_variance_criterion(
         Magnitudes |Z| of the parameters.
     """
 
-    def criterion(w: FloatArray) -> tuple[float, FloatArray]:
-        rows = deciding.weight_rows(w)
-        inverse = _invert_information(rows)
-        # d(M⁻¹) = -M⁻¹ dM M⁻¹ with dM = dWᵀ W + Wᵀ dW
+    def criterion(m: FloatArray) -> tuple[float, FloatArray]:
+        inverse = _invert_information(m)
+        # d(M⁻¹) = -M⁻¹ dM M⁻¹
         if deciding.moments is not None:
             spread = inverse @ deciding.moments
             total = float(np.trace(spread))
-            return float(np.log(total)), deciding.weight_rows(-2.0 / total * rows @ (spread @ inverse))
+            return float(np.log(total)), -(spread @ inverse) / total
         value, slope = _sum_groups(deciding.groups, np.diag(inverse), a_priori)
-        of_rows = -2.0 * rows @ (inverse * slope) @ inverse
-        return value, deciding.weight_rows(of_rows)
+        return value, -(inverse * slope) @ inverse
 
     return criterion
 
@@ -215,7 +215,7 @@ def sum_variances(deciding: ParameterSelection, a_priori: FloatArray, w: FloatAr
     if not np.isfinite(variances[indices]).all():
         return np.inf
     if deciding.moments is not None:
-        return float(np.trace(_invert_information(rows) @ deciding.moments))
+        return float(np.trace(_invert_information(rows.T @ rows) @ deciding.moments))
     return float(np.exp(_sum_groups(deciding.groups, variances, a_priori)[0]))
 
 
@@ -233,10 +233,10 @@ def _sum_groups(
     return value, slope
 
 
-def _invert_information(w: FloatArray) -> FloatArray:
-    """Return M⁻¹ (b, b), M = WᵀW, of equilibrated columns so that units do not cost digits."""
-    sizes = np.linalg.norm(w, axis=0) + np.finfo(float).tiny
-    values, vectors = np.linalg.eigh((w / sizes).T @ (w / sizes))
+def _invert_information(m: FloatArray) -> FloatArray:
+    """Return M⁻¹ (b, b), by equilibrated columns so that units do not cost digits."""
+    sizes = np.sqrt(np.diag(m)) + np.finfo(float).tiny
+    values, vectors = np.linalg.eigh(m / np.outer(sizes, sizes))
     # A floor instead of an error: the optimiser may pass through motions that lose rank.
     values = np.maximum(values, _FLOOR * values[-1] + np.finfo(float).tiny)
     inverse: FloatArray = (vectors / values) @ vectors.T / np.outer(sizes, sizes)
