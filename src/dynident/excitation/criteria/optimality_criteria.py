@@ -27,7 +27,7 @@ Criterion = Callable[[FloatArray], tuple[float, FloatArray]]
 _OfInformation = Callable[[FloatArray], tuple[float, FloatArray]]
 """Value and symmetric ∂/∂M (b, b) of a criterion at M (b, b)."""
 
-_Blocks = Sequence[Any]
+Blocks = Sequence[Any]
 """Places in M (b, b), as NumPy's indices, outside of which it is zero."""
 
 _SCHATTEN = 8.0
@@ -65,7 +65,7 @@ class RowStructure:
         return cls(len(present), tuple((np.flatnonzero(present[:, own].any(axis=1)), own) for own in columns))
 
     @property
-    def blocks(self) -> _Blocks:
+    def blocks(self) -> Blocks:
         """Places of the limbs in M, outside of which it is zero."""
         if len(self.limbs) == 1:
             return (...,)
@@ -128,7 +128,7 @@ class _Spectrum:
         return float(top + np.log(total)) / size, np.sign(exponent) * weights / total / self.values
 
 
-def _condition_number(m: FloatArray, blocks: _Blocks) -> tuple[float, FloatArray]:
+def _condition_number(m: FloatArray, blocks: Blocks) -> tuple[float, FloatArray]:
     """Return the logarithm of the smooth condition number, ½ log(‖M‖p ‖M⁻¹‖p), [12.12], and its derivative.
 
     It comes from powers of M and M⁻¹, which take a fraction of the time of the eigenvalues; from these where M is
@@ -145,7 +145,7 @@ def _condition_number(m: FloatArray, blocks: _Blocks) -> tuple[float, FloatArray
     return 0.5 * (large + small), 0.5 * slope
 
 
-def _compute_schatten_norm(m: FloatArray, blocks: _Blocks) -> tuple[float, FloatArray]:
+def _compute_schatten_norm(m: FloatArray, blocks: Blocks) -> tuple[float, FloatArray]:
     """Return log (tr M⁸)^(1/8) of a positive definite M and its derivative M⁷ / tr M⁸: the Schatten norm for p = 8."""
     size, total = float(np.trace(m)), 0.0
     slope = np.zeros_like(m)
@@ -159,7 +159,7 @@ def _compute_schatten_norm(m: FloatArray, blocks: _Blocks) -> tuple[float, Float
     return np.log(size) + np.log(total) / _SCHATTEN, slope / (total * size)
 
 
-def _invert(m: FloatArray, blocks: _Blocks) -> FloatArray | None:
+def _invert(m: FloatArray, blocks: Blocks) -> FloatArray | None:
     """Return M⁻¹ by Cholesky; None where M is so near to singular that its small eigenvalues are lost in it."""
     inverse = np.zeros_like(m)
     for block in blocks:
@@ -202,7 +202,7 @@ def _e_optimal(m: FloatArray) -> tuple[float, FloatArray]:
     return 0.5 * value, spectrum.compute_slope(0.5 * slope)
 
 
-def _condition_plus_inverse_sigma(weight: float) -> _OfInformation:
+def _build_condition_plus_inverse_sigma(weight: float) -> _OfInformation:
     """Return the criterion log of [12.14], cond(W) + k2 / σmin."""
 
     def criterion(m: FloatArray) -> tuple[float, FloatArray]:
@@ -218,7 +218,7 @@ def _condition_plus_inverse_sigma(weight: float) -> _OfInformation:
     return criterion
 
 
-def _weighted(a_priori: FloatArray, blocks: _Blocks) -> _OfInformation:
+def _build_weighted_condition(a_priori: FloatArray, blocks: Blocks) -> _OfInformation:
     """Return the criterion log of the smooth cond(W diag(Z)), [12.15]; a_priori (b,) is |Z|."""
     sizes = np.outer(a_priori, a_priori)
 
@@ -298,8 +298,8 @@ def build_smooth_criterion(
         "a_optimal": _a_optimal,
         "e_optimal": _e_optimal,
         "equilibrated": partial(_condition_number, blocks=blocks),
-        "condition_plus_inverse_sigma": _condition_plus_inverse_sigma(choice.weight),
-        "weighted": _weighted(a_priori, blocks),
+        "condition_plus_inverse_sigma": _build_condition_plus_inverse_sigma(choice.weight),
+        "weighted": _build_weighted_condition(a_priori, blocks),
         "parameters": of_variances,
         "separation": of_variances,
         "prediction": of_variances,

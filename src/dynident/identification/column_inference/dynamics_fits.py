@@ -23,7 +23,7 @@ from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.description_fit import DESCRIPTION_UNITS
 from dynident.identification.recording_faults.fault_checks import GRAVITY, SCALE
-from dynident.identification.recording_faults.fault_search import measure_unexplained_share
+from dynident.identification.recording_faults.fault_search import MOST_JOINTS, measure_unexplained_share
 from dynident.identification.recording_faults.joint_angle_faults import ZERO
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.number_format import format_percent
@@ -468,6 +468,9 @@ def check_against_dynamics(
         nothing = (
             "the sample has too little motion, or its times are not in order, so that it cannot be checked with the "
             "robot's dynamics"
+            if robot.n <= MOST_JOINTS
+            else f"a robot of more than {MOST_JOINTS} joints: order, signs and sizes of its columns are not checked; "
+            "make sure of them"
         )
         return [*guesses, *([] if is_commanded else [Guess("check", "none", 0.5, nothing)])], questions
     unexplained = examined.unexplained
