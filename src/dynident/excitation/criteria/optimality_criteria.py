@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from types import EllipsisType
 
 import numpy as np
 import scipy
@@ -27,7 +27,7 @@ Criterion = Callable[[FloatArray], tuple[float, FloatArray]]
 _OfInformation = Callable[[FloatArray], tuple[float, FloatArray]]
 """Value and symmetric ∂/∂M (b, b) of a criterion at M (b, b)."""
 
-Blocks = Sequence[Any]
+Blocks = Sequence[tuple[IndexArray, ...] | EllipsisType]
 """Places in M (b, b), as NumPy's indices, outside of which it is zero."""
 
 _SCHATTEN = 8.0
