@@ -465,13 +465,9 @@ def check_against_dynamics(
             )
         )
     if examined is None or examined.unexplained is None:
-        nothing = (
-            "the sample has too little motion, or its times are not in order, so that it cannot be checked with the "
-            "robot's dynamics"
-            if robot.n <= MOST_JOINTS
-            else f"a robot of more than {MOST_JOINTS} joints: order, signs and sizes of its columns are not checked; "
-            "make sure of them"
-        )
+        nothing = "too little motion, or times that are not in order: the robot's dynamics cannot check the columns"
+        if robot.n > MOST_JOINTS:
+            nothing = f"a robot of more than {MOST_JOINTS} joints: order, signs and sizes of columns are not checked"
         return [*guesses, *([] if is_commanded else [Guess("check", "none", 0.5, nothing)])], questions
     unexplained = examined.unexplained
     worst = robot.joint_names[int(np.argmax(unexplained.joints))]
