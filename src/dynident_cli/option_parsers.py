@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_origin, get_type_hints
 from dynident.errors import DynidentError
 from dynident.file_output import check_folder_exists
 from dynident.known_robots import list_library_arms, locate_robot
-from dynident.recordings.file_names_and_digests import split_path
+from dynident.recordings.file_names_and_digests import describe_folder, split_path
 from dynident.robot.description_formats import BASE_JOINTS, BaseKind
 
 if TYPE_CHECKING:
@@ -235,11 +235,7 @@ def check_readable(path: Path) -> None:
     # Files that are one recording are given together, as q.csv+dq.csv+tau.csv.
     for part in split_path(path):
         if part.is_dir():
-            raise DynidentError(
-                f"{part} is a folder; give the files in it, those of one recording joined as q.csv+tau.csv",
-                pointer=str(path),
-                title="No such file",
-            )
+            raise DynidentError(describe_folder(part), pointer=str(path), title="No such file")
         if not part.is_file():
             hint = "; this is a robot, which comes before the recordings" if str(part) in list_library_arms() else ""
             raise DynidentError(f"there is no file {part}{hint}", pointer=str(path), title="No such file")

@@ -173,3 +173,12 @@ def test_a_question_names_the_option_that_answers_it(question, option):
 def test_a_folder_is_called_one(tmp_path):
     refused = dynident("inspect", tmp_path, "--robot", "scara")
     assert (refused.code, "is a folder" in refused.err) == (2, True)
+
+
+def test_the_folder_of_a_lerobot_data_set_is_answered_with_the_file_in_it(tmp_path):
+    file = tmp_path / "fit" / "data" / "chunk-000" / "file-000.parquet"
+    file.parent.mkdir(parents=True)
+    file.write_bytes(b"")
+    refused = dynident("inspect", tmp_path / "fit", "--robot", "scara")
+    assert refused.code == 2
+    assert f"LeRobot data set; give the file in it: {file}" in "".join(refused.err.split("\n  "))

@@ -132,14 +132,26 @@ def check_readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
     joined = Path(JOINT.join(map(str, several)))
     for part in split_path(joined):
         if part.is_dir():
-            bags = [file for kind in ("*.db3", "*.mcap") for file in sorted(part.glob(kind))]
-            raise DynidentError(
-                f"{part} is the folder of a bag; give the file in it: {bags[0]}"
-                if bags
-                else f"{part} is a folder; give the files in it one by one, read_recordings(*Path(…).glob('*.csv'), …)",
-                pointer=str(part),
-                title="No such file",
-            )
+            raise DynidentError(describe_folder(part), pointer=str(part), title="No such file")
         if not part.is_file():
             raise DynidentError(f"there is no file {part}", pointer=str(part), title="No such file")
     return joined
+
+
+_IN_FOLDERS = {"a bag": ("*.db3", "*.mcap"), "a LeRobot data set": ("data/*/*.parquet",)}
+"""Files of recordings in the folders that loggers write, by what the folder is."""
+
+
+def describe_folder(folder: Path) -> str:
+    """Return a sentence on a folder that was given for a recording: which file in it to give.
+
+    Parameters
+    ----------
+    folder : path
+        An existing folder.
+    """
+    for what, patterns in _IN_FOLDERS.items():
+        files = [file for pattern in patterns for file in sorted(folder.glob(pattern))]
+        if files:
+            return f"{folder} is the folder of {what}; give the file in it: {files[0]}"
+    return f"{folder} is a folder; give the files in it one by one, those of one recording joined as q.csv+tau.csv"
