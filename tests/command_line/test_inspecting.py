@@ -181,4 +181,4 @@ def test_the_folder_of_a_lerobot_data_set_is_answered_with_the_file_in_it(tmp_pa
     file.write_bytes(b"")
     refused = dynident("inspect", tmp_path / "fit", "--robot", "scara")
     assert refused.code == 2
-    assert f"LeRobot data set; give the file in it: {file}" in "".join(refused.err.split("\n  "))
+    assert f"LeRobotdataset;givethefileinit:{file}" in "".join(refused.err.split())
