@@ -1,11 +1,15 @@
 """Are effects of the size of their detection limit found? Hidden at a half, once and twice the limit, on fresh seeds.
 
     python benchmarks/detection_limits.py [--seed 1 | --seed new] [--draws 10] [--effects joint_spring stribeck]
+    python benchmarks/detection_limits.py --parts [--seed 1 | --seed new] [--draws 5]
 
 A draw is an arm simulated in MuJoCo, with motions, controller and noise of its own. A clean recording gives the limits;
 then some effects, each on a joint of the draw, are hidden in sizes around their limit, and the recording is diagnosed.
 An effect is found if it, or one that is reported as its equivalent, is recommended on that joint. Sizes are multiples
 of `half_size`, which should be found in half of the cases, and `size` itself, which should be found in 95 %.
+
+With `--parts`, effects of their usual size are hidden instead, and halves and a shifted part of the recordings are
+diagnosed by themselves: counted is whether the name is the same in those whose own limits are below that size.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np
 from common import show
-from engine import Bandwidth, Hidden, Instruments, disturbances, friction, structure
+from engine import Bandwidth, Hidden, Instruments, Run, disturbances, friction, structure
 from engine.drives import usual_drives
 from engine.robots import arm_by_name, as_described
 from hiding.case import Case, Manner, Placed, Take
@@ -37,6 +41,7 @@ from dynident.robot import Robot
 
 ARMS = ("ur10", "franka_panda", "ur5")
 DURATION, PAUSE, PACES = 20.0, 3.0, (1.0, 0.4)
+PARTS = {"whole": (0.0, 1.0), "first half": (0.0, 0.5), "second half": (0.5, 1.0), "shifted": (0.07, 1.0)}
 SIZES = ("0.5 x half", "1 x half", "1 x size", "2 x half")
 
 Numbers = Mapping[str, float]
@@ -69,9 +74,16 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=10)
     parser.add_argument("--each", type=int, default=6, help="effects of a draw")
     parser.add_argument("--effects", nargs="*", default=list(LAWS), choices=list(LAWS))
+    parser.add_argument("--parts", action="store_true", help="halves and a shifted part, at the usual size")
     given = parser.parse_args()
     seed = secrets.randbelow(10**6) if given.seed == "new" else int(given.seed)
     start = time.perf_counter()
+    if given.parts:
+        show(
+            f"Named in parts of the recordings, seed {seed}",
+            count_in_parts(seed, given.draws, given.each, given.effects),
+        )
+        return
     found: dict[tuple[str, str], list[bool]] = {(effect, size): [] for effect in given.effects for size in SIZES}
     for number in range(given.draws):
         rng = np.random.default_rng([seed, number])
@@ -92,6 +104,31 @@ def main() -> None:
     )
 
 
+def count_in_parts(seed: int, draws: int, count: int, effects: list[str]) -> list[tuple[str, str]]:
+    """Hide effects of their usual size and count the parts of the recordings in which they are named."""
+    hits: dict[str, list[bool]] = {part: [] for part in PARTS}
+    for number in range(draws):
+        rng = np.random.default_rng([seed, number])
+        clean = draw_clean(ARMS[number % len(ARMS)], rng)
+        limits = {
+            part: {
+                (limit.effect, limit.joints): limit
+                for limit in judge(clean, part).detection_limits
+                if is_usable(clean, limit, effects) and limit.share <= 1.0
+            }
+            for part in PARTS
+        }
+        for limit in pick(list(limits["whole"].values()), count, rng):
+            case = hide(clean, limit, limit.usual)
+            for part in PARTS:
+                if (limit.effect, limit.joints) in limits[part]:
+                    diagnosis = judge(case, part)
+                    hits[part].append(is_named(diagnosis, limit))
+                    named = "found" if hits[part][-1] else tell(diagnosis, limit)
+                    print(clean.name, limit.effect, *limit.joints, f"{limit.share:.2f}", part, named, flush=True)
+    return [(part, f"{sum(own)}/{len(own)}") for part, own in hits.items()]
+
+
 def draw_clean(arm: str, rng: np.random.Generator) -> Case:
     """Draw how an arm with nothing hidden is moved and recorded."""
     session = tuple(Take(k * (DURATION + PAUSE), DURATION, pace=pace) for k, pace in enumerate(PACES))
@@ -101,10 +138,18 @@ def draw_clean(arm: str, rng: np.random.Generator) -> Case:
     return Case(f"{arm} {noise % 1000}", arm, (), "full", instruments, manner, noise, session)
 
 
-def judge(case: Case) -> Diagnosis:
-    """Simulate a case, identify and diagnose."""
-    recordings = recorded(case).recordings(held_out=False)
+def judge(case: Case, part: str = "whole") -> Diagnosis:
+    """Simulate a case, identify and diagnose a part of its recordings."""
+    whole = recorded(case)
+    recordings = replace(whole, runs=tuple(cut(run, *PARTS[part]) for run in whole.runs)).recordings(held_out=False)
     return diagnose(identify(as_described(arm_by_name(case.arm), case.noise), recordings, []), recordings)
+
+
+def cut(run: Run, begin: float, end: float) -> Run:
+    """Return a part of a run, between two shares of its samples."""
+    rows = slice(int(begin * len(run.t)), int(end * len(run.t)))
+    signals = {name: getattr(run, name)[rows] for name in ("t", "q", "tau", "exact_tau")}
+    return replace(run, **signals)
 
 
 def is_usable(case: Case, limit: DetectionLimit, effects: list[str]) -> bool:

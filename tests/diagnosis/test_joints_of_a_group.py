@@ -103,12 +103,14 @@ def test_a_change_of_one_joint_that_is_impossible_beside_what_was_found_since_is
 
 @pytest.fixture
 def refine(monkeypatch: pytest.MonkeyPatch):
-    """Refines one group of which a joint is impossible at first: what is left, and why the rest was dropped."""
+    """Refines one group of which a joint is impossible at first, or all of it not resolved: what is left, and why."""
 
-    def refine(group: Candidate, equal: Candidate) -> tuple[tuple[EffectChoice, ...], dict[Candidate, Reason]]:
+    def refine(
+        group: Candidate, equal: Candidate, unresolved: str = ""
+    ) -> tuple[tuple[EffectChoice, ...], dict[Candidate, Reason]]:
         finding = Finding(cast(Any, ScoredStub(group)), (cast(Any, ScoredStub(equal)),), 0.001)
         reason = Reason.build("impossible", parameter="Fs2")
-        rounds = iter([{0: (reason, (ARM[1],))}, {}])
+        rounds = iter([{}] if unresolved else [{0: (reason, (ARM[1],))}, {}])
 
         def build(model: Any, findings: Any, choices: tuple[EffectChoice, ...], *others: Any) -> Any:
             return SimpleNamespace(
@@ -119,7 +121,7 @@ def refine(monkeypatch: pytest.MonkeyPatch):
 
         monkeypatch.setattr(finding_refinement, "locate_findings", lambda model, findings, inputs: findings)
         monkeypatch.setattr(finding_refinement, "refine_shapes", lambda model, choices, *others: choices)
-        monkeypatch.setattr(finding_refinement, "is_width_resolved", lambda *asked: True)
+        monkeypatch.setattr(finding_refinement, "is_width_resolved", lambda choice, *_: choice.effect != unresolved)
         monkeypatch.setattr(finding_refinement, "improve_reference", lambda model, choices, inputs: inputs)
         monkeypatch.setattr(finding_refinement, "_find_independent", lambda model, choices: range(len(choices)))
         monkeypatch.setattr(finding_refinement, "compute_explained_error", lambda *asked: 1.0)
@@ -145,6 +147,13 @@ def test_an_impossible_joint_of_a_group_is_renamed_alone_and_its_reason_is_kept(
     choices, dropped = refine(group, Candidate("quadratic", ARM[:2], (), (2, 3)))
     assert [(choice.effect, choice.joints) for choice in choices] == [("stribeck", ARM[:1]), ("quadratic", ARM[1:2])]
     assert [(candidate.joints, reason.code) for candidate, reason in dropped.items()] == [(ARM[1:2], "impossible")]
+
+
+def test_constants_that_the_data_cannot_resolve_give_way_to_an_equal_name(refine) -> None:
+    peak = Candidate("stribeck", ARM[:1], (("vs", 0.1),), (0,))
+    choices, dropped = refine(peak, Candidate("quadratic", ARM[:1], (), (2,)), unresolved="stribeck")
+    assert [(choice.effect, choice.joints) for choice in choices] == [("quadratic", ARM[:1])]
+    assert dropped == {peak: Reason.build("not_resolved")}
 
 
 def test_a_name_of_other_joints_is_not_given_to_the_impossible_one(refine) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from support.hidden_effects import (
     Experiment,
     experiment,
     floor,
+    hysteresis,
     nothing,
     on_joint,
     recorded,
@@ -26,9 +29,16 @@ from support.oracles import fourier_motion
 
 from dynident.advice import advise
 from dynident.diagnosis import Diagnosis, compare, diagnose, examine
-from dynident.diagnosis.residuals.spectral_peaks import find_angle_lines
+from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool
+from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
+from dynident.diagnosis.residuals.spectral_peaks import AngleLines, find_angle_lines
+from dynident.diagnosis.search import forward_selection
+from dynident.diagnosis.search.comparison_of_rivals import compare_names
+from dynident.diagnosis.search.search_state import State
 from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.identification import IdentificationChoices, extend, identify
+from dynident.progress import ignore_progress
+from dynident.regressors.model_structure import build_model
 
 FAST = ("offset", "load_dependent_friction")
 
@@ -217,6 +227,64 @@ def test_an_unknown_candidate_is_refused_by_its_place():
 def test_no_more_effects_are_recommended_than_asked_for():
     run = experiment(CASES["offset"].hidden, PLAIN)
     assert diagnose(run.identification, [run.training], most_effects=0).recommended == ()
+
+
+@dataclass(frozen=True)
+class ScoredStub:
+    candidate: Candidate
+    joints: tuple[int, ...]
+    p: float = 0.001
+    total_gain: float = 1.0
+
+
+def test_a_search_ends_where_nothing_more_passes_and_not_at_a_number_of_effects(monkeypatch):
+    ripples = [Candidate("torque_ripple", (NAMES[0],), (("k", 8.0 + k),), (k,)) for k in range(20)]
+    pool = SimpleNamespace(
+        initial_candidates=ripples, candidates=(), faint=frozenset(), observation=SimpleNamespace(robot=ROBOT)
+    )
+    for name, stub in {
+        "select_candidate": lambda data, pool, state, judged, rejections: (judged[0], ()),
+        "compare_names": lambda model, pool, state, choice, *others: choice,
+        "score_family": lambda data, pool, base, left, noise: SimpleNamespace(
+            scored=[ScoredStub(candidate, (0,)) for candidate in left]
+        ),
+        "estimate_residual_noise": lambda data, base: np.ones(1),
+        "is_determined": lambda *_: True,
+        "_list_neighbour_columns": lambda *_: (),
+        "revisit_findings": lambda rows, data, pool, state: state,
+        "merge_findings_on_joint": lambda rows, data, pool, state: state,
+        "prune_findings": lambda data, pool, state: state,
+        "split_groups": lambda data, pool, state: state,
+    }.items():
+        monkeypatch.setattr(forward_selection, name, stub)
+    data, rows = SimpleNamespace(select_for_model=lambda base: None), SimpleNamespace(model=None, gather_products=None)
+    first = [ScoredStub(candidate, (0,)) for candidate in ripples]
+    state = State((), np.ones(1), np.ones(1), ())
+    record = forward_selection.search_findings(data, pool, state, first, rows, ignore_progress)
+    assert [finding.judged.candidate for finding in record.findings] == ripples
+
+
+def test_a_search_with_further_proposals_goes_on_where_the_first_ended(monkeypatch):
+    settled = []
+
+    def compare(model, pool, state, choice, *others):
+        settled.append(choice[0].candidate.effect)
+        return compare_names(model, pool, state, choice, *others)
+
+    monkeypatch.setattr(forward_selection, "compare_names", compare)
+    # The large error hides the line of the small one, which only the second search is asked about.
+    run = experiment(on_joint(3, lambda q, v, load: 30.0 * hysteresis(q, 0.02) + 0.9 * np.sin(21.0 * q + 0.7)))
+    found = diagnose(run.identification, [run.training])
+    assert {choice.effect for choice in found.recommended} == {"presliding", "torque_ripple"}
+    assert sorted(settled) == ["presliding", "torque_ripple"]
+
+
+def test_further_proposals_leave_the_numbers_of_all_earlier_columns():
+    model = build_model(ROBOT, WITH_OFFSET)
+    first = build_pool(model)
+    later = build_pool(model, None, ShapeProposals(AngleLines(clear=((0, 9.0),))), None, first)
+    assert later.candidates[: len(first.candidates)] == first.candidates
+    assert {candidate.effect for candidate in later.candidates[len(first.candidates) :]} >= {"torque_ripple"}
 
 
 def test_what_this_motion_could_not_have_shown_is_said():

@@ -229,7 +229,7 @@ def examine(
     has_waves = any(get_effect(name).proposal == "angle_spectrum" for name in tried)
     further = leads.add_lines(answer.final, model.robot) if has_waves else leads
     if further != leads:
-        leads, answer = further, _search_effects(question, further, scale_progress(progress, 0.7, 1.0))
+        leads, answer = further, _search_effects(question, further, scale_progress(progress, 0.7, 1.0), answer)
     pool, start, family, record, findings, recommended, grown, undetermined, final = answer
     first = list(family.scored)
     unknown = find_unknown_patterns(final)
@@ -336,11 +336,16 @@ class _Answer(NamedTuple):
     final: list[Comparison]
 
 
-def _search_effects(question: _Question, leads: ShapeProposals, progress: Progress) -> _Answer:
-    """Search all effects, refine what is found, and put it to the test by identifying the model with it."""
+def _search_effects(
+    question: _Question, leads: ShapeProposals, progress: Progress, earlier: _Answer | None = None
+) -> _Answer:
+    """Search all effects, refine what is found, and put it to the test by identifying the model with it.
+
+    With further proposals the search goes on where an earlier one ended.
+    """
     identification, recordings, floor = question.identification, question.recordings, question.floor
     model = identification.model
-    pool = build_pool(model, question.effects, leads, question.resolved)
+    pool = build_pool(model, question.effects, leads, question.resolved, earlier and earlier.pool)
     inputs = RegressorInputs(recordings, identification.preprocessing, identification.estimate.next_reference())
     rows = RecordedSource(model, inputs)
     # One pass over the recordings for the model and all candidates: every score of the search comes from these
@@ -349,7 +354,8 @@ def _search_effects(question: _Question, leads: ShapeProposals, progress: Progre
     start = _build_start_state(data, pool, identification, floor, question.rules)
     family = score_family(data, pool, start.base, pool.initial_candidates, start.noise, level=start.level)
     # First the best candidates of a coarse grid, then their shape constants, on all rows.
-    record = search_findings(data, pool, start, list(family.scored), rows, scale_progress(progress, 0.45, 0.8))
+    known = earlier and earlier.record
+    record = search_findings(data, pool, start, list(family.scored), rows, scale_progress(progress, 0.45, 0.8), known)
     findings, recommended, dropped = refine_findings(
         identification,
         record.findings,

@@ -114,6 +114,7 @@ def build_pool(
     effects: Sequence[str] | None = None,
     leads: ShapeProposals | None = None,
     resolved: Resolution | None = None,
+    earlier: Pool | None = None,
 ) -> Pool:
     """Build the columns of a model and of everything that might be missing in it.
 
@@ -127,6 +128,8 @@ def build_pool(
         Shape constants that the residual suggests; without them only effects with a grid are offered.
     resolved : Resolution, optional
         What the data can resolve: shape constants below it are not offered.
+    earlier : Pool, optional
+        A pool with fewer proposals, whose columns stand first.
 
     Returns
     -------
@@ -141,7 +144,8 @@ def build_pool(
     changed = [
         choice for effect in chosen if effect.may_change for choice in list_change_candidates(effect, model, proposals)
     ]
-    pool = build_pool_of_choices(model, [*resolvable, *changed])
+    known = [candidate.choice for candidate in earlier.candidates] if earlier else []
+    pool = build_pool_of_choices(model, list(dict.fromkeys([*known, *resolvable, *changed])))
     # A line that stands out clearly is a candidate from the start, even if it is among the faint ones as well.
     faint = _select_waves(pool, chosen, model, proposals.angle_lines.faint)
     clear = _select_waves(pool, chosen, model, proposals.angle_lines.clear)

@@ -337,9 +337,13 @@ def refine_findings(
     model = identification.model
     choices = refine_shapes(model, choices, inputs, scale_progress(progress, 0.0, 0.5))
     findings, choices = merge_findings_with_close_constants(findings, choices, model.robot, resolved)
-    # Refining may lead to constants that the data cannot resolve.
-    visible = [i for i, choice in enumerate(choices) if is_width_resolved(choice, model.robot, resolved)]
-    findings, choices = select(visible, "not_resolved"), tuple(choices[i] for i in visible)
+    # Refining may lead to constants that the data cannot resolve: then another name that explains as much takes over.
+    while unresolved := {
+        i: choice.joints for i, choice in enumerate(choices) if not is_width_resolved(choice, model.robot, resolved)
+    }:
+        dropped.update((findings[i].judged.candidate, Reason.build("not_resolved")) for i in unresolved)
+        findings, choices = _rename_findings(findings, choices, unresolved)
+        choices = refine_shapes(model, choices, inputs)
     while choices:
         inputs = improve_reference(model, choices, inputs)
         lean = RefinedModel.from_choices(model, findings, choices, since, inputs)

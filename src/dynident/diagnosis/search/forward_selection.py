@@ -240,6 +240,8 @@ class SearchRecord:
         Why candidates were not chosen in the last round.
     dropped : dict of Candidate to Reason
         Why findings were dropped again.
+    added : tuple of Finding
+        The findings as they were added one by one, before they were renamed, merged, pruned or split.
     losses : dict of Candidate to Loss
         Which finding took most of each candidate's gain.
     """
@@ -249,6 +251,7 @@ class SearchRecord:
     is_undetermined: bool = False
     rejections: dict[Candidate, Reason] = field(default_factory=dict)
     dropped: dict[Candidate, Reason] = field(default_factory=dict)
+    added: tuple[Finding, ...] = ()
     losses: dict[Candidate, Loss] = field(default_factory=dict)
 
     def record_losses(
@@ -278,6 +281,7 @@ def search_findings(
     first: list[ScoredCandidate],
     rows: ProductSource,
     progress: Progress,
+    earlier: SearchRecord | None = None,
 ) -> SearchRecord:
     """Add the best effect that passes all tests, again and again, until none does; then drop what became superfluous.
 
@@ -305,6 +309,8 @@ def search_findings(
         Gives products of further columns.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
+    earlier : SearchRecord, optional
+        A search with fewer candidates, the first columns of the pool: this one goes on where it ended.
 
     Returns
     -------
@@ -312,13 +318,22 @@ def search_findings(
         The findings, and what became of the other candidates.
     """
     record = SearchRecord(state.findings, data)
+    contacts, judged = state.findings, first
     firm = is_determined(data.select_for_model(state.base), state)
-    judged, contacts = first, state.findings
-    remaining, asleep = [scored.candidate for scored in first], pool.faint
+    if earlier is not None and earlier.added:
+        record.losses.update(earlier.losses)
+        state = replace(state, findings=(*contacts, *earlier.added))
+        base = state.base + tuple(k for finding in earlier.added for k in finding.columns)
+        if any(changes_prediction(finding.judged.candidate.choice) for finding in earlier.added):
+            rows = rows.add_findings(state.findings)
+            data = rows.gather_products(pool)
+        state = replace(state, base=base, noise=estimate_residual_noise(data, base))
+        firm = firm or is_determined(data.select_for_model(base), replace(state, findings=contacts))
+        judged = list(score_family(data, pool, base, _list_remaining(pool, earlier.added), state.noise).scored)
     most = state.rules.most_effects
     # Contacts are events of a recording, not effects of the arm: they do not count.
-    while (number := len(state.findings) - len(contacts)) < most:
-        progress(number / most, f"{number} effects found, {len(remaining)} candidates")
+    while judged and (number := len(state.findings) - len(contacts)) < most:
+        progress(number / (number + 1), f"{number} effects found, {len(judged)} candidates")
         record.rejections.clear()
         choice = select_candidate(data, pool, state, judged, record.rejections)
         if choice is None:
@@ -338,20 +353,10 @@ def search_findings(
             record.rejections[chosen.candidate] = Reason.build("undetermined_model")
             break
         state = replace(grown, findings=(*state.findings, finding))
-        reached = [pool.observation.robot.joint_names[j] for j in chosen.joints]
-        # What the constants of a function of the position are off by looks like a wave, too: that is no trace of one.
-        known = {
-            name for finding in state.findings if is_of_position(finding) for name in finding.judged.candidate.joints
-        }
-        hidden = set(reached) - known
-        awake = [candidate for candidate in pool.candidates if candidate in asleep and set(candidate.joints) <= hidden]
-        remaining, asleep = remaining + awake, asleep.difference(awake)
-        # What the chosen effect says is no candidate on its joints any more.
-        remaining = [c for c in remaining if not _is_superseded(c, chosen.candidate, reached)]
+        remaining = _list_remaining(pool, state.findings[len(contacts) :])
         before, judged = judged, list(score_family(data, pool, state.base, remaining, state.noise).scored)
         record.record_losses(finding, before, judged)
-        if not remaining:
-            break
+    record.added = state.findings[len(contacts) :]
     # The order matters: names are settled before findings of one name are merged, and only then is anything dropped or
     # split.
     state = merge_findings_on_joint(rows, data, pool, revisit_findings(rows, data, pool, state))
@@ -363,7 +368,25 @@ def search_findings(
     return record
 
 
-def _is_superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str]) -> bool:
+def _list_remaining(pool: Pool, findings: Sequence[Finding]) -> list[Candidate]:
+    """List the candidates that are still to be tried beside these findings."""
+    candidates, known = pool.initial_candidates, set[str]()
+    for finding in findings:
+        chosen = finding.judged.candidate
+        reached = {pool.observation.robot.joint_names[j] for j in finding.judged.joints}
+        # What the constants of a function of the position are off by looks like a wave, too: that is no trace of one.
+        known.update(chosen.joints if is_of_position(finding) else ())
+        candidates += [
+            other
+            for other in pool.candidates
+            if other in pool.faint and set(other.joints) <= reached - known and other not in candidates
+        ]
+        # What the finding says is no candidate on its joints any more.
+        candidates = [other for other in candidates if not _is_superseded(other, chosen, reached)]
+    return candidates
+
+
+def _is_superseded(candidate: Candidate, chosen: Candidate, reached: set[str]) -> bool:
     """Return whether a candidate is the chosen one in other words: the same effect on a joint that it already has.
 
     `reached` are the joints that the chosen one acts on.
@@ -375,7 +398,7 @@ def _is_superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[st
     if get_effect(chosen.effect).in_some_runs and effect.is_friction and effect.needs_load:
         return bool(candidate.runs) and candidate.runs == chosen.runs
     if candidate.effect in get_effect(chosen.effect).covers and _is_slow_wave(candidate):
-        return set(candidate.joints) <= set(reached)
+        return set(candidate.joints) <= reached
     if candidate.effect != chosen.effect or bool(candidate.runs) != bool(chosen.runs):
         return False
     if get_effect(candidate.effect).in_some_runs:

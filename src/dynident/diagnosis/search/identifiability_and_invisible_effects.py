@@ -209,7 +209,7 @@ def extend_with_findings(
 ) -> tuple[Identification, dict[int, tuple[Invisible, Reason]]]:
     """Extend the model by all recommended effects; return also, by number, those that cannot be added or help no more.
 
-    First-order effects come one by one: each is about the torque that the model with those before it predicts.
+    First-order effects come last and one by one: each is about the torque that the model with all others predicts.
 
     Parameters
     ----------
@@ -224,8 +224,9 @@ def extend_with_findings(
     """
     grown = identification
     undetermined: dict[int, tuple[Invisible, Reason]] = {}
-    for portion in _group_portions(recommended):
-        portion_progress = scale_progress(progress, portion[0] / len(recommended), (portion[-1] + 1) / len(recommended))
+    portions = _group_portions(recommended)
+    for index, portion in enumerate(portions):
+        portion_progress = scale_progress(progress, index / len(portions), (index + 1) / len(portions))
         if len(portion) > 1:
             # One after another where one of them cannot be added.
             with suppress(DynidentError):
@@ -248,16 +249,10 @@ def extend_with_findings(
 
 
 def _group_portions(recommended: Sequence[EffectChoice]) -> list[list[int]]:
-    """Group the choices, in their order, into portions that can be added at once."""
+    """Group the choices into portions that can be added at once: first-order effects stand alone, at the end."""
     first_order = [get_effect(choice.effect).first_order for choice in recommended]
-    portions: list[list[int]] = []
-    for number in range(len(recommended)):
-        # A first-order effect depends on the torque that the model before it predicts, and so stands alone.
-        if number and not any(first_order[number - 1 : number + 1]):
-            portions[-1].append(number)
-        else:
-            portions.append([number])
-    return portions
+    together = [number for number, alone in enumerate(first_order) if not alone]
+    return [*([together] if together else []), *([number] for number, alone in enumerate(first_order) if alone)]
 
 
 def is_only_helpful_at_first(before: Identification, after: Identification, choice: EffectChoice) -> bool:
