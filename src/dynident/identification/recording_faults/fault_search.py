@@ -133,30 +133,38 @@ def find_recording_faults(robot: Robot, recording: Recording) -> tuple[tuple[Det
         recording is too short, or the robot has too many joints.
     """
     judges = HeldOutFits(robot)
-    whole = filter_for_search(recording, judges) if robot.n <= MOST_JOINTS else None
-    return None if whole is None else find_motion_faults(robot, thin_out(whole[0]), judges)
+    bands = filter_for_search(recording, judges) if robot.n <= MOST_JOINTS else []
+    band_search = search_bands(robot, bands, judges)
+    return None if band_search is None else (band_search[1], band_search[2].average_share)
 
 
-def find_motion_faults(
-    robot: Robot, motion: Motion, judges: HeldOutFits | None = None
-) -> tuple[tuple[DetectedFault, ...], float] | None:
-    """Find the gross faults in rows that are filtered already.
+def search_bands(
+    robot: Robot, bands: Sequence[tuple[Motion, float]], judges: HeldOutFits
+) -> tuple[int, tuple[DetectedFault, ...], UnexplainedTorque] | None:
+    """Find the faults in the first band that shows any.
 
     Parameters
     ----------
     robot : Robot
         The robot.
-    motion : Motion
-        Filtered rows of the recording.
-    judges : HeldOutFits, optional
-        Those of the robot, if they exist already.
+    bands : sequence of Motion and float
+        Rows of the recording by cut-offs, from `filter_for_search`.
+    judges : HeldOutFits
+        Fits of the robot.
 
     Returns
     -------
-    tuple of findings and float, or None
+    tuple of int, faults and UnexplainedTorque, or None
+        Number of the band, the first where none shows a fault, and what `search_faults` returns of it.
     """
-    search_result = search_faults(robot, motion, judges)
-    return None if search_result is None else (search_result[0], search_result[1].average_share)
+    first = None
+    for band, (motion, _) in enumerate(bands):
+        search_result = search_faults(robot, thin_out(motion), judges)
+        if search_result is not None and (first is None or search_result[0]):
+            first = (band, *search_result)
+        if first is None or first[1]:
+            break
+    return first
 
 
 def search_faults(
@@ -185,7 +193,7 @@ def search_faults(
         step = _find_best_fault(judge, robot, motion, now)
         if step is None:
             break
-        fall, summed = now.score - step.unexplained.score, now.compute_summed_fall_to(step.unexplained)
+        fall = now.score - step.unexplained.score
         mended = step.fault.mend(motion)
         if judge is judges.plain_fit and _compute_fall(judges.offset_fit, motion, mended) < BESIDE_OFFSETS * fall:
             # A constant torque explains the same, so the search goes on with constant torques in the model.
@@ -196,7 +204,8 @@ def search_faults(
         # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
         # several joints at once this is not so. The zero of a joint may be what the description has wrong.
         may_be_sure = step.fault.kind not in ("torque scaled", "joint zero") or len(step.fault.joints) > 1
-        certain = may_be_sure and summed >= least and step.unexplained.average_share <= SOUND
+        sure_fall = now.compute_sure_fall_to(step.unexplained)
+        certain = may_be_sure and sure_fall >= least and step.unexplained.average_share <= SOUND
         findings.append(
             DetectedFault(step.fault, step.alike, now.average_share, step.unexplained.average_share, certain)
         )
@@ -483,16 +492,3 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
         judge.measure_frictions(thin_out(motion))
     )
     return replace(delay, is_fault=bool(driven.sum() > 1))
-
-
-def measure_unexplained_share(robot: Robot, motion: Motion) -> float:
-    """Return the share of an average joint's torque that the robot's dynamics leave unexplained.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    motion : Motion
-        Filtered rows of the recording.
-    """
-    return HeldOutFit(robot).measure_unexplained(motion).average_share

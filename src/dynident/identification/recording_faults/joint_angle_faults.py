@@ -81,6 +81,9 @@ def report_zeros_from_start(
     if as_is.worst_share < _POOR or not begins_at_zero(recording):
         return None
     zeros = _find_zeros(robot, motion, fit)
+    # A single one is the zero of that joint, or another direction of gravity.
+    if np.count_nonzero(zeros) < 2:
+        return None
     unexplained = fit.measure_unexplained(replace(motion, q=motion.q - zeros))
     if not all(other.is_surely_above(unexplained) for other in otherwise):
         return None

@@ -112,6 +112,18 @@ class UnexplainedTorque:
         """Return the sum over the joints of the logarithm by which the score falls to another."""
         return float(self.moving.sum()) * (self.score - other.score)
 
+    def compute_sure_fall_to(self, other: UnexplainedTorque) -> float:
+        """Return the same with friction counted once for each joint that it drives: a cure is ordered by it.
+
+        Of a motor that hardly works, friction has any sign, which alone is no reason to turn a column.
+
+        Parameters
+        ----------
+        other : UnexplainedTorque
+            What the other fit leaves unexplained.
+        """
+        return float(self.moving.sum()) * self.compute_fall_to(other) + CLEARLY * (self.against - other.against)
+
     def is_surely_above(self, other: UnexplainedTorque) -> bool:
         """Tell whether clearly more is unexplained than in another fit, in most blocks, or friction drives more joints.
 
@@ -264,6 +276,19 @@ class HeldOutFit:
         """Return the columns of each joint's torque (m, p) for a robot at rest at positions (m, n): its gravity."""
         loads = {joint: load for tree in self._trees for joint, load in tree.compute_load_columns(q).items()}
         return [loads[joint] for joint in range(self._robot.n)]
+
+
+def measure_unexplained_share(robot: Robot, motion: Motion) -> float:
+    """Return the share of an average joint's torque that the robot's dynamics leave unexplained.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    """
+    return HeldOutFit(robot).measure_unexplained(motion).average_share
 
 
 def measure_gain_by_other_scales(robot: Robot, motion: Motion, factor: float) -> float:
