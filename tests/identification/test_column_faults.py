@@ -123,10 +123,20 @@ def test_a_mistake_is_named(made: ColumnFault) -> None:
 def test_a_wrist_whose_torque_is_turned_round_is_told_by_its_friction() -> None:
     told = build_dynamics_checks(ROBOT)(recorded(ColumnFault("torque turned", (5,))), Q, TAU)
     assert told is not None
-    (wrong,) = [one for one in told if one.status != "ok"]
-    # The friction of one joint alone is no reason to refuse a file: a motor that hardly works has any.
-    assert (wrong.name, wrong.status) == ("torque_sign", "warning")
+    (wrong,) = [one for one in told if one.status == "error"]
+    assert wrong.name == "torque_sign"
     assert "friction would drive the joint" in wrong.detail
+
+
+def test_of_a_motor_that_hardly_works_no_sign_is_turned_without_asking() -> None:
+    motion, tau = measured()
+    # As much friction as a motor has that is off, and more: a sixth of the drives beside it.
+    own = 0.04 * EFFORT * np.sign(motion.dq) + 0.03 * EFFORT * motion.dq
+    weak = (tau - 0.6 * own * (np.arange(6) == 5)) * [1, 1, 1, 1, 1, -1]
+    (wrong,) = [
+        one for one in build_dynamics_checks(ROBOT)(record(ROBOT, motion, weak), Q, TAU) or () if one.status != "ok"
+    ]
+    assert (wrong.name, wrong.status) == ("torque_sign", "warning")
     assert wrong.apply == Revision(signs={"tau6": -1.0})
 
 

@@ -50,6 +50,7 @@ from dynident.identification.recording_faults.torque_scale import (
 from dynident.identification.recording_faults.tree_fit import find_moving_joints, find_parallel_axes, list_chains
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY_IN_ALL_BLOCKS,
+    SURELY_ON,
     HeldOutFit,
     UnexplainedTorque,
     find_drives_off,
@@ -193,19 +194,21 @@ def search_faults(
         step = _find_best_fault(judge, robot, motion, now)
         if step is None:
             break
-        fall = now.score - step.unexplained.score
+        fall, summed = now.score - step.unexplained.score, now.compute_summed_fall_to(step.unexplained)
         mended = step.fault.mend(motion)
         if judge is judges.plain_fit and _compute_fall(judges.offset_fit, motion, mended) < BESIDE_OFFSETS * fall:
             # A constant torque explains the same, so the search goes on with constant torques in the model.
             judge = judges.offset_fit
             now = judge.measure_unexplained(motion)
             continue
+        if step.fault.own_joints in find_drives_off(judge.measure_frictions(motion), SURELY_ON):
+            # A motor that hardly works may drive its joint by what its torque lacks: no reason to order a cure.
+            summed = now.compute_fall_to(step.unexplained) * float(now.moving.sum())
         least = _CERTAIN_OF_JOINTS if step.fault.is_of_whole_joints else _CERTAIN
         # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
         # several joints at once this is not so. The zero of a joint may be what the description has wrong.
         may_be_sure = step.fault.kind not in ("torque scaled", "joint zero") or len(step.fault.joints) > 1
-        sure_fall = now.compute_sure_fall_to(step.unexplained)
-        certain = may_be_sure and sure_fall >= least and step.unexplained.average_share <= SOUND
+        certain = may_be_sure and summed >= least and step.unexplained.average_share <= SOUND
         findings.append(
             DetectedFault(step.fault, step.alike, now.average_share, step.unexplained.average_share, certain)
         )

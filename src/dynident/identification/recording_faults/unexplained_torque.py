@@ -112,18 +112,6 @@ class UnexplainedTorque:
         """Return the sum over the joints of the logarithm by which the score falls to another."""
         return float(self.moving.sum()) * (self.score - other.score)
 
-    def compute_sure_fall_to(self, other: UnexplainedTorque) -> float:
-        """Return the same with friction counted once for each joint that it drives: a cure is ordered by it.
-
-        Of a motor that hardly works, friction has any sign, which alone is no reason to turn a column.
-
-        Parameters
-        ----------
-        other : UnexplainedTorque
-            What the other fit leaves unexplained.
-        """
-        return float(self.moving.sum()) * self.compute_fall_to(other) + CLEARLY * (self.against - other.against)
-
     def is_surely_above(self, other: UnexplainedTorque) -> bool:
         """Tell whether clearly more is unexplained than in another fit, in most blocks, or friction drives more joints.
 
@@ -404,18 +392,24 @@ _KNOWN = 3.0
 """Standard errors from which on friction is surely not zero."""
 
 
-def find_drives_off(frictions: FloatArray) -> set[tuple[int, ...]]:
+SURELY_ON = 0.19
+"""The same share from which on friction surely is that of a drive: of a motor that hardly works it has any sign."""
+
+
+def find_drives_off(frictions: FloatArray, least: float = _OFF) -> set[tuple[int, ...]]:
     """Return the joints, one by one, whose torque has no friction beside the others'.
 
     Parameters
     ----------
     frictions : (blocks, n)
         Mean friction torques, each without a block of time.
+    least : float
+        Share of the others' friction that a drive has at least.
     """
     size = np.abs(np.median(frictions, axis=0))
     others = [np.delete(size, joint) for joint in range(len(size))]
     usual = [float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0 for sizes in others]
-    return {(joint,) for joint in range(len(size)) if size[joint] < _OFF * usual[joint]}
+    return {(joint,) for joint in range(len(size)) if size[joint] < least * usual[joint]}
 
 
 def find_joints_with_friction(frictions: FloatArray) -> BoolArray:
