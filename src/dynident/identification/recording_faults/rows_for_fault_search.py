@@ -160,15 +160,16 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> list[tuple[M
     # What a rigid robot does not explain is mostly at high frequencies: an elastic arm, or backlash. Friction that
     # drives a joint does not count: it tells a wrong sign, and not which rows are explained.
     bands, best, most = [wide], 0, CLEARLY / int(unexplained.moving.sum())
+    left = unexplained.average_share
     narrow = filter_whole_motion(recording, octaves=1)
     # Twice as many rows as independent samples: in fewer ones a wrong order may explain as much as the right one.
     while narrow is not None and has_enough_rows(narrow[0], judges.plain_fit, _ROWS_PER_SAMPLE):
-        fall = unexplained.compute_fall_to(judges.plain_fit.measure_unexplained(thin_out(narrow[0])))
-        if fall >= most:
-            best, most = len(bands), fall
+        other = judges.plain_fit.measure_unexplained(thin_out(narrow[0]))
+        if unexplained.compute_fall_to(other) >= most:
+            best, most, left = len(bands), unexplained.compute_fall_to(other), other.average_share
         bands.append(narrow)
         narrow = filter_whole_motion(recording, octaves=len(bands))
-    return bands[best:]
+    return bands[best:] if left >= _EXPLAINED else [bands[best]]
 
 
 def report_torque_steps(
