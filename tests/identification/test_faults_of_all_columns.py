@@ -182,6 +182,15 @@ def test_a_mistake_is_found_below_a_vibration_which_hides_it_in_all_that_is_reco
     assert [check.name for check in findings(record(ROBOT, motion, shaken[:, order]))] == ["torque_order"]
 
 
+def test_friction_tells_a_sign_where_much_is_unexplained_for_another_reason() -> None:
+    motion, tau = measured()
+    rocking = tau + 0.8 * tau.std(axis=0) * np.sin(2.0 * np.pi * 0.83 * motion.t[:, None] + np.arange(6))
+    assert findings(record(ROBOT, motion, rocking)) == []
+    (check,) = findings(record(ROBOT, motion, -rocking))
+    assert (check.name, check.status) == ("torque_sign", "warning")
+    assert "friction would drive the joint" in check.detail
+
+
 def test_a_single_joint_that_moves_slowly_has_a_torque_of_another_unit_by_the_masses() -> None:
     axis = np.arange(6) == 1
     t = np.arange(0.0, 40.0, 0.01)

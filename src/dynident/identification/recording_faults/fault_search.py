@@ -15,6 +15,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.identification.recording_faults.column_faults import (
     BESIDE_OFFSETS,
+    TURNS,
     ColumnFault,
     Delay,
     Motion,
@@ -262,7 +263,9 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
     trials = _Trials(judge, motion, tried, most=now.score + ALIKE)
     for best, unexplained in trials.iterate_below(now.score - CLEARLY_IN_ALL_BLOCKS / max(int(now.moving.sum()), 1)):
         # Sorted by score: where the best one is not clear, the others are not looked at.
-        if not now.is_surely_above(unexplained) or unexplained.average_share > CURED:
+        # Friction tells a sign whatever else is wrong.
+        is_by_friction = now.against > unexplained.against and best.kind in TURNS
+        if not now.is_surely_above(unexplained) or (unexplained.average_share > CURED and not is_by_friction):
             break
         # Scale the torques of these joints down until they have no say in the parameters of the others. Where that
         # explains nearly as much as mending the fault, the joints only do not go with the others, for whatever reason:
