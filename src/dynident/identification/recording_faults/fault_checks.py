@@ -185,8 +185,8 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         findings = tuple(_report_fault(finding, recording, q, tau) for finding in faults)
     else:
         # Sizes are looked at only where order and signs are right: a wrong column has any size.
-        scales = find_torque_scales(machine, motion, find_excess_of_motion(machine, motion, judges))
-        findings = _report_scales(scales, recording, tau)
+        off_scale = find_torque_scales(machine, motion, find_excess_of_motion(machine, motion, judges))
+        findings = _report_scales(off_scale, recording, tau)
         if all(check.status == "ok" for check in findings):
             # A delay can only be estimated once all torques are in the same unit.
             findings = (*_check_delay(machine, *bands[band], tau, judges), *findings)
