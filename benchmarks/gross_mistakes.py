@@ -54,11 +54,11 @@ from dynident.identification.recording_faults.fault_checks import build_dynamics
 from dynident.identification.recording_faults.fault_search import (
     find_delay,
     find_excess_of_motion,
-    find_motion_faults,
-    measure_unexplained_share,
+    search_faults,
 )
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
+from dynident.identification.recording_faults.unexplained_torque import measure_unexplained_share
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.robot import Robot
 
@@ -89,10 +89,10 @@ def main() -> None:
             if motion is None:
                 continue
             amounts.append((name, *_delays(robot, recording), _gains(robot, motion)))
-            told = find_motion_faults(robot, motion)
+            told = search_faults(robot, motion)
             if told is None:
                 continue
-            untouched.append((name, len(told[0]), told[1]))
+            untouched.append((name, len(told[0]), told[1].average_share))
             possible = list(list_possible_faults(np.ones(robot.n, dtype=bool)))
             chosen = [possible[k] for k in rng.permutation(len(possible))[: options.each]]
             planted += [(one.kind, *_tried(robot, motion, one)) for one in chosen]
@@ -120,7 +120,7 @@ def _tried(robot: Robot, motion: Motion, fault: ColumnFault) -> tuple[float, boo
     """Harm of a mistake, whether it is noticed, whether what is named undoes it, and whether it blocks."""
     wrong = fault.mend(motion)
     usual, bad = measure_unexplained_share(robot, motion), measure_unexplained_share(robot, wrong)
-    told = find_motion_faults(robot, wrong)
+    told = search_faults(robot, wrong)
     found = told[0] if told else ()
     mended = wrong
     for one in found:
@@ -169,7 +169,7 @@ def _other_faults(seed: int, recordings: int) -> list[tuple[str, str, str, str, 
         for arm in FAULTY:
             for draw in range(recordings):
                 robot, motion = spoiled(arm, np.random.default_rng([seed, draw]))
-                told = find_motion_faults(robot, motion)
+                told = search_faults(robot, motion)
                 found = [one for one in told[0] if one.fault.kind != "torque scaled"] if told else []
                 count, named, refused = count + 1, named + bool(found), refused + any(one.certain for one in found)
                 most = max([most, *(float(np.log(one.left_with / one.left_without)) for one in found)])
@@ -187,7 +187,7 @@ def _drawn_frictions(seed: int, recordings: int) -> list[tuple[str, ...]]:
             sizes = np.exp(rng.normal(0.0, SPREAD, robot.n) + rng.normal(0.0, SPREAD))
             drives = replace(usual, coulomb=usual.coulomb * sizes, viscous=usual.viscous * sizes)
             motion = _moved(robot, rng, drives)
-            told = find_motion_faults(robot, motion)
+            told = search_faults(robot, motion)
             alarms += bool(
                 (told and told[0]) or find_torque_scales(robot, motion, find_excess_of_motion(robot, motion))
             )

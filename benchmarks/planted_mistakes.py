@@ -16,7 +16,8 @@ what was planted and what the untouched file has, to 6 ms.
 share of the torque grow by a tenth, and those of unit, gain, delay and kind. `not told by the data`: of those that are
 not noticed, those that raise no held-out error (of a fit, of the masses of the description, or of these at the stated
 size, of gains) by more than its noise, 2.5 standard errors among blocks of time, and than the best of all wrong changes
-of the untouched file lowers it: another delay of an arm that gives by more, for one. `share` is noticed of the others.
+of the untouched file lowers it: another delay of an arm that gives by more, for one. So are delays that, with that of
+the untouched file, are such as drives have. `share` is noticed of the others.
 """
 
 from __future__ import annotations
@@ -41,13 +42,13 @@ from imports import DATA, SETS, robot_of
 from planted_arms import drawn_arms
 
 from dynident.api.robot_files import load_robot
-from dynident.identification.recording_faults.column_faults import Motion, list_possible_faults
+from dynident.identification.recording_faults.column_faults import Motion, is_possible_delay, list_possible_faults
 from dynident.identification.recording_faults.description_fit import measure_left_by_description
-from dynident.identification.recording_faults.fault_search import ALIKE, find_delay, measure_unexplained_share
+from dynident.identification.recording_faults.fault_search import ALIKE, find_delay
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion, thin_out
 from dynident.identification.recording_faults.torque_scale import compute_described_load
 from dynident.identification.recording_faults.tree_fit import find_moving_joints, find_parallel_axes
-from dynident.identification.recording_faults.unexplained_torque import HeldOutFit
+from dynident.identification.recording_faults.unexplained_torque import HeldOutFit, measure_unexplained_share
 from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.row_storage import ArraySource
@@ -492,6 +493,8 @@ def is_told_by_data(robot: Robot, untouched: Recording, planted: Planted) -> boo
     read = read_file(planted.robot or robot, planted.columns, RecordingMetadata(accept=ACCEPT))
     if read.recording is None:
         return True
+    if planted.delay and is_possible_delay(planted.delay + _natural(robot, untouched)):
+        return False
     for octaves in range(_OCTAVES):
         whole = [filter_whole_motion(one, octaves=octaves) for one in (untouched, read.recording)]
         usual, bad = (None if one is None else thin_out(one[0]) for one in whole)
@@ -558,7 +561,7 @@ def _wrong_changes(robot: Robot, whole: Motion, period: float, kind: str) -> Ite
 
 def _is_cured(robot: Robot, right: Read, read: Read, planted: Planted, said: RecordingMetadata) -> bool:
     if planted.delay:
-        return abs(said.torque_delay - planted.delay - _natural(robot, right)) <= NEAR
+        return abs(said.torque_delay - planted.delay - _natural(robot, right.recording)) <= NEAR
     if right.recording is None or read.recording is None:
         return False
     now, then = (signals_of(one.recording) for one in (right, read) if one.recording is not None)
@@ -570,9 +573,9 @@ def _is_cured(robot: Robot, right: Read, read: Read, planted: Planted, said: Rec
     return measure_unexplained_share(robot, left) <= 1.05 * measure_unexplained_share(robot, usual)
 
 
-def _natural(robot: Robot, right: Read) -> float:
+def _natural(robot: Robot, untouched: Recording | None) -> float:
     """The delay that the torque of the untouched file has, by the robot's dynamics: drives filter it."""
-    whole = None if right.recording is None else filter_whole_motion(right.recording)
+    whole = None if untouched is None else filter_whole_motion(untouched)
     found = None if whole is None else find_delay(robot, *whole)
     return 0.0 if found is None else found.seconds
 

@@ -16,7 +16,7 @@ from dynident.identification.recording_faults import ColumnFault, build_dynamics
 from dynident.identification.recording_faults import unexplained_torque as judging
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows
 from dynident.identification.recording_faults.column_faults import estimate_delay
-from dynident.identification.recording_faults.fault_search import find_motion_faults
+from dynident.identification.recording_faults.fault_search import search_faults
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion
 from dynident.identification.recording_faults.torque_scale import (
@@ -34,6 +34,7 @@ from dynident.recordings import (
     Recording,
     RecordingError,
     RecordingMetadata,
+    Revision,
     import_recording,
 )
 from dynident.recordings.recording import ModelChecks
@@ -125,6 +126,18 @@ def test_a_wrist_whose_torque_is_turned_round_is_told_by_its_friction() -> None:
     (wrong,) = [one for one in told if one.status == "error"]
     assert wrong.name == "torque_sign"
     assert "friction would drive the joint" in wrong.detail
+
+
+def test_of_a_motor_that_hardly_works_no_sign_is_turned_without_asking() -> None:
+    motion, tau = measured()
+    # As much friction as a motor has that is off, and more: a sixth of the drives beside it.
+    own = 0.04 * EFFORT * np.sign(motion.dq) + 0.03 * EFFORT * motion.dq
+    weak = (tau - 0.6 * own * (np.arange(6) == 5)) * [1, 1, 1, 1, 1, -1]
+    (wrong,) = [
+        one for one in build_dynamics_checks(ROBOT)(record(ROBOT, motion, weak), Q, TAU) or () if one.status != "ok"
+    ]
+    assert (wrong.name, wrong.status) == ("torque_sign", "warning")
+    assert wrong.apply == Revision(signs={"tau6": -1.0})
 
 
 def test_a_robot_on_a_wall_is_not_refused_for_columns_in_another_order() -> None:
@@ -402,7 +415,7 @@ def test_a_joint_that_is_explained_as_well_apart_from_the_others_is_not_said_to_
         return replace(found, blocks=worst.blocks + apart * (best.blocks - worst.blocks), inside=best.inside)
 
     monkeypatch.setattr(HeldOutFit, "measure_unexplained", left)
-    found, _ = find_motion_faults(ROBOT, given) or ((), 1.0)
+    found, _ = search_faults(ROBOT, given) or ((), 1.0)
     assert [one.fault for one in found] == named
 
 

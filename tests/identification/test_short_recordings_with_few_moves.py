@@ -90,14 +90,19 @@ def test_what_one_part_of_a_recording_has_leaves_nothing_but_what_the_others_hav
     assert others[:, :-1] @ found == pytest.approx(others[:, :-1] @ told, abs=1e-4)
 
 
-@pytest.mark.parametrize(("taken_out", "error", "is_refused"), [(0.0, 0.1, False), (1.0, 0.1, True), (1.0, 3.0, False)])
+@pytest.mark.parametrize(
+    ("taken_out", "error", "zero", "is_refused"),
+    [(0.0, 0.1, 0.0, False), (0.0, 0.1, 1.5, False), (1.0, 0.1, 0.0, True), (1.0, 3.0, 0.0, False)],
+)
 def test_gravity_is_not_said_to_be_missing_where_the_description_bears_it_out_or_motion_tells_too_little(
-    taken_out: float, error: float, is_refused: bool, monkeypatch: pytest.MonkeyPatch
+    taken_out: float, error: float, zero: float, is_refused: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     motion = filter_motion(recorded(3))
     assert motion is not None
     load = compute_described_torque(ROBOT, motion.q, np.zeros_like(motion.q), np.zeros_like(motion.q))
-    given = replace(motion, tau=motion.tau - taken_out * load)
+    # A joint that was not homed has its load at other angles.
+    q = motion.q + zero * (np.arange(6) == 1)
+    given = replace(motion, q=q, tau=motion.tau - taken_out * load)
     told = gravity_in_torque.LoadShares(gravity=0.76, motion=5.9, motion_error=error)
     monkeypatch.setattr(gravity_in_torque, "measure_load_shares", lambda *_: told)
     monkeypatch.setattr(

@@ -92,6 +92,27 @@ def test_many_small_corrupted_samples_do_not_pass_for_noise(moves):
     assert not (found & ~planted).any()
 
 
+def test_corrupted_samples_are_found_beside_stamps_that_come_late():
+    rng = np.random.default_rng(5)
+    fine, signals = arm_signals(3, 1000.0, 20.0)
+    # Every twentieth sample is taken 2 ms late: the signal swings there by what the joint moves.
+    rows = np.arange(0, 19_900, 10) + 2 * (rng.random(1990) < 0.05)
+    t, values = fine[::10][: len(rows)], signals[rows]
+    spoilt, planted = corrupt(values, 5, 0.01, "spike", 1, tuple(range(N)))
+    found = marked(conditioned(t, spoilt)[-1]["corrupted_samples"], spoilt.shape)
+    assert (found & planted)[:, :N].sum() >= 0.95 * planted.sum()
+    assert not (found & ~planted).any()
+    assert conditioned(t, values)[-1]["corrupted_samples"].status == "ok"
+
+
+def test_a_burst_of_five_samples_at_100_hertz_costs_no_rows():
+    t, values = arm_signals(3, 100.0)
+    spoilt = values.copy()
+    spoilt[700:705, 1] = np.nan
+    *_, checks = conditioned(t, spoilt)
+    assert "rows_left_out" not in checks
+
+
 def test_one_zero_in_a_thousand_rows_is_told_with_row_time_and_column():
     t, values = arm_signals(5, 200.0)
     values[1234, 2] = 0.0

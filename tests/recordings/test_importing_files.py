@@ -293,10 +293,10 @@ def test_rows_that_repeat_the_one_before_are_left_out_with_a_warning(tmp_path):
 def test_what_is_no_number_outside_the_windows_is_a_gap(tmp_path):
     columns = motion()
     columns["tau2"] = columns["tau2"].copy()
-    columns["tau2"][2500:2510] = np.nan
+    columns["tau2"][2500:2520] = np.nan
     metadata = RecordingMetadata(windows=((1.0, 10.0),))
     recording, _ = imported(write_parquet(tmp_path / "run.parquet", columns), metadata=metadata)
-    assert [segment.length for segment in recording.segments] == [2500, 490]
+    assert [segment.length for segment in recording.segments] == [2500, 480]
     assert all(np.isfinite(block.q).all() for block in filtered_blocks(recording, Preprocessing(6.0, None)))
 
 

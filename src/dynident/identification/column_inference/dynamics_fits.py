@@ -23,9 +23,10 @@ from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.description_fit import DESCRIPTION_UNITS
 from dynident.identification.recording_faults.fault_checks import GRAVITY, SCALE
-from dynident.identification.recording_faults.fault_search import MOST_JOINTS, measure_unexplained_share
+from dynident.identification.recording_faults.fault_search import MOST_JOINTS
 from dynident.identification.recording_faults.joint_angle_faults import ZERO
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
+from dynident.identification.recording_faults.unexplained_torque import measure_unexplained_share
 from dynident.number_format import format_percent
 from dynident.recordings import JointLimits, RecordedJoints, Recording, recording_from_arrays
 from dynident.recordings.columns_to_signals import NOT_RECORDED

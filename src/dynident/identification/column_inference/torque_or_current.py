@@ -22,11 +22,13 @@ from dynident.identification.column_inference.metadata_proposal import Question,
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.fault_search import (
     CLEARLY_AGREES,
-    measure_unexplained_share,
 )
 from dynident.identification.recording_faults.gravity_in_torque import detect_compensated_gravity, find_mounting
 from dynident.identification.recording_faults.torque_scale import compute_median_scale
-from dynident.identification.recording_faults.unexplained_torque import measure_gain_by_other_scales
+from dynident.identification.recording_faults.unexplained_torque import (
+    measure_gain_by_other_scales,
+    measure_unexplained_share,
+)
 from dynident.number_format import format_percent
 from dynident.recordings.recording_metadata import EffortKind
 from dynident.recordings.units import MOMENTS

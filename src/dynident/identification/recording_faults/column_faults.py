@@ -203,7 +203,7 @@ class Mixing:
 
 
 _SWAPS: tuple[FaultKind, ...] = ("torques swapped", "positions swapped", "joints swapped")
-_TURNS: tuple[FaultKind, ...] = ("torque turned", "position turned", "joint turned")
+TURNS: tuple[FaultKind, ...] = ("torque turned", "position turned", "joint turned")
 _OF_POSITION = (
     "positions swapped", "joints swapped", "position turned", "joint turned", "joint coupled", "joints mixed",
     "joint zero",
@@ -413,7 +413,7 @@ def list_possible_faults(
             # A joint at rest tells only whether its column holds the other joint's torque.
             yield ColumnFault("torques swapped", (first, second))
     for joint in joints:
-        yield from (ColumnFault(kind, (joint,)) for kind in _TURNS)
+        yield from (ColumnFault(kind, (joint,)) for kind in TURNS)
         yield from (ColumnFault("torque scaled", (joint,), factor) for factor in FACTORS)
         if revolute is not None and revolute[joint]:
             yield from (ColumnFault("joint zero", (joint,), angle) for angle in ZEROS)
@@ -485,7 +485,7 @@ def _list_faults_of_many_joints(moving: BoolArray) -> Iterator[ColumnFault]:
         # Positions and torques both turned round are a mirrored arm on the ceiling, which the direction of gravity
         # tells.
 
-        yield from (ColumnFault(kind, tuple(range(n))) for kind in _TURNS[:2])
+        yield from (ColumnFault(kind, tuple(range(n))) for kind in TURNS[:2])
     for first in range(1, n - 1):
         if moving[first:].sum() > 1:
             yield from (ColumnFault("torque scaled", tuple(range(first, n)), factor) for factor in FACTORS)

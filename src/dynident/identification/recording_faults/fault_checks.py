@@ -23,7 +23,7 @@ from dynident.identification.recording_faults.fault_search import (
     DetectedFault,
     find_delay,
     find_excess_of_motion,
-    search_faults,
+    search_bands,
 )
 from dynident.identification.recording_faults.gravity_in_torque import (
     Mounting,
@@ -41,11 +41,10 @@ from dynident.identification.recording_faults.joint_angle_faults import (
 from dynident.identification.recording_faults.rows_for_fault_search import (
     HeldOutFits,
     filter_for_search,
-    has_enough_rows,
     report_torque_steps,
     thin_out,
 )
-from dynident.identification.recording_faults.torque_scale import find_torque_scales
+from dynident.identification.recording_faults.torque_scale import TorqueScale, find_torque_scales
 from dynident.identification.recording_faults.unexplained_torque import UnexplainedTorque
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
@@ -146,21 +145,22 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     described = () if units is None else (report_description_units(units),)
     judges = HeldOutFits(machine)
     # All checks share these rows, as reading and filtering the whole recording takes most of the time.
-    whole = filter_for_search(recording, judges) if robot.n <= MOST_JOINTS else None
-    if whole is None:
+    bands = filter_for_search(recording, judges) if robot.n <= MOST_JOINTS else []
+    if not bands:
         return DynamicsCheck(described, None)
-    motion = thin_out(whole[0])
+    motion = thin_out(bands[0][0])
     # A commanded gravity torque explains itself perfectly, so it has to be refused before any fit is compared.
     static = find_static_torque(machine, motion, judges.plain_fit)
     if static is not None:
         return DynamicsCheck((_report_commanded(static, tau), *described), None)
-    if not has_enough_rows(motion, judges.plain_fit):
-        return DynamicsCheck(described, None)
-    as_is = judges.plain_fit.measure_unexplained(motion)
-    search_result = search_faults(machine, motion, judges)
+    search_result = search_bands(machine, bands, judges)
     if search_result is None:
-        return DynamicsCheck(described, None)
-    faults, now = search_result
+        # A fit has too many parameters for so few rows; the masses of the description have few.
+        scales = _report_scales(find_torque_scales(machine, motion, {}), recording, tau)
+        return DynamicsCheck((*(check for check in scales if check.status != "ok"), *described), None)
+    band, faults, now = search_result
+    motion = thin_out(bands[band][0])
+    as_is = judges.plain_fit.measure_unexplained(motion)
     # A zero for each joint fits many faults half-way, so that it has to explain more than a single one of the columns.
     # Several are several causes where this is one.
     otherwise = (as_is, now) if len(faults) == 1 else (as_is,)
@@ -185,10 +185,11 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         findings = tuple(_report_fault(finding, recording, q, tau) for finding in faults)
     else:
         # Sizes are looked at only where order and signs are right: a wrong column has any size.
-        findings = _check_scales(machine, motion, recording, tau, judges)
+        off_scale = find_torque_scales(machine, motion, find_excess_of_motion(machine, motion, judges))
+        findings = _report_scales(off_scale, recording, tau)
         if all(check.status == "ok" for check in findings):
             # A delay can only be estimated once all torques are in the same unit.
-            findings = (*_check_delay(machine, *whole, tau, judges), *findings)
+            findings = (*_check_delay(machine, *bands[band], tau, judges), *findings)
         findings = (*report_torque_steps(motion, recording, tau, judges), *findings)
         # Gravity that was taken out would make masses look wrong, so it is reported first.
         findings = (*_report_compensated(machine, motion, tau), *findings)
@@ -327,10 +328,9 @@ def _check_delay(
     return (check,)
 
 
-def _check_scales(
-    robot: Robot, motion: Motion, recording: Recording, tau: Sequence[str], judges: HeldOutFits
+def _report_scales(
+    scales: tuple[TorqueScale, ...] | None, recording: Recording, tau: Sequence[str]
 ) -> tuple[Check, ...]:
-    scales = find_torque_scales(robot, motion, find_excess_of_motion(robot, motion, judges))
     if scales is None:
         return ()
     if not scales:
@@ -342,7 +342,7 @@ def _check_scales(
             for scale in scales
             if scale.by_friction == by_friction
         ]
-        if len(names) == robot.n > 1 and not by_friction:
+        if len(names) == recording.n > 1 and not by_friction:
             # The masses of all joints give one common factor.
             reasons.append(f"{intro}all of them ({tau[0]} … {tau[-1]}) {scales[0].times:.3g} times the expected torque")
         elif names:

@@ -15,6 +15,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.identification.recording_faults.column_faults import (
     BESIDE_OFFSETS,
+    TURNS,
     ColumnFault,
     Delay,
     Motion,
@@ -50,6 +51,7 @@ from dynident.identification.recording_faults.torque_scale import (
 from dynident.identification.recording_faults.tree_fit import find_moving_joints, find_parallel_axes, list_chains
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY_IN_ALL_BLOCKS,
+    SURELY_ON,
     HeldOutFit,
     UnexplainedTorque,
     find_drives_off,
@@ -133,30 +135,38 @@ def find_recording_faults(robot: Robot, recording: Recording) -> tuple[tuple[Det
         recording is too short, or the robot has too many joints.
     """
     judges = HeldOutFits(robot)
-    whole = filter_for_search(recording, judges) if robot.n <= MOST_JOINTS else None
-    return None if whole is None else find_motion_faults(robot, thin_out(whole[0]), judges)
+    bands = filter_for_search(recording, judges) if robot.n <= MOST_JOINTS else []
+    band_search = search_bands(robot, bands, judges)
+    return None if band_search is None else (band_search[1], band_search[2].average_share)
 
 
-def find_motion_faults(
-    robot: Robot, motion: Motion, judges: HeldOutFits | None = None
-) -> tuple[tuple[DetectedFault, ...], float] | None:
-    """Find the gross faults in rows that are filtered already.
+def search_bands(
+    robot: Robot, bands: Sequence[tuple[Motion, float]], judges: HeldOutFits
+) -> tuple[int, tuple[DetectedFault, ...], UnexplainedTorque] | None:
+    """Find the faults in the first band that shows any.
 
     Parameters
     ----------
     robot : Robot
         The robot.
-    motion : Motion
-        Filtered rows of the recording.
-    judges : HeldOutFits, optional
-        Those of the robot, if they exist already.
+    bands : sequence of Motion and float
+        Rows of the recording by cut-offs, from `filter_for_search`.
+    judges : HeldOutFits
+        Fits of the robot.
 
     Returns
     -------
-    tuple of findings and float, or None
+    tuple of int, faults and UnexplainedTorque, or None
+        Number of the band, the first where none shows a fault, and what `search_faults` returns of it.
     """
-    search_result = search_faults(robot, motion, judges)
-    return None if search_result is None else (search_result[0], search_result[1].average_share)
+    first = None
+    for band, (motion, _) in enumerate(bands):
+        search_result = search_faults(robot, thin_out(motion), judges)
+        if search_result is not None and (first is None or search_result[0]):
+            first = (band, *search_result)
+        if first is None or first[1]:
+            break
+    return first
 
 
 def search_faults(
@@ -192,6 +202,9 @@ def search_faults(
             judge = judges.offset_fit
             now = judge.measure_unexplained(motion)
             continue
+        if step.fault.own_joints in find_drives_off(judge.measure_frictions(motion), SURELY_ON):
+            # A motor that hardly works may drive its joint by what its torque lacks: no reason to order a cure.
+            summed = now.compute_fall_to(step.unexplained) * float(now.moving.sum())
         least = _CERTAIN_OF_JOINTS if step.fault.is_of_whole_joints else _CERTAIN
         # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
         # several joints at once this is not so. The zero of a joint may be what the description has wrong.
@@ -250,7 +263,9 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
     trials = _Trials(judge, motion, tried, most=now.score + ALIKE)
     for best, unexplained in trials.iterate_below(now.score - CLEARLY_IN_ALL_BLOCKS / max(int(now.moving.sum()), 1)):
         # Sorted by score: where the best one is not clear, the others are not looked at.
-        if not now.is_surely_above(unexplained) or unexplained.average_share > CURED:
+        # Friction tells a sign whatever else is wrong.
+        is_by_friction = now.against > unexplained.against and best.kind in TURNS
+        if not now.is_surely_above(unexplained) or (unexplained.average_share > CURED and not is_by_friction):
             break
         # Scale the torques of these joints down until they have no say in the parameters of the others. Where that
         # explains nearly as much as mending the fault, the joints only do not go with the others, for whatever reason:
@@ -483,16 +498,3 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
         judge.measure_frictions(thin_out(motion))
     )
     return replace(delay, is_fault=bool(driven.sum() > 1))
-
-
-def measure_unexplained_share(robot: Robot, motion: Motion) -> float:
-    """Return the share of an average joint's torque that the robot's dynamics leave unexplained.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    motion : Motion
-        Filtered rows of the recording.
-    """
-    return HeldOutFit(robot).measure_unexplained(motion).average_share

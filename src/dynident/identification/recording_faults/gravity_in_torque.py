@@ -14,13 +14,13 @@ import scipy
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.description_fit import measure_left_by_description
-from dynident.identification.recording_faults.fault_search import measure_unexplained_share
-from dynident.identification.recording_faults.torque_scale import KNOWN
+from dynident.identification.recording_faults.torque_scale import KNOWN, find_revolute_joints
 from dynident.identification.recording_faults.tree_fit import BLOCKS
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY,
     HeldOutFit,
     UnexplainedTorque,
+    measure_unexplained_share,
 )
 from dynident.robot.pinocchio_conversion import compute_described_torque
 from dynident.robot.robot_model import Robot
@@ -158,6 +158,8 @@ _CLEARLY = 1.25
 _BORNE_OUT = 0.3
 """Mean logarithm by which the description leaves less with its gravity than without, from which on gravity is there: in
 right short motions 0.6 and more, where it was taken out of them at most 0.1."""
+_ZEROS = np.deg2rad(range(-150, 181, 30))
+"""Angles of a joint that are tried, between which a load changes little."""
 _GRAVITY = 9.81
 
 
@@ -287,12 +289,17 @@ def detect_compensated_gravity(robot: Robot, motion: Motion, factor: float = 1.0
 
 
 def _is_borne_out(robot: Robot, floating: Robot, motion: Motion) -> bool:
-    """Tell whether the description explains more with its gravity than without.
+    """Tell whether the description explains more with its gravity than without, be it with another zero of a joint.
 
-    A short motion does not determine motion's share, so this is a second test.
+    A short motion does not determine motion's share, so this is a second test. A load at wrong angles looks like none.
     """
-    with_it, without = measure_left_by_description(robot, motion), measure_left_by_description(floating, motion)
-    return with_it is not None and without is not None and with_it < without - _BORNE_OUT
+    every = max(1, len(motion.q) // _STATES)
+    few = Motion(*(getattr(motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block", "t")))
+    without = measure_left_by_description(floating, few)
+    zeros = (angle * axis for axis in np.eye(robot.n)[find_revolute_joints(robot)] for angle in _ZEROS)
+    turned = (replace(few, q=few.q - zero) for zero in (np.zeros(robot.n), *zeros))
+    with_it = (measure_left_by_description(robot, moved) for moved in turned)
+    return without is not None and any(left is not None and left < without - _BORNE_OUT for left in with_it)
 
 
 def find_other_mounting(robot: Robot, motion: Motion, now: UnexplainedTorque) -> Mounting | None:

@@ -45,10 +45,10 @@ _FLAT, _BESIDE = 0.02, np.deg2rad(5.0)
 """Logarithm by which the score has to rise beside a zero, and how far beside, for the data to tell it."""
 
 
-def begins_at_zero(recording: Recording) -> bool:
+def begins_at_zero(recording: Recording, motion: Motion) -> bool:
     """Return whether every joint of several is at 0 in the first row, as where positions are counted from the start."""
-    first = next(iter(recording.source.rows(0, recording.n_samples, recording.n_samples)))
-    span = np.ptp(first.q, axis=0)
+    first = next(iter(recording.source.rows(0, 1, 1)))
+    span = np.ptp(motion.q, axis=0)
     return recording.n > 1 and bool((np.abs(first.q[0]) <= _AT_START * span).all() and (span > 0).all())
 
 
@@ -78,9 +78,12 @@ def report_zeros_from_start(
         Names of the columns of positions.
     """
     as_is = otherwise[0]
-    if as_is.worst_share < _POOR or not begins_at_zero(recording):
+    if as_is.worst_share < _POOR or not begins_at_zero(recording, motion):
         return None
     zeros = _find_zeros(robot, motion, fit)
+    # A single one is the zero of that joint, or another direction of gravity.
+    if np.count_nonzero(zeros) < 2:
+        return None
     unexplained = fit.measure_unexplained(replace(motion, q=motion.q - zeros))
     if not all(other.is_surely_above(unexplained) for other in otherwise):
         return None

@@ -132,8 +132,8 @@ def filter_whole_motion(recording: Recording, *, octaves: int = 0) -> tuple[Moti
     return Motion(q, dq, ddq, tau, block, t), short.period * choice.decimation
 
 
-def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion, float] | None:
-    """Filter a recording as an identification does; or by octaves narrower, where much less is unexplained then.
+def filter_for_search(recording: Recording, judges: HeldOutFits) -> list[tuple[Motion, float]]:
+    """Filter a recording as an identification does, and by octaves narrower where much is unexplained.
 
     Parameters
     ----------
@@ -144,27 +144,32 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion
 
     Returns
     -------
-    tuple of Motion and float, or None
-        Rows in their order, and the seconds between them; None where the recording is too short.
+    list of Motion and float
+        Rows in their order, and the seconds between them: first with the cut-off with which least is unexplained, then
+        with narrower ones, since a fault of the columns may hide that those would explain more. Empty where the
+        recording is too short.
     """
     wide = filter_whole_motion(recording)
-    if wide is None or not has_enough_rows(wide[0], judges.plain_fit):
-        return wide
+    if wide is None:
+        return []
+    if not has_enough_rows(wide[0], judges.plain_fit):
+        return [wide]
     unexplained = judges.plain_fit.measure_unexplained(thin_out(wide[0]))
     if max(unexplained.average_share, unexplained.worst_share) < _EXPLAINED:
-        return wide
+        return [wide]
     # What a rigid robot does not explain is mostly at high frequencies: an elastic arm, or backlash. Friction that
     # drives a joint does not count: it tells a wrong sign, and not which rows are explained.
-    best, most, narrow = wide, CLEARLY / int(unexplained.moving.sum()), filter_whole_motion(recording, octaves=1)
-    octaves = 1
+    bands, best, most = [wide], 0, CLEARLY / int(unexplained.moving.sum())
+    left = unexplained.average_share
+    narrow = filter_whole_motion(recording, octaves=1)
     # Twice as many rows as independent samples: in fewer ones a wrong order may explain as much as the right one.
     while narrow is not None and has_enough_rows(narrow[0], judges.plain_fit, _ROWS_PER_SAMPLE):
-        fall = unexplained.compute_fall_to(judges.plain_fit.measure_unexplained(thin_out(narrow[0])))
-        if fall >= most:
-            best, most = narrow, fall
-        octaves += 1
-        narrow = filter_whole_motion(recording, octaves=octaves)
-    return best
+        other = judges.plain_fit.measure_unexplained(thin_out(narrow[0]))
+        if unexplained.compute_fall_to(other) >= most:
+            best, most, left = len(bands), unexplained.compute_fall_to(other), other.average_share
+        bands.append(narrow)
+        narrow = filter_whole_motion(recording, octaves=len(bands))
+    return bands[best:] if left >= _EXPLAINED else [bands[best]]
 
 
 def report_torque_steps(

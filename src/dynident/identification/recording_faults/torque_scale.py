@@ -16,6 +16,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.identification.recording_faults.column_faults import Motion
+from dynident.identification.recording_faults.tree_fit import find_moving_joints
 from dynident.robot.pinocchio_conversion import compute_described_torque
 from dynident.robot.robot_model import Robot
 
@@ -362,8 +363,10 @@ def _compare_with_masses(robot: Robot, motion: Motion) -> list[tuple[float, floa
 
     None without masses.
     """
-    load = compute_described_load(robot, motion)
-    return None if load is None else [_compare_load(load[:, joint], motion, joint) for joint in range(robot.n)]
+    load, moving = compute_described_load(robot, motion), find_moving_joints(motion)
+    if load is None:
+        return None
+    return [_compare_load(load[:, joint], motion, joint) if moving[joint] else (1.0, 0.0) for joint in range(robot.n)]
 
 
 @lru_cache(maxsize=1)

@@ -266,6 +266,19 @@ class HeldOutFit:
         return [loads[joint] for joint in range(self._robot.n)]
 
 
+def measure_unexplained_share(robot: Robot, motion: Motion) -> float:
+    """Return the share of an average joint's torque that the robot's dynamics leave unexplained.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    """
+    return HeldOutFit(robot).measure_unexplained(motion).average_share
+
+
 def measure_gain_by_other_scales(robot: Robot, motion: Motion, factor: float) -> float:
     """Return how much other gains would explain better: near 0 where the torques of all joints are in one unit.
 
@@ -379,18 +392,24 @@ _KNOWN = 3.0
 """Standard errors from which on friction is surely not zero."""
 
 
-def find_drives_off(frictions: FloatArray) -> set[tuple[int, ...]]:
+SURELY_ON = 0.19
+"""The same share from which on friction surely is that of a drive: of a motor that hardly works it has any sign."""
+
+
+def find_drives_off(frictions: FloatArray, least: float = _OFF) -> set[tuple[int, ...]]:
     """Return the joints, one by one, whose torque has no friction beside the others'.
 
     Parameters
     ----------
     frictions : (blocks, n)
         Mean friction torques, each without a block of time.
+    least : float
+        Share of the others' friction that a drive has at least.
     """
     size = np.abs(np.median(frictions, axis=0))
     others = [np.delete(size, joint) for joint in range(len(size))]
     usual = [float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0 for sizes in others]
-    return {(joint,) for joint in range(len(size)) if size[joint] < _OFF * usual[joint]}
+    return {(joint,) for joint in range(len(size)) if size[joint] < least * usual[joint]}
 
 
 def find_joints_with_friction(frictions: FloatArray) -> BoolArray:

@@ -30,6 +30,10 @@ LIGHT_SHARE, TAIL_GROWTH = 0.002, 900.0
 Student's t with 5 degrees of freedom, 0.0075 with 3. And how the threshold grows, exponentially, with a larger one:
 among 16,384 rows the largest swings are 3, 11 and 32 usual steps."""
 
+FARTHEST = 40.0
+"""Usual steps beyond which no noise swings. Where stamps come late, or samples are held, a signal swings in many rows
+as well, but no farther than its joint moves meanwhile."""
+
 FARTHER = 0.15
 """Share of these swings of noise, of Student's t with 3 degrees of freedom, that it has of four to eight usual steps
 (the others have less)."""
@@ -139,7 +143,7 @@ def choose_step_threshold(steps: FloatArray, usual: FloatArray) -> float:
     # of what it has in the middle, so that the two counts tell how much of the middle is noise.
     noise = np.clip((middle - large) / (1.0 - FARTHER), 0.0, middle)
     excess = noise / len(steps) - LIGHT_SHARE
-    return float(TIMES_USUAL * np.exp(np.clip(TAIL_GROWTH * excess, 0.0, 20.0)))
+    return float(TIMES_USUAL * np.exp(np.clip(TAIL_GROWTH * excess, 0.0, np.log(FARTHEST / TIMES_USUAL))))
 
 
 LONGEST = 12

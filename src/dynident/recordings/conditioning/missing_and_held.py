@@ -184,7 +184,7 @@ def _change_by_digits(values: FloatArray) -> bool:
     return not any(np.median(x) > 1.5 * x.min() for x in often)
 
 
-LONGEST_BRIDGE, FEWEST_ROWS = 0.03, 3
+LONGEST_BRIDGE, FEWEST_ROWS = 0.05, 3
 """s, or rows, of missing samples that are bridged: a cubic through two positions on either side is then off by less
 than encoders resolve, at the frequencies that arms move at. Of longer ones the rows are left out."""
 
