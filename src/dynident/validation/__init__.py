@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from dynident.validation.direct_and_cross_validation import (
         RecordingErrors,
         TorqueValidation,
+        ValidationOutcome,
+        Verdict,
+        combine_verdicts,
         validate_cross,
         validate_direct,
     )
@@ -29,7 +32,6 @@ if TYPE_CHECKING:
     from dynident.validation.momentum_observer import MomentumObserver, ObservedContacts
     from dynident.validation.open_loop_drift import Drift, DriftValidation, compute_open_loop_drift, validate_drift
     from dynident.validation.simulated_response import SimulationValidation, validate_simulation
-    from dynident.validation.validation_outcome import ValidationOutcome, Verdict, combine_verdicts
     from dynident.validation.validation_request import Method, available_methods, get_method
 
 __all__ = [

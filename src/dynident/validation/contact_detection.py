@@ -22,6 +22,7 @@ from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.robot import Robot, compute_tool_jacobian, draw_unit_forces
+from dynident.validation.direct_and_cross_validation import ValidationOutcome
 from dynident.validation.momentum_observer import (
     GAIN,
     WITHIN,
@@ -30,7 +31,6 @@ from dynident.validation.momentum_observer import (
     compute_step_response,
     observe_recording,
 )
-from dynident.validation.validation_outcome import ValidationOutcome
 
 FALSE_ALARMS_AN_HOUR = 1.0
 """What a detector may cost: a cell that stops for nothing more than once an hour is switched off."""

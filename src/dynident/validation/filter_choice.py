@@ -40,7 +40,7 @@ from dynident.recordings import (
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.simulation import SimulatedRecording
-from dynident.validation.validation_outcome import ValidationOutcome
+from dynident.validation.direct_and_cross_validation import ValidationOutcome
 
 # Of a smooth signal nothing is left after so many differences; white noise of variance σ² leaves C(2k, k) σ².
 _DIFFERENCES = 6

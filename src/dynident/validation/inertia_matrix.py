@@ -23,7 +23,7 @@ from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.regressors.model_structure import Model
 from dynident.robot.robot_model import Robot
-from dynident.validation.validation_outcome import ValidationOutcome
+from dynident.validation.direct_and_cross_validation import ValidationOutcome
 
 # Random postures, the worst of them that descents start from, and steps of a descent at most.
 _SAMPLES = 2000

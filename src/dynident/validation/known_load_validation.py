@@ -14,7 +14,7 @@ from dynident.identification.loads.payloads_of_recordings import read_known_payl
 from dynident.number_format import format_percent
 from dynident.recordings import Recording
 from dynident.schema.fields import check_value
-from dynident.validation.validation_outcome import ValidationOutcome
+from dynident.validation.direct_and_cross_validation import ValidationOutcome
 
 # Off by more than this share is wrong, whatever the interval; by less is right: gains are hardly known better.
 _AS_STATED = 0.05

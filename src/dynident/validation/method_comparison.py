@@ -23,7 +23,7 @@ from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors, select_judged_errors
 from dynident.regressors.observation_matrix import RegressorInputs
-from dynident.validation.validation_outcome import ValidationOutcome
+from dynident.validation.direct_and_cross_validation import ValidationOutcome
 from dynident.validation.validation_request import Method, available_methods
 
 # A method agrees where its error is within this factor of the best one's …

@@ -29,7 +29,7 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import STANDS
 from dynident.simulation.true_effects import may_be_negative
-from dynident.validation.validation_outcome import ValidationOutcome
+from dynident.validation.direct_and_cross_validation import ValidationOutcome
 from dynident.validation.validation_request import HORIZONS
 
 # Step of the integration in s.

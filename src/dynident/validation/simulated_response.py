@@ -27,6 +27,7 @@ from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, low_pass
 from dynident.recordings.joint_phases import SLOW
 from dynident.schema.fields import check_value
+from dynident.validation.direct_and_cross_validation import ValidationOutcome
 from dynident.validation.open_loop_drift import (
     Drift,
     describe_unknown_torque,
@@ -35,7 +36,6 @@ from dynident.validation.open_loop_drift import (
     name_impossible_parameters,
     simulate_from_many_starts,
 )
-from dynident.validation.validation_outcome import ValidationOutcome
 from dynident.validation.validation_request import LONGEST_SIMULATED, Simulation
 
 
