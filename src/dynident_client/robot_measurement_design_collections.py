@@ -23,10 +23,19 @@ from dynident_client.resource_objects import (
     Simulation,
     get_identifier,
 )
+from dynident_client.transport import Event
 from dynident_client.upload_options import MeasurementOptions, RevisionOptions, RobotOptions
 
 Files = Path | str | Sequence[Path | str]
 """One file, or several that are one recording."""
+
+
+_JSON = "application/json"
+
+
+def _encode_columns(columns: Mapping[str, Sequence[float]]) -> bytes:
+    # Also arrays, whose elements are no numbers of Python.
+    return json.dumps({name: [float(value) for value in values] for name, values in columns.items()}).encode()
 
 
 def _list_paths(files: Files) -> list[Path]:
@@ -213,6 +222,76 @@ class Measurements(LabelledCollection[Measurement]):
         paths = _list_paths(file)
         metadata = {"robot_id": get_identifier(robot), "name": name or paths[0].stem, **more}
         return self._record(self._transport.upload(self.path, dict, paths, {"metadata": json.dumps(metadata)}))
+
+    def begin(self, robot: Record | str, name: str, **more: Unpack[MeasurementOptions]) -> Measurement:
+        """Begin a recording whose rows come while the robot moves: see `append_rows` and `follow`.
+
+        Parameters
+        ----------
+        robot : Record or str
+            The robot or its identifier.
+        name : str
+            What the recording is called.
+        **more : object
+            What is known of its columns, as `MeasurementOptions` has it.
+
+        Returns
+        -------
+        Measurement
+            The recording, without rows.
+        """
+        return self._post({"under_way": True, "metadata": {"robot_id": get_identifier(robot), "name": name, **more}})
+
+    def append_rows(
+        self,
+        measurement: Record | str,
+        rows: Mapping[str, Sequence[float]] | bytes = b"",
+        *,
+        offset: int,
+        finished: bool = False,
+        media_type: Literal["text/csv", "application/vnd.apache.parquet"] = "text/csv",
+    ) -> Measurement:
+        """Append rows to a recording under way.
+
+        Parameters
+        ----------
+        measurement : Record or str
+            The recording or its identifier.
+        rows : mapping or bytes
+            Columns of numbers by name, the same each time; or a CSV or Parquet file.
+        offset : int
+            Number of rows that were sent before. A request that is sent twice does no harm.
+        finished : bool
+            Whether these are the last rows. Then all checks are made, and it is a recording like any other.
+        media_type : str
+            What the bytes are.
+
+        Returns
+        -------
+        Measurement
+            The recording so far.
+        """
+        content, media = (rows, str(media_type)) if isinstance(rows, bytes) else (_encode_columns(rows), _JSON)
+        path = f"{self.path}/{get_identifier(measurement)}/rows"
+        return self._record(self._transport.patch_content(path, dict, content, media, offset=offset, finished=finished))
+
+    def follow(self, measurement: Record | str, *, design: Record | str | None = None) -> Iterator[Event]:
+        """Follow a recording under way: estimates as rows come, and reasons to stop the robot.
+
+        Parameters
+        ----------
+        measurement : Record or str
+            The recording or its identifier.
+        design : Record or str, optional
+            The design of its motion: a run that is much slower is to be stopped.
+
+        Yields
+        ------
+        Event
+            `estimate`, and `finished` with the model of all rows.
+        """
+        query = "" if design is None else f"?design_id={get_identifier(design)}"
+        return self._transport.events(f"{self.path}/{get_identifier(measurement)}/estimates{query}")
 
     def revise(self, measurement: Record | str, **changes: Unpack[RevisionOptions]) -> Measurement:
         """Change the metadata of a measurement's file: a new measurement, whose parent is this one, without an upload.
