@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.identification import Identification, PayloadVerdict, payload_from_pair
-from dynident.identification.loads.drive_gain_request import KnownLoad
+from dynident.identification.identification_choices import KnownLoad
 from dynident.identification.loads.drive_gains import DriveGains, identify_gains
 from dynident.identification.loads.payloads_of_recordings import read_known_payload
 from dynident.number_format import format_percent

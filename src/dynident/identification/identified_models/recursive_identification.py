@@ -49,6 +49,7 @@ from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.recordings.recording import Segment, StoredRows
 from dynident.regressors.dynamic_model_rows import FilteredSamples, ObservationRows, stream_filtered_samples
 from dynident.regressors.model_structure import Model, build_model
+from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.qr_accumulation import choose_block_length
 from dynident.regressors.row_cache import MOST_VALUES, CachedRows
 from dynident.regressors.row_phases import RowPhases
@@ -61,6 +62,8 @@ CONTEXT = 5.0
 """Seconds before new rows in which standstills are looked for: longer than any filter, and than most halts."""
 
 _READ = 8192
+_BLOCK_SHARE, _AGES = 0.1, 7.0
+"""Length of a block of time over the memory, and age over the memory at which a block is dropped."""
 _NO_ROWS = "No row is complete yet: the filters look ahead."
 _GROWTH = 2.0
 """Times as long a recording has to be before its filters are chosen anew."""
@@ -112,8 +115,7 @@ class _GrowingRows:
     def append(self, rows: StoredRows) -> None:
         """Add rows at the end."""
         self._rows.append(rows)
-        cut = (None if values is None else values[:0] for values in rows)
-        self._nothing = StoredRows(*cut)  # type: ignore[arg-type]
+        self._nothing = StoredRows(*(None if values is None else values[:0] for values in rows))  # type: ignore[arg-type]
 
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
         """Yield all rows, however many are asked for: nobody knows yet how many there will be."""
@@ -147,11 +149,10 @@ class _OpenSegment:
 class RecursiveIdentification:
     """Identifies the base parameters of a robot from one recording while it grows.
 
-    The positions' filter has no phase lag and looks some seconds ahead (a second or two at usual cut-offs), so that an
-    estimate rests on the samples up to then; the last ones follow in `finish`. Before, these are provisional: filters
-    that were left open and are chosen from the data so far, and which rows count as standstills, which is decided from
-    the last seconds. Effects whose shape constants are searched for, or that need a predicted load, come in `finish`
-    alone. What `finish` gives is what `identify` gives of the whole recording.
+    The positions' filter has no phase lag and looks a second or two ahead: an estimate rests on the samples up to then,
+    and the last ones follow in `finish`. Provisional until then are filters that were left open, and which rows count
+    as standstills. Effects whose shape constants are searched for, or that need a predicted load, come in `finish`
+    alone. What that gives is what `identify` gives of the whole recording.
 
     Parameters
     ----------
@@ -182,7 +183,7 @@ class RecursiveIdentification:
         if memory is not None and not 0.0 < memory < np.inf:
             raise DynidentError(f"memory is {memory!r}; give seconds above zero", pointer="/memory")
         self._recording: Recording | None = None
-        self._rows: _FactorsOfRows | None = None
+        self._rows: _FactorsOfModel | None = None
         self._seconds_at_choice = 0.0
         self._reason = "no rows yet"
         self._last: LiveEstimate | None = None
@@ -211,7 +212,7 @@ class RecursiveIdentification:
             return
         rows = self._rows
         if rows is None or preprocessing != rows.preprocessing or not rows.is_continued_by(recording):
-            self._rows = rows = _FactorsOfRows(self._robot, self._choices, recording, preprocessing)
+            self._rows = rows = _FactorsOfModel(self._robot, self._choices, recording, preprocessing, self._memory)
             self._last = None
         rows.push(recording)
 
@@ -236,12 +237,11 @@ class RecursiveIdentification:
             return LiveEstimate(seconds, count, 0, None, self._reason)
         fresh, before = rows.fold(), self._last
         live = LiveEstimate(_measure_seconds(recording), recording.n_samples, 0, None, _NO_ROWS)
-        if rows.reduction is not None and (fresh is not None or before is None):
-            reduction = rows.reduction
-            live = replace(live, n_rows=reduction.n_rows)
-            remembered = reduction if self._memory is None else reduction.forget_exponentially(self._memory)
+        remembered = rows.remembered if fresh is not None or before is None else None
+        if remembered is not None:
+            live = replace(live, n_rows=remembered.n_rows)
             try:
-                estimate, fit = rows.solve(merge_row_groups(remembered))
+                estimate, fit = rows.solve(remembered)
                 live = replace(live, estimate=estimate, fit=fit, reason="")
             except DynidentError as error:
                 live = replace(live, reason=error.detail)
@@ -284,38 +284,31 @@ class RecursiveIdentification:
                 rows.model, [whole], (), rows.choices, rows.preprocessing, rows.reference, progress, known
             )
             identified = complete_identification(self._robot, [whole], (), self._choices, identified, progress)
-        predicted = None if self._last is None else self._last.predicted
-        return LiveEstimate(
-            _measure_seconds(whole),
-            whole.n_samples,
-            identified.data.training.n_rows,
-            identified.estimate,
-            fit=identified.fit,
-            predicted=predicted,
-            identification=identified,
-        )
+        n_rows, predicted = identified.data.training.n_rows, None if self._last is None else self._last.predicted
+        seconds, count = _measure_seconds(whole), whole.n_samples
+        return LiveEstimate(seconds, count, n_rows, identified.estimate, "", identified.fit, predicted, identified)
 
 
-class _FactorsOfRows:
-    """Rows of one recording with certain filters, as they come, and the factors that they are folded into."""
+class GrowingFactors:
+    """Rows of one recording in the columns of an observation matrix, as they come, and their triangular factors.
+
+    Parameters
+    ----------
+    observation, at_rest : Observation
+        The matrix W; friction of the same columns about to move, where its rows are to be kept.
+    inputs : RegressorInputs
+        The recording so far, its filters, and what torque is predicted with.
+    memory : float, optional
+        Rows count the less the older they are, exp(-age / memory), s.
+    """
 
     def __init__(
-        self, robot: Robot, choices: IdentificationChoices, recording: Recording, preprocessing: Preprocessing
+        self, observation: Observation, at_rest: Observation | None, inputs: RegressorInputs, memory: float | None
     ) -> None:
-        check_joint_torques(robot, choices.model, [recording])
-        plain = tuple(choice for choice in choices.effects if _is_plain(choice))
-        check_temperature(plain, [recording], ())
-        check_runs(plain, [recording], ())
-        self._is_complete = len(plain) == len(choices.effects)
-        marked = mark_unrecorded_torques(robot, [recording])
-        # Estimators that simulate the robot need the whole recording.
-        own = choices if choices.solver.from_reduced else replace(choices, estimator="wls")
-        self._is_complete &= own is choices
-        self.choices = replace(own, effects=plain)
-        self.model: Model = build_model(marked, plain, tolerance=choices.tolerance)
-        self.preprocessing, self.reference = preprocessing, ReferenceParameters.massless(marked)
+        (self._recording,) = inputs.recordings
+        self.preprocessing, self.reference = inputs.preprocessing, inputs.reference
+        self._observation, self._at_rest, self._memory = observation, at_rest, memory
         self.reduction: Reduction | None = None
-        self._recording = recording
         self._open: _OpenSegment | None = None
         self._done: list[_OpenSegment] = []
         self._new: list[FilteredSamples] = []
@@ -358,7 +351,7 @@ class _FactorsOfRows:
         segments = tuple(replace(item, length=1) for item in self._recording.segments)
         growing = replace(self._recording, source=source, segments=segments)
         samples = stream_filtered_samples(
-            self.model.observation, growing, self.preprocessing, self.reference, self.model.at_rest, segments=[index]
+            self._observation, growing, self.preprocessing, self.reference, self._at_rest, segments=[index]
         )
         return _OpenSegment(index, segment, source, samples)
 
@@ -385,9 +378,12 @@ class _FactorsOfRows:
         if part is None or not new:
             return None
         self._new = []
-        observation = self.model.observation
+        observation = self._observation
         columns = [observation.joint_entries(j)[1] for j in range(observation.robot.n)] * 3
-        accumulator = FactorAccumulator(columns, observation.n_columns, choose_block_length([self._recording]))
+        length = choose_block_length([self._recording])
+        if self._memory is not None:
+            length = min(length, _BLOCK_SHARE * self._memory)
+        accumulator = FactorAccumulator(columns, observation.n_columns, length)
         window = _cut_window(self._recording, part.segment, min(part.last_time, float(new[0].t[0])) - CONTEXT)
         own = [replace(samples, segment=0) for samples in new]
         rows_of = ObservationRows(
@@ -398,8 +394,45 @@ class _FactorsOfRows:
         part.last_time = float(new[-1].t[-1])
         fresh = accumulator.finish()
         whole = fresh if self.reduction is None else concatenate_reductions([self.reduction, fresh])
-        self.reduction = whole.merge_block_pairs() if whole.n_blocks > MOST_BLOCKS else whole
+        if self._memory is not None:
+            (recent,) = np.nonzero(whole.spans[:, 1] > whole.spans[-1, 1] - _AGES * self._memory)
+            self.reduction = whole.select_blocks(recent.tolist())
+        else:
+            self.reduction = whole.merge_block_pairs() if whole.n_blocks > MOST_BLOCKS else whole
         return fresh
+
+    @property
+    def remembered(self) -> Reduction | None:
+        """The rows so far, one equation a joint, each with its weight; None where there are none."""
+        if self.reduction is None:
+            return None
+        weighted = self.reduction if self._memory is None else self.reduction.forget_exponentially(self._memory)
+        return merge_row_groups(weighted)
+
+
+class _FactorsOfModel(GrowingFactors):
+    """Rows of one recording in the columns of a model, which is solved for."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        choices: IdentificationChoices,
+        recording: Recording,
+        preprocessing: Preprocessing,
+        memory: float | None,
+    ) -> None:
+        check_joint_torques(robot, choices.model, [recording])
+        plain = tuple(choice for choice in choices.effects if _is_plain(choice))
+        check_temperature(plain, [recording], ())
+        check_runs(plain, [recording], ())
+        marked = mark_unrecorded_torques(robot, [recording])
+        # Estimators that simulate the robot need the whole recording.
+        own = choices if choices.solver.from_reduced else replace(choices, estimator="wls")
+        self._is_complete = len(plain) == len(choices.effects) and own is choices
+        self.choices = replace(own, effects=plain)
+        self.model: Model = build_model(marked, plain, tolerance=choices.tolerance)
+        inputs = RegressorInputs([recording], preprocessing, ReferenceParameters.massless(marked))
+        super().__init__(self.model.observation, self.model.at_rest, inputs, memory)
 
     def solve(self, reduction: Reduction) -> tuple[Estimate, Errors]:
         """Return what these factors give, without moving bodies to where they are possible, and what it leaves."""
