@@ -6,9 +6,9 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dynident.api.argument_checks import check_arguments, check_is_file, require
 from dynident.api.effect_arguments import check_effects, resolve_effects
@@ -125,7 +125,7 @@ class _GrowingArrays:
         self._period = 0.0
         self._last_time = -np.inf
 
-    def append(self, block: Mapping[str, Any]) -> None:
+    def append(self, block: Mapping[str, ArrayLike]) -> None:
         """Append a block of rows, evenly sampled; where time is missing a new segment begins."""
         unknown = set(block) - {"t", "q", "tau", "temperature"}
         missing = {"t", "q", "tau"} - set(block)
@@ -133,7 +133,7 @@ class _GrowingArrays:
             raise _block_error(f"it has {', '.join(sorted(map(str, block)))}; give t, q, tau, and temperature if known")
         try:
             t, q, tau = (np.asarray(block[kind], dtype=np.float64) for kind in ("t", "q", "tau"))
-            heat = None if block.get("temperature") is None else np.asarray(block["temperature"], dtype=np.float64)
+            heat = None if "temperature" not in block else np.asarray(block["temperature"], dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise _block_error(f"it holds something else than numbers: {error}") from error
         shape = len(t) if t.ndim == 1 else -1, self._robot.n
@@ -191,7 +191,7 @@ def _block_error(detail: str) -> DynidentError:
 @check_arguments
 def follow(
     robot: Robot,
-    blocks: Iterable[Mapping[str, Any]],
+    blocks: Iterable[Mapping[str, ArrayLike]],
     *,
     model: Model | Identification | None = None,
     track: Sequence[str] = (PAYLOAD,),
@@ -254,7 +254,7 @@ def follow(
 
 
 def _follow_tracked(
-    robot: Robot, blocks: Iterable[Mapping[str, Any]], tracker: ParameterTracker, every: float
+    robot: Robot, blocks: Iterable[Mapping[str, ArrayLike]], tracker: ParameterTracker, every: float
 ) -> Iterator[TrackedEstimate]:
     for recording in _grow(robot, blocks, every):
         tracker.push(recording)
@@ -262,7 +262,7 @@ def _follow_tracked(
 
 
 def _follow_robot(
-    robot: Robot, blocks: Iterable[Mapping[str, Any]], live: RecursiveIdentification, every: float, ends: bool
+    robot: Robot, blocks: Iterable[Mapping[str, ArrayLike]], live: RecursiveIdentification, every: float, ends: bool
 ) -> Iterator[LiveEstimate]:
     has_rows = False
     for recording in _grow(robot, blocks, every):
@@ -273,7 +273,7 @@ def _follow_robot(
         yield live.finish()
 
 
-def _grow(robot: Robot, blocks: Iterable[Mapping[str, Any]], every: float) -> Iterator[Recording]:
+def _grow(robot: Robot, blocks: Iterable[Mapping[str, ArrayLike]], every: float) -> Iterator[Recording]:
     """Yield the recording so far, every so many seconds and at the end."""
     growing, seconds = _GrowingArrays(robot, "live"), 0.0
     recording: Recording | None = None

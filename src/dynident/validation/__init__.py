@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.identification.thresholds import LARGEST_ERROR
+from dynident.identification.thresholds import LARGEST_ERROR, ValidationOutcome, Verdict, combine_verdicts
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
@@ -13,9 +13,6 @@ if TYPE_CHECKING:
     from dynident.validation.direct_and_cross_validation import (
         RecordingErrors,
         TorqueValidation,
-        ValidationOutcome,
-        Verdict,
-        combine_verdicts,
         validate_cross,
         validate_direct,
     )

@@ -17,12 +17,12 @@ from scipy.special import pdtrc
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.identification import Identification
+from dynident.identification.thresholds import ValidationOutcome
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.robot import Robot, compute_tool_jacobian, draw_unit_forces
-from dynident.validation.direct_and_cross_validation import ValidationOutcome
 from dynident.validation.momentum_observer import (
     GAIN,
     WITHIN,

@@ -1,14 +1,12 @@
 """Direct and cross validation: prediction errors on recordings of the fit and on others (§12.7).
 
-They pass by identification/thresholds.py. Holds also what the outcome of any validation is (pass, fail, not evaluated;
-with reason), and how several are combined.
+They pass by identification/thresholds.py.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -16,7 +14,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.equations.reduced_recordings import reduce_torque
-from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, OVERFIT
+from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, OVERFIT, ValidationOutcome
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
@@ -25,51 +23,6 @@ from dynident.regressors.errors_by_phase import compute_errors_by_phase, select_
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.schema.fields import check_value
 from dynident.validation.validation_request import LimitedTrial
-
-Verdict = Literal["pass", "fail", "not_evaluated"]
-
-
-@dataclass(frozen=True)
-class ValidationOutcome:
-    """Verdict of a validation, and the reason.
-
-    Parameters
-    ----------
-    verdict : "pass", "fail" or "not_evaluated"
-        The verdict.
-    reason : str
-        The reason in a sentence, with the figures that it rests on.
-    """
-
-    verdict: Verdict
-    reason: str
-
-
-def combine_verdicts(parts: Sequence[tuple[str, ValidationOutcome]]) -> ValidationOutcome:
-    """Combine the verdicts of several validations into one.
-
-    One that fails makes all fail, and at least one has to pass.
-
-    Parameters
-    ----------
-    parts : sequence of (name, ValidationOutcome)
-        The validations, each with the name that its reason is given under.
-
-    Returns
-    -------
-    ValidationOutcome
-        The reasons are those of the validations with the common verdict, each with its name.
-    """
-    words = [judged.verdict for _, judged in parts]
-    verdict: Verdict = "fail" if "fail" in words else "pass" if "pass" in words else "not_evaluated"
-    if not parts:
-        return ValidationOutcome(verdict, "No test ran.")
-    # A single reason needs no name in front of it.
-    if len(parts) == 1:
-        return parts[0][1]
-    return ValidationOutcome(
-        verdict, " ".join(f"{name}: {judged.reason}" for name, judged in parts if judged.verdict == verdict)
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,14 +20,13 @@ from dynident.identification.estimators.identified_robot_simulator import (
     build_simulator,
     read_longest_piece,
 )
-from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT
+from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, ValidationOutcome
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, low_pass
 from dynident.recordings.joint_phases import SLOW
 from dynident.schema.fields import check_value
-from dynident.validation.direct_and_cross_validation import ValidationOutcome
 from dynident.validation.open_loop_drift import (
     Drift,
     describe_unknown_torque,
