@@ -186,7 +186,7 @@ def test_the_limit_of_a_recording_holds_for_all_its_rows(settings: Settings) -> 
 
 
 def test_estimates_come_with_the_rows_and_survive_a_restart(settings: Settings) -> None:
-    with serving(settings) as url, Client(url) as live:
+    with serving(settings.model_copy(update={"port": 0})) as url, Client(url) as live:
         robot = live.robots.create("scara", modified_dh=TABLE)
         measurement = live.measurements.begin(robot, "live")
         live.measurements.append_rows(measurement, part(0, 900), offset=0)
@@ -194,7 +194,7 @@ def test_estimates_come_with_the_rows_and_survive_a_restart(settings: Settings) 
         assert first.event == "estimate"
         assert first.id == "900"
         assert first.data["rows"] == 900
-    with serving(settings) as url, Client(url) as live:
+    with serving(settings.model_copy(update={"port": 0})) as url, Client(url) as live:
         events = live.measurements.follow(measurement.id)
         again = next(events)
         assert again.data["parameters"] == first.data["parameters"]
@@ -216,3 +216,21 @@ def test_estimates_come_with_the_rows_and_survive_a_restart(settings: Settings) 
             list(live.measurements.follow("meas_none"))
         with pytest.raises(ProblemError):
             list(live.measurements.follow(measurement.id, design="design_none"))
+
+
+def test_a_bad_run_is_to_be_stopped(settings: Settings) -> None:
+    with serving(settings.model_copy(update={"port": 0})) as url, Client(url) as live:
+        robot = live.robots.create("scara", modified_dh=TABLE)
+        rows = part(0, 900)
+        # The drive of the elbow gives no more than this.
+        rows["tau2"] = np.clip(rows["tau2"], -2.0, 2.0).tolist()
+        measurement = live.measurements.begin(robot, "saturated")
+        live.measurements.append_rows(measurement, rows, offset=0)
+        event = next(iter(live.measurements.follow(measurement)))
+        assert "saturation" in [reason["code"] for reason in event.data["stop"]]
+        sound = live.measurements.begin(robot, "sound")
+        live.measurements.append_rows(sound, part(0, 900), offset=0)
+        assert next(iter(live.measurements.follow(sound))).data["stop"] == []
+        nothing = next(iter(live.measurements.follow(live.measurements.begin(robot, "empty"))))
+        assert (nothing.data["rows"], nothing.data["parameters"]) == (0, [])
+        assert nothing.data["reason"]

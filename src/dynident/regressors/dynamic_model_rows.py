@@ -14,7 +14,6 @@ from dynident.estimation import Reduction, merge_row_groups
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.recordings.joint_phases import Phase, PhaseArray
-from dynident.recordings.low_pass_decimation import Samples as Samples
 from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.recordings.low_pass_decimation import low_pass_samples as low_pass_samples
 from dynident.recordings.low_pass_decimation import stream_samples as stream_samples
