@@ -9,6 +9,7 @@ import json
 import tempfile
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -175,6 +176,7 @@ def estimate_rows(
     metadata: Mapping[str, object],
     identifier: str,
     count: int,
+    before: int,
     is_final: bool,
     planned: str | None,
 ) -> dict[str, object]:
@@ -193,7 +195,9 @@ def estimate_rows(
         reference = None if planned is None else read_reference(Path(planned), list(restored.joint_names))
         motion = None if reference is None else (reference.t, reference.q)
         reasons = find_stop_reasons(recording, checks, joints.known_limits, motion)
-        return _show_estimate(restored, _follow(restored, recording, identifier, is_final), count, reasons)
+        return _show_estimate(
+            restored, _follow(restored, recording, identifier, before / count, is_final), count, reasons
+        )
 
 
 def _find_fatal(checks: Sequence[Check]) -> list[StopReason]:
@@ -206,9 +210,16 @@ def _find_fatal(checks: Sequence[Check]) -> list[StopReason]:
     ]
 
 
-def _follow(robot: Robot, recording: Recording, identifier: str, is_final: bool) -> LiveEstimate:
-    live = _followed.pop(identifier, None) or RecursiveIdentification(robot)
+def _follow(robot: Robot, recording: Recording, identifier: str, seen: float, is_final: bool) -> LiveEstimate:
+    """Return the estimate; `seen` is the share of the rows that the last estimate was made of, in whatever process."""
+    live = _followed.pop(identifier, None)
     try:
+        if live is None:
+            live = RecursiveIdentification(robot)
+            if 0.0 < seen < 1.0:
+                # So that the newest rows are predicted by the estimate before, as where the factors were remembered.
+                live.push(_cut_recording(recording, round(seen * recording.n_samples)))
+                live.estimate()
         if is_final:
             return live.finish(recording)
         live.push(recording)
@@ -219,6 +230,16 @@ def _follow(robot: Robot, recording: Recording, identifier: str, is_final: bool)
     while len(_followed) > MOST_FOLLOWED:
         _followed.popitem(last=False)
     return estimate
+
+
+def _cut_recording(recording: Recording, count: int) -> Recording:
+    """Return the first rows of a recording."""
+    segments = []
+    for segment in recording.segments:
+        if count > 0:
+            segments.append(replace(segment, length=min(count, segment.length)))
+        count -= segment.length
+    return replace(recording, segments=tuple(segments))
 
 
 def _show_estimate(robot: Robot, live: LiveEstimate, count: int, reasons: Sequence[StopReason]) -> dict[str, object]:

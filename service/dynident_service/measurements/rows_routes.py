@@ -208,7 +208,7 @@ async def follow_estimates(
         if count > last or not is_open:
             began = time.monotonic()
             try:
-                view = await _estimate(request, services, current, planned)
+                view = await _estimate(request, services, current, max(last, 0), planned)
             except ProblemError as error:
                 if error.problem.status == 408:
                     return
@@ -231,7 +231,7 @@ async def follow_estimates(
 
 
 async def _estimate(
-    request: Request, services: Services, measurement: Resource, planned: Path | None
+    request: Request, services: Services, measurement: Resource, before: int, planned: Path | None
 ) -> LiveEstimateView:
     is_open = is_under_way(measurement)
     count = int((measurement.result or {})["n_samples"])
@@ -252,6 +252,7 @@ async def _estimate(
     arguments |= {
         "identifier": measurement.id,
         "count": count,
+        "before": min(before, count),
         "is_final": not is_open,
         "planned": None if planned is None else str(planned),
     }
