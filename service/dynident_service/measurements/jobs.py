@@ -107,29 +107,29 @@ MOST_COLUMNS = 1000
 """Columns that rows of a recording under way may have."""
 
 
-def append_rows(stored: str | None, sent: str, media_type: str, offset: int, destination: str) -> int:
+def append_rows(stored: str | None, sent: str, media_type: str, first: int, destination: str) -> int:
     """Put rows that were sent behind those that are stored, and return the number of all.
 
     Rows that are there already have to be the same; where no other came, nothing is written.
     """
     table = _read_rows(Path(sent), media_type)
     if stored is None:
-        if offset:
-            raise ProblemError(409, f"No rows have arrived, not {offset}.", title="Rows are missing")
+        if first:
+            raise ProblemError(409, f"No rows have arrived, not {first}.", title="Rows are missing")
         pq.write_table(table, destination)
         return int(table.num_rows)
     before = pq.read_table(stored)
     if table.column_names != before.column_names:
         names = ", ".join(before.column_names)
         raise make_unusable(f"the rows have other columns than those before: {names}", "/", title="Other columns")
-    if offset > before.num_rows:
-        detail = f"{before.num_rows} rows have arrived, not {offset}; send the rows in between first."
+    if first > before.num_rows:
+        detail = f"{before.num_rows} rows have arrived, not {first}; send the rows in between first."
         raise ProblemError(409, detail, title="Rows are missing")
-    common = min(before.num_rows - offset, table.num_rows)
+    common = min(before.num_rows - first, table.num_rows)
     # Compared as numbers: a NaN that is sent again is the same.
-    for ours, theirs in zip(before.slice(offset, common).columns, table.slice(0, common).columns, strict=True):
+    for ours, theirs in zip(before.slice(first, common).columns, table.slice(0, common).columns, strict=True):
         if not np.array_equal(ours.to_numpy(), theirs.to_numpy(), equal_nan=True):
-            detail = f"Rows from {offset} on have arrived with other values; a retry sends the same rows."
+            detail = f"Rows from {first} on have arrived with other values; a retry sends the same rows."
             raise ProblemError(409, detail, title="Other rows")
     if common == table.num_rows:
         return int(before.num_rows)

@@ -102,7 +102,7 @@ async def _append(
         "stored": None if stored is None else str(await to_thread.run_sync(services.objects.fetch_file, stored.key)),
         "sent": str(body),
         "media_type": request.headers.get("content-type", "").partition(";")[0].strip().lower(),
-        "offset": offset,
+        "first": offset,
         "destination": str(rows),
     }
     limits = ComputationLimits.from_file_sizes(size)
@@ -224,10 +224,10 @@ async def follow_estimates(
             pause = max(SOONEST, (time.monotonic() - began) * (1.0 / SHARE - 1.0))
         await anyio.sleep(max(pause, LOOK))
         pause = 0.0
-        found = await to_thread.run_sync(services.resources.find, measurement.id)
-        if found is None:
+        reread = await to_thread.run_sync(services.resources.find, measurement.id)
+        if reread is None:
             return
-        current = found
+        current = reread
 
 
 async def _estimate(
@@ -257,5 +257,5 @@ async def _estimate(
         "planned": None if planned is None else str(planned),
     }
     limits = ComputationLimits.from_file_sizes(Path(arguments["source"]).stat().st_size)
-    found = await services.interactive.call(request, ESTIMATE, dict, arguments, limits, is_long=True)
-    return LiveEstimateView.model_validate(found)
+    answer = await services.interactive.call(request, ESTIMATE, dict, arguments, limits, is_long=True)
+    return LiveEstimateView.model_validate(answer)

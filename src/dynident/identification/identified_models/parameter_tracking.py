@@ -134,7 +134,7 @@ class ParameterTracker:
         seconds = 0.0 if recording is None else recording.n_samples * recording.period
         if factors is not None:
             factors.fold()
-        remembered = None if factors is None else factors.remembered
+        remembered = None if factors is None else factors.weighted_factors
         if remembered is None:
             return TrackedEstimate(seconds, np.nan, self.columns, reason="No row is complete yet.")
         time, rest = float(remembered.spans[-1, 1]), self._subtract_known(remembered)

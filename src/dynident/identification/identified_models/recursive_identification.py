@@ -237,7 +237,7 @@ class RecursiveIdentification:
             return LiveEstimate(seconds, count, 0, None, self._reason)
         fresh, before = rows.fold(), self._last
         live = LiveEstimate(_measure_seconds(recording), recording.n_samples, 0, None, _NO_ROWS)
-        remembered = rows.remembered if fresh is not None or before is None else None
+        remembered = rows.weighted_factors if fresh is not None or before is None else None
         if remembered is not None:
             live = replace(live, n_rows=remembered.n_rows)
             try:
@@ -402,7 +402,7 @@ class GrowingFactors:
         return fresh
 
     @property
-    def remembered(self) -> Reduction | None:
+    def weighted_factors(self) -> Reduction | None:
         """The rows so far, one equation a joint, each with its weight; None where there are none."""
         if self.reduction is None:
             return None
@@ -436,9 +436,9 @@ class _FactorsOfModel(GrowingFactors):
 
     def solve(self, reduction: Reduction) -> tuple[Estimate, Errors]:
         """Return what these factors give, without moving bodies to where they are possible, and what it leaves."""
-        data = Data(reduction, reduction, (self._recording,), self.preprocessing, self.reference)
-        problem = Problem.from_choices(self.model, self.choices, data)
-        check_reduction(self.model, data.equations, problem.known)
+        equations = Data(reduction, reduction, (self._recording,), self.preprocessing, self.reference)
+        problem = Problem.from_choices(self.model, self.choices, equations)
+        check_reduction(self.model, reduction, problem.known)
         torque = problem.data.torque
         fitted = self.choices.plan.solve(self.choices, problem)
         reduced = ReducedData(torque, torque, None, None, self.preprocessing)
