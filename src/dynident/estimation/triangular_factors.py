@@ -272,17 +272,17 @@ class Reduction:
             Every block with one weight; blocks that count for less than a thousandth are left out.
         """
         weights = np.exp((self.spans[:, 1] - self.spans[-1, 1]) / memory)
-        (kept,) = np.nonzero(weights >= _FORGOTTEN)
+        (recent,) = np.nonzero(weights >= _FORGOTTEN)
         equations = tuple(
             EquationFactors(
                 e.columns,
-                e.factors[kept] * np.sqrt(weights[kept])[:, None, None],
+                e.factors[recent] * np.sqrt(weights[recent])[:, None, None],
                 # As many rows as the weighted ones are worth.
-                np.rint(e.counts[kept] * weights[kept]).astype(np.intp),
+                np.rint(e.counts[recent] * weights[recent]).astype(np.intp),
             )
             for e in self.equations
         )
-        return Reduction(self.n_columns, equations, self.spans[kept])
+        return Reduction(self.n_columns, equations, self.spans[recent])
 
     def select_blocks(self, indices: Sequence[int]) -> Reduction:
         """Return only the blocks of time with these indices."""

@@ -186,16 +186,16 @@ def _find_exceeded(name: str, q: FloatArray, rate: float, limit: JointLimits) ->
 
 
 def _find_slowness(q: FloatArray, rate: float, t: FloatArray, planned: FloatArray) -> list[StopReason]:
-    own, wanted = _measure_travel(q), _measure_travel(planned)
-    if not len(own) or not len(wanted):
+    own, intended = _measure_travel(q), _measure_travel(planned)
+    if not len(own) or not len(intended):
         return []
     seconds = len(own) / rate
     step = float(t[1] - t[0])
-    count = min(int(seconds / step), len(wanted))
+    count = min(int(seconds / step), len(intended))
     if seconds < _LEAST_SECONDS or not count:
         return []
     # A run that has ended is not slower than one that stands still at its end.
-    share = float(own[min(int(count * step * rate), len(own)) - 1] / wanted[count - 1])
+    share = float(own[min(int(count * step * rate), len(own)) - 1] / intended[count - 1])
     if share >= _SLOW:
         return []
     detail = f"In {seconds:.3g} s the joints moved {100 * share:.0f} % of the way that the design moves them."
