@@ -19,6 +19,7 @@ from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.measurements.routes import IMPORT, show_measurement
 from dynident_service.measurements.wire_types import LiveEstimateView, MeasurementMetadata, MeasurementView
 from dynident_service.problems import ProblemError
+from dynident_service.request_limits import MOST_SAMPLES
 from dynident_service.shared.required_resources import is_under_way, require_result
 from dynident_service.shared.upload_forms import MEDIA_TYPES, hash_file, require_room_for
 from dynident_service.shared.wire_types import to_plain_json
@@ -33,7 +34,8 @@ ROLE = "rows"
 SOONEST, LOOK, SHARE = 1.0, 0.2, 0.25
 """Seconds between two estimates at least, and between two looks for rows; share of the time that estimates may take."""
 
-_COLUMNS = {"type": "object", "additionalProperties": {"type": "array", "items": {"type": "number", "nullable": True}}}
+_NUMBERS = {"type": "array", "maxItems": MOST_SAMPLES, "items": {"type": "number", "nullable": True}}
+_COLUMNS = {"type": "object", "maxProperties": 1000, "additionalProperties": _NUMBERS}
 ROWS_BODY = {
     "requestBody": {
         "description": "Columns of numbers, as in a file; none with finished=true where all rows were sent",
