@@ -26,7 +26,7 @@ from dynident_service.fair_queue import name_address_party
 from dynident_service.identifications import batch_routes, judgement_routes
 from dynident_service.identifications import routes as identifications
 from dynident_service.jobs.child_pool import ForkServer
-from dynident_service.measurements import import_routes
+from dynident_service.measurements import import_routes, rows_routes
 from dynident_service.measurements import routes as measurements
 from dynident_service.middleware import AccessControl, AccessLog, AuditLog, Metrics, RequestTiming
 from dynident_service.problem_responses import REQUEST_ID, SafeHeaders
@@ -68,6 +68,7 @@ ROUTERS = (
     import_routes.router,
     measurements.router,
     measurements.revisions_router,
+    rows_routes.router,
     judgement_routes.router,
     comparisons.router,
     diagnoses.router,

@@ -32,7 +32,7 @@ from dynident_service.storage.repository_values import Kind, NewResource
 
 UPLOADS = frozenset({"/v1/measurements", "/v1/imports"})
 MESHES = re.compile("/v1/robots/[^/]+/meshes")
-TRAJECTORIES = re.compile("/v1/simulations|/v1/identifications/[^/]+/predictions")
+TRAJECTORIES = re.compile("/v1/simulations|/v1/identifications/[^/]+/predictions|/v1/measurements/[^/]+/rows")
 MOST_VALUES = 200_000
 """Upper limit for the weight of the values of a JSON body."""
 MOST_SAMPLES = 4_000_000
@@ -312,7 +312,7 @@ def find_request_party(scope: Scope) -> str:
 
 
 def _classify_request(scope: Scope) -> Pace:
-    if scope["path"].endswith("/events"):
+    if scope["path"].endswith(("/events", "/estimates")):
         return "following"
     length = Headers(scope=scope).get("content-length", "0")
     return "short" if length.isdigit() and int(length) <= SHORT_BODY else "long"

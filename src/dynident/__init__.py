@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from dynident.api.figure import Figure
     from dynident.api.model import Ladder, Model
     from dynident.api.model_diagnosis import DiagnosedModel, diagnose
-    from dynident.api.model_identification import identify, load_model
+    from dynident.api.model_identification import follow, identify, load_model
     from dynident.api.model_report import Report, report
     from dynident.api.model_validation import Validation, Validations, validate
     from dynident.api.motion_design import DesignedMotion, design
@@ -94,6 +94,7 @@ __all__ = [
     "compare",
     "design",
     "diagnose",
+    "follow",
     "identify",
     "inspect",
     "load_model",

@@ -18,10 +18,9 @@ from dynident_client.analysis_and_report_collections import (
     SeriesOfDays,
     Validations,
 )
-from dynident_client.identification_collection import Identifications
+from dynident_client.identification_collection import Campaigns, Identifications
 from dynident_client.resource_objects import Job, Page, Record, get_identifier
 from dynident_client.robot_measurement_design_collections import (
-    Campaigns,
     Designs,
     Imports,
     Measurements,

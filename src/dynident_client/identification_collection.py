@@ -1,4 +1,4 @@
-"""Collection of identifications: create, batches, extend, remove effects, verdict, tables, ladder, export."""
+"""Collections of campaigns, and of identifications: create, batches, extend, remove, verdict, tables, export."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, Unpack
 
 from dynident_client import answers
-from dynident_client.collection_bases import LabelledCollection, replace_resources
-from dynident_client.computation_options import (
-    IdentificationOptions,
-)
+from dynident_client.collection_bases import Collection, LabelledCollection, replace_resources
+from dynident_client.computation_options import CampaignOptions, IdentificationOptions
 from dynident_client.resource_objects import (
     Batch,
+    Campaign,
+    Design,
     Identification,
     Record,
     get_identifier,
@@ -306,3 +306,76 @@ class Identifications(LabelledCollection[Identification]):
 def list_effects(effects: Effects) -> list[dict[str, object]]:
     """Return effects as the service takes them: each a mapping, of its name alone where nothing else is stated."""
     return [{"effect": effect} if isinstance(effect, str) else dict(effect) for effect in effects]
+
+
+class Campaigns(Collection[Campaign]):
+    """Campaigns: ask for a motion, move the robot, tell its recording, until the goal is reached or cannot be."""
+
+    kind = Campaign
+
+    def create(
+        self,
+        robot: Record | str,
+        *,
+        measurements: Sequence[Record | str] = (),
+        **more: Unpack[CampaignOptions],
+    ) -> Campaign:
+        """Begin a campaign.
+
+        Parameters
+        ----------
+        robot : Record or str
+            The robot or its identifier.
+        measurements : sequence of Record or str
+            Measurements that it begins with.
+        **more : object
+            Other fields of the request, as `CampaignOptions` has them.
+
+        Returns
+        -------
+        Campaign
+            The campaign.
+        """
+        ids = [get_identifier(measurement) for measurement in measurements]
+        return self._post({"robot_id": get_identifier(robot), "measurement_ids": ids, **more})
+
+    def ask(self, campaign: Record | str) -> Design:
+        """Design the next motion; its result has what it promises (`promised`).
+
+        Parameters
+        ----------
+        campaign : Record or str
+            The campaign or its identifier.
+
+        Returns
+        -------
+        Design
+            The design, whose job is queued; see `wait`.
+        """
+        return Design(self._transport, self._transport.post(f"{self.path}/{get_identifier(campaign)}/ask", dict))
+
+    def tell(
+        self, campaign: Record | str, measurement: Record | str, *, design: Record | str | None = None
+    ) -> Identification:
+        """Take in the recording of a run.
+
+        Parameters
+        ----------
+        campaign : Record or str
+            The campaign or its identifier.
+        measurement : Record or str
+            The recording or its identifier.
+        design : Record or str, optional
+            The motion that was made; by default, the last one that was asked for.
+
+        Returns
+        -------
+        Identification
+            The model from all runs so far, whose job is queued; see `wait`.
+        """
+        body = {
+            "measurement_id": get_identifier(measurement),
+            "design_id": None if design is None else get_identifier(design),
+        }
+        path = f"{self.path}/{get_identifier(campaign)}/tell"
+        return Identification(self._transport, self._transport.post(path, dict, body))

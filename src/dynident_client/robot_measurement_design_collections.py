@@ -9,12 +9,10 @@ from typing import Literal, Unpack
 
 from dynident_client import answers
 from dynident_client.collection_bases import Collection, LabelledCollection
-from dynident_client.computation_options import CampaignOptions, DesignKind, DesignOptions, SimulationOptions
+from dynident_client.computation_options import DesignKind, DesignOptions, SimulationOptions
 from dynident_client.resource_objects import (
-    Campaign,
     Design,
     Diagnosis,
-    Identification,
     Import,
     Measurement,
     NextExperiment,
@@ -23,10 +21,19 @@ from dynident_client.resource_objects import (
     Simulation,
     get_identifier,
 )
+from dynident_client.transport import Event
 from dynident_client.upload_options import MeasurementOptions, RevisionOptions, RobotOptions
 
 Files = Path | str | Sequence[Path | str]
 """One file, or several that are one recording."""
+
+
+_JSON = "application/json"
+
+
+def _encode_columns(columns: Mapping[str, Sequence[float]]) -> bytes:
+    # Also arrays, whose elements are no numbers of Python.
+    return json.dumps({name: [float(value) for value in values] for name, values in columns.items()}).encode()
 
 
 def _list_paths(files: Files) -> list[Path]:
@@ -214,6 +221,76 @@ class Measurements(LabelledCollection[Measurement]):
         metadata = {"robot_id": get_identifier(robot), "name": name or paths[0].stem, **more}
         return self._record(self._transport.upload(self.path, dict, paths, {"metadata": json.dumps(metadata)}))
 
+    def begin(self, robot: Record | str, name: str, **more: Unpack[MeasurementOptions]) -> Measurement:
+        """Begin a recording whose rows come while the robot moves: see `append_rows` and `follow`.
+
+        Parameters
+        ----------
+        robot : Record or str
+            The robot or its identifier.
+        name : str
+            What the recording is called.
+        **more : object
+            What is known of its columns, as `MeasurementOptions` has it.
+
+        Returns
+        -------
+        Measurement
+            The recording, without rows.
+        """
+        return self._post({"under_way": True, "metadata": {"robot_id": get_identifier(robot), "name": name, **more}})
+
+    def append_rows(
+        self,
+        measurement: Record | str,
+        rows: Mapping[str, Sequence[float]] | bytes = b"",
+        *,
+        offset: int,
+        finished: bool = False,
+        media_type: Literal["text/csv", "application/vnd.apache.parquet"] = "text/csv",
+    ) -> Measurement:
+        """Append rows to a recording under way.
+
+        Parameters
+        ----------
+        measurement : Record or str
+            The recording or its identifier.
+        rows : mapping or bytes
+            Columns of numbers by name, the same each time; or a CSV or Parquet file.
+        offset : int
+            Number of rows that were sent before. A request that is sent twice does no harm.
+        finished : bool
+            Whether these are the last rows. Then all checks are made, and it is a recording like any other.
+        media_type : str
+            What the bytes are.
+
+        Returns
+        -------
+        Measurement
+            The recording so far.
+        """
+        content, media = (rows, str(media_type)) if isinstance(rows, bytes) else (_encode_columns(rows), _JSON)
+        path = f"{self.path}/{get_identifier(measurement)}/rows"
+        return self._record(self._transport.patch_content(path, dict, content, media, offset=offset, finished=finished))
+
+    def follow(self, measurement: Record | str, *, design: Record | str | None = None) -> Iterator[Event]:
+        """Follow a recording under way: estimates as rows come, and reasons to stop the robot.
+
+        Parameters
+        ----------
+        measurement : Record or str
+            The recording or its identifier.
+        design : Record or str, optional
+            The design of its motion: a run that is much slower is to be stopped.
+
+        Yields
+        ------
+        Event
+            `estimate`, and `finished` with the model of all rows.
+        """
+        query = "" if design is None else f"?design_id={get_identifier(design)}"
+        return self._transport.events(f"{self.path}/{get_identifier(measurement)}/estimates{query}")
+
     def revise(self, measurement: Record | str, **changes: Unpack[RevisionOptions]) -> Measurement:
         """Change the metadata of a measurement's file: a new measurement, whose parent is this one, without an upload.
 
@@ -348,79 +425,6 @@ class Designs(Collection[Design]):
         return self._transport.get(
             f"{self.path}/{get_identifier(design)}/clearances", answers.DesignClearances, points=points
         )
-
-
-class Campaigns(Collection[Campaign]):
-    """Campaigns: ask for a motion, move the robot, tell its recording, until the goal is reached or cannot be."""
-
-    kind = Campaign
-
-    def create(
-        self,
-        robot: Record | str,
-        *,
-        measurements: Sequence[Record | str] = (),
-        **more: Unpack[CampaignOptions],
-    ) -> Campaign:
-        """Begin a campaign.
-
-        Parameters
-        ----------
-        robot : Record or str
-            The robot or its identifier.
-        measurements : sequence of Record or str
-            Measurements that it begins with.
-        **more : object
-            Other fields of the request, as `CampaignOptions` has them.
-
-        Returns
-        -------
-        Campaign
-            The campaign.
-        """
-        ids = [get_identifier(measurement) for measurement in measurements]
-        return self._post({"robot_id": get_identifier(robot), "measurement_ids": ids, **more})
-
-    def ask(self, campaign: Record | str) -> Design:
-        """Design the next motion; its result has what it promises (`promised`).
-
-        Parameters
-        ----------
-        campaign : Record or str
-            The campaign or its identifier.
-
-        Returns
-        -------
-        Design
-            The design, whose job is queued; see `wait`.
-        """
-        return Design(self._transport, self._transport.post(f"{self.path}/{get_identifier(campaign)}/ask", dict))
-
-    def tell(
-        self, campaign: Record | str, measurement: Record | str, *, design: Record | str | None = None
-    ) -> Identification:
-        """Take in the recording of a run.
-
-        Parameters
-        ----------
-        campaign : Record or str
-            The campaign or its identifier.
-        measurement : Record or str
-            The recording or its identifier.
-        design : Record or str, optional
-            The motion that was made; by default, the last one that was asked for.
-
-        Returns
-        -------
-        Identification
-            The model from all runs so far, whose job is queued; see `wait`.
-        """
-        body = {
-            "measurement_id": get_identifier(measurement),
-            "design_id": None if design is None else get_identifier(design),
-        }
-        path = f"{self.path}/{get_identifier(campaign)}/tell"
-        return Identification(self._transport, self._transport.post(path, dict, body))
 
 
 class Simulations(Collection[Simulation]):

@@ -124,6 +124,12 @@ class Transport:
         content: T = self._send("PATCH", path, json=_drop_missing(body)).json()
         return content
 
+    def patch_content(self, path: str, answer: type[T], content: bytes, media_type: str, **params: Param) -> T:
+        """Send a body of any media type; the request has to be one that does no harm if it is repeated."""
+        headers = {"Content-Type": media_type}
+        answered: T = self._send("PATCH", path, content=content, headers=headers, params=params).json()
+        return answered
+
     def upload(self, path: str, answer: type[T], files: Sequence[Path], fields: Mapping[str, str]) -> T:
         """Send a file, or several that belong together, and fields as a form."""
         with ExitStack() as stack:
@@ -184,6 +190,7 @@ class Transport:
         # The service answers a second POST of the same key as the first, so that a lost answer is no reason to compute
         # again.
         headers = {"Idempotency-Key": uuid.uuid4().hex} if method == "POST" else {}
+        headers |= content.pop("headers", {})
         if "params" in content:
             content["params"] = _drop_missing(content["params"])
         # The patience is that of the whole request, however often it is sent.

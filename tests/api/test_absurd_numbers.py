@@ -19,9 +19,8 @@ import dynident as dy
 from dynident.diagnosis import DiagnosisChoices
 from dynident.errors import DynidentError
 from dynident.excitation import design_experiment
-from dynident.identification.identification_choices import EssentialChoices
+from dynident.identification.identification_choices import EssentialChoices, KnownLoad
 from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
-from dynident.identification.loads.drive_gain_request import KnownLoad
 from dynident.identification.loads.payloads_of_recordings import parse_payload
 from dynident.identification.methods.base_classes import ESTIMATORS
 from dynident.motion.collision.surroundings import Box, ToolRange, Wall

@@ -26,7 +26,7 @@ class Recorder:
     def __call__(self, request: httpx2.Request) -> httpx2.Response:
         request.read()
         self.requests.append(request)
-        if request.url.path.endswith("/events"):
+        if request.url.path.endswith(("/events", "/estimates")):
             return httpx2.Response(200, headers=STREAM, text='event: state\ndata: {"state": "succeeded"}\nid: 1\n\n')
         return httpx2.Response(200, json=ANSWER)
 
@@ -46,6 +46,9 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.robots.poses("x1", [[0.1, 0.2]]),
         lambda c: c.robots.put_meshes("x1", {"one.stl": file}),
         lambda c: c.measurements.standstills("x1"),
+        lambda c: c.measurements.begin("r1", "a"),
+        lambda c: c.measurements.append_rows("x1", {"t": [0.0]}, offset=0),
+        lambda c: list(c.measurements.follow("x1", design="d1")),
         lambda c: c.imports.upload("r1", file),
         lambda c: c.imports.upload("r1", [file, file]),
         lambda c: c.measurements.upload("r1", file),
@@ -134,8 +137,8 @@ def test_what_the_client_sends_has_the_fields_of_the_contract(tmp_path: Path) ->
             continue
         for template, operations in CONTRACT["paths"].items():
             if operations.get("post", {}).get("operationId") == operation_of(request):
-                schema = operations["post"]["requestBody"]["content"]["application/json"]["schema"]["$ref"]
-                model = CONTRACT["components"]["schemas"][schema.rpartition("/")[2]]
+                schema = operations["post"]["requestBody"]["content"]["application/json"]["schema"]
+                model = CONTRACT["components"]["schemas"].get(schema.get("$ref", "").rpartition("/")[2], schema)
                 sent = json.loads(request.content)
                 assert set(sent) <= set(model["properties"]), template
                 assert set(model.get("required", ())) <= set(sent), template
@@ -158,7 +161,7 @@ def test_a_batch_gives_its_identifications_in_the_order_asked_and_they_can_be_wa
     sent: list[Any] = []
 
     def answer(request: httpx2.Request) -> httpx2.Response:
-        if request.url.path.endswith("/events"):
+        if request.url.path.endswith(("/events", "/estimates")):
             return httpx2.Response(200, headers=STREAM, text="")
         if request.method == "POST":
             sent.append(json.loads(request.content))
@@ -215,7 +218,7 @@ def test_waiting_goes_on_after_a_lost_connection_where_it_was() -> None:
     done = {**ANSWER, "status": "succeeded", "result": {"verdict": "adequate"}}
 
     def answer(request: httpx2.Request) -> httpx2.Response:
-        if not request.url.path.endswith("/events"):
+        if not request.url.path.endswith(("/events", "/estimates")):
             return httpx2.Response(200, json=ANSWER if request.method == "POST" else done)
         resumed.append(request.headers.get("last-event-id", ""))
         if len(resumed) == 1:
@@ -246,7 +249,7 @@ def test_waiting_goes_on_after_a_lost_connection_where_it_was() -> None:
 )
 def test_a_job_that_ends_badly_raises(status: str, error: dict[str, Any] | None, expected: type[Exception]) -> None:
     def answer(request: httpx2.Request) -> httpx2.Response:
-        if request.url.path.endswith("/events"):
+        if request.url.path.endswith(("/events", "/estimates")):
             return httpx2.Response(200, headers=STREAM, text="")
         return httpx2.Response(200, json={**ANSWER, "status": status, "error": error})
 

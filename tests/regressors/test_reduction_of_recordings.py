@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import signal
 from support.oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
 
-import dynident.regressors.dynamic_model_rows as stream
+import dynident.recordings.low_pass_decimation as stream
 from dynident import parallel
 from dynident.effects import STOP, EffectChoice, ReferenceParameters
 from dynident.effects.effect_signals import MemorySignal
@@ -200,7 +200,7 @@ def test_weighted_least_squares_is_that_of_the_whole_matrix():
 def test_the_length_of_blocks_changes_nothing(monkeypatch, length):
     recordings = [recording(8, 1, parts=2, windows=((1.0, 14.0),))]
     with monkeypatch.context() as patch:
-        patch.setattr(stream, "filtered_blocks", lambda r, p: filtered_blocks(r, p, block_length=length))
+        patch.setattr(stream, "filtered_blocks", lambda *r, **p: filtered_blocks(*r, **p, block_length=length))
         cut = reduce_recordings(MODEL.observation, RegressorInputs(recordings, PREPROCESSING, REFERENCE))
     whole = reduce_recordings(MODEL.observation, RegressorInputs(recordings, PREPROCESSING, REFERENCE))
     np.testing.assert_array_equal(cut.spans, whole.spans)

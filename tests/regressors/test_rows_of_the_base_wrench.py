@@ -197,8 +197,8 @@ def test_block_borders_leave_no_trace_in_the_equations_of_the_wrench(monkeypatch
     whole = by_wrench(arm("scara"), [run]).data.equations
     monkeypatch.setattr("dynident.recordings.position_filter.READ_LENGTH", 777)
     monkeypatch.setattr(
-        "dynident.regressors.dynamic_model_rows.filtered_blocks",
-        lambda *given: filtered_blocks(*given, block_length=331),
+        "dynident.recordings.low_pass_decimation.filtered_blocks",
+        lambda *given, **more: filtered_blocks(*given, **more, block_length=331),
     )
     cut = by_wrench(arm("scara"), [run]).data.equations
     assert cut.n_rows == whole.n_rows

@@ -23,8 +23,9 @@ from dynident.effects import (
 )
 from dynident.estimation import Reduction, solve_ordinary
 from dynident.recordings import Preprocessing, Recording, Segment, filtered_blocks, low_pass, recording_from_arrays
+from dynident.recordings.low_pass_decimation import Samples
 from dynident.recordings.recording import StoredRows
-from dynident.regressors.dynamic_model_rows import Samples, reduce_recordings
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.equation_forms import build_filtered_form, build_power_form
 from dynident.regressors.filtered_energy_power_rows import (
     filter_with_pole,
@@ -199,8 +200,8 @@ def test_block_borders_leave_no_trace_in_any_model(which, read, monkeypatch):
     whole = reductions(model, run)[which]
     monkeypatch.setattr("dynident.recordings.position_filter.READ_LENGTH", read)
     monkeypatch.setattr(
-        "dynident.regressors.dynamic_model_rows.filtered_blocks",
-        lambda *given: filtered_blocks(*given, block_length=331),
+        "dynident.recordings.low_pass_decimation.filtered_blocks",
+        lambda *given, **more: filtered_blocks(*given, **more, block_length=331),
     )
     cut = reductions(model, run)[which]
     assert cut.n_rows == whole.n_rows

@@ -14,12 +14,12 @@ from dynident.diagnosis.diagnosis_result import Adequacy, Change, ChangedValue, 
 from dynident.effects import EffectChoice
 from dynident.estimation import Errors
 from dynident.identification.loads.payload_weighing import PayloadVerdict
+from dynident.identification.thresholds import ValidationOutcome
 from dynident.recordings import Preprocessing
 from dynident.schema.fields import resolve_hint
 from dynident.validation.direct_and_cross_validation import TorqueValidation
 from dynident.validation.filter_choice import FilterTrial
 from dynident.validation.known_load_validation import PayloadValidation
-from dynident.validation.validation_outcome import ValidationOutcome
 from dynident_service.diagnoses import wire_types as diagnoses
 from dynident_service.shared.field_by_field import from_view, to_view
 from dynident_service.validations import wire_types as validations

@@ -19,8 +19,7 @@ from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
 from dynident.export import ExportChoices
 from dynident.identification import IdentificationChoices
-from dynident.identification.identification_choices import EssentialChoices
-from dynident.identification.loads.drive_gain_request import KnownLoad
+from dynident.identification.identification_choices import EssentialChoices, KnownLoad
 from dynident.identification.methods.base_classes import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
 from dynident.recordings import RecordingMetadata, Revision
 from dynident.recordings.recording_metadata import Filters

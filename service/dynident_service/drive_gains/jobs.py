@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from dynident.errors import DynidentError
 from dynident.identification import DriveGains, PayloadEstimate, identify_currents, identify_gains, payload_mass
-from dynident.identification.loads.drive_gain_request import KnownLoad
+from dynident.identification.identification_choices import KnownLoad
 from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Recording

@@ -89,7 +89,7 @@ def _require_measurements(services: Services, body: DriveGainsRequest, robot: Re
 def _check_loads(services: Services, body: DriveGainsRequest) -> None:
     """Refuse loads whose weight neither the request nor the measurement states."""
     with hold_import_lock():
-        from dynident.identification.loads.drive_gain_request import KnownLoad
+        from dynident.identification.identification_choices import KnownLoad
         from dynident.identification.loads.payloads_of_recordings import parse_payload
         from dynident_service.shared.field_by_field import to_request
 

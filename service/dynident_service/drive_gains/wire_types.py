@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from dynident.identification.loads.drive_gain_request import KnownLoad
+from dynident.identification.identification_choices import KnownLoad
 from dynident_service.identifications.wire_types import JUDGEMENTS
 from dynident_service.shared.request_bodies import derive_body
 from dynident_service.shared.wire_types import (

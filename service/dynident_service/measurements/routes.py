@@ -21,6 +21,7 @@ from starlette.background import BackgroundTask
 
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.measurements.wire_types import (
+    JSON_BODY,
     CheckView,
     ConditionedRows,
     ConditioningSubject,
@@ -28,6 +29,7 @@ from dynident_service.measurements.wire_types import (
     MeasurementMetadata,
     MeasurementOfImport,
     MeasurementResult,
+    MeasurementUnderWay,
     MeasurementView,
     RawSignals,
     RevisionRequest,
@@ -41,6 +43,7 @@ from dynident_service.problems import (
     make_unusable,
     make_validation_problem,
 )
+from dynident_service.robots.wire_types import RobotResult
 from dynident_service.science_preload import hold_import_lock
 from dynident_service.shared.required_resources import require_resource
 from dynident_service.shared.resource_routes import (
@@ -69,26 +72,6 @@ from dynident_service.storage_and_engine import Services, ServicesDep
 
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"], route_class=FormRoute)
 
-JSON_BODY = {
-    "requestBody": {
-        "content": {
-            "application/json": {
-                "schema": {
-                    "type": "object",
-                    "title": "MeasurementOfImport",
-                    "required": ["import_id", "metadata"],
-                    "properties": {
-                        "import_id": {"type": "string", "description": "A file that was imported before"},
-                        "metadata": {"$ref": "#/components/schemas/MeasurementMetadata"},
-                    },
-                }
-            }
-        },
-        "required": True,
-    }
-}
-
-
 IMPORT = "dynident_service.measurements.jobs:import_measurement"
 RAW = "dynident_service.measurements.jobs:write_raw_signals"
 STANDSTILLS = "dynident_service.measurements.jobs:find_standstills"
@@ -110,7 +93,8 @@ async def upload_measurement(
 ) -> MeasurementView:
     """Check and store a recording; an unusable one is refused, with the column and the row or time.
 
-    Send a form with the file and its metadata, or a JSON body that names an import: see MeasurementOfImport.
+    Send a form with the file and its metadata, or a JSON body that names an import: see MeasurementOfImport. With
+    `"under_way": true` instead of an import the rows come by `PATCH /v1/measurements/{id}/rows`.
     """
     # One path for both, since both make a measurement; FastAPI cannot declare a form and a JSON body in one function.
     if request.headers.get("content-type", "").lower().startswith("application/json"):
@@ -131,7 +115,11 @@ async def _create_from_import(
     request: Request, services: Services, retry: RetryKey, response: Response
 ) -> MeasurementView:
     """Store a recording of a file that was imported before."""
-    import_request = parse_json_body(MeasurementOfImport, await request.body())
+    body = await request.body()
+    if b'"under_way"' in body:
+        started = parse_json_body(MeasurementUnderWay, body)
+        return show_measurement(await to_thread.run_sync(_start_measurement, services, started, retry, response))
+    import_request = parse_json_body(MeasurementOfImport, body)
     with services.create_scratch_folder() as folder:
         received = await to_thread.run_sync(_receive_import, services, import_request, folder, retry)
         return await check_and_store(request, services, received, response)
@@ -146,6 +134,32 @@ async def check_and_store(
     limits = ComputationLimits.from_file_sizes(received.source.stat().st_size)
     result = await services.interactive.call(request, IMPORT, dict, received.import_arguments(), limits, is_long=True)
     return await to_thread.run_sync(lambda: show_measurement(_store_measurement(services, received, result, response)))
+
+
+def _start_measurement(services: Services, started: MeasurementUnderWay, key: RetryKey, response: Response) -> Resource:
+    """Store a measurement without rows, which come later."""
+    metadata = started.metadata
+    robot = require_resource(services, "robot", metadata.robot_id, "/metadata/robot_id")
+    joints = [joint.name for joint in RobotResult.model_validate(robot.result).joints]
+    nothing = MeasurementResult(
+        sha256="",
+        under_way=True,
+        n_samples=0,
+        sampling_rate=0.0,
+        joints=joints,
+        segments=[],
+        has_temperature=False,
+        checks=[],
+    )
+    new = NewResource(
+        "measurement",
+        to_plain_json(metadata),
+        name=metadata.name,
+        result=to_plain_json(nothing),
+        rests_on=(Dependency(metadata.robot_id, "robot", "robot", "/metadata/robot_id"),),
+        retry=key.bind_to_body(started),
+    )
+    return create_or_replay(services, new, response)
 
 
 def _receive_import(
@@ -405,6 +419,7 @@ def _describe_raw(services: Services, measurement_id: str, folder: Path) -> dict
 async def get_standstills(measurement_id: str, request: Request, services: ServicesDep) -> Standstills:
     """Give the intervals in which each joint stands still, as identification uses them for friction."""
     measurement = await to_thread.run_sync(services.resources.get, "measurement", measurement_id)
+    find_original(measurement)
     path = await to_thread.run_sync(services.objects.fetch_file, measurement.objects["recording"].key)
     arguments = {"recording": str(path)}
     return Standstills.model_validate(await services.interactive.call(request, STANDSTILLS, dict, arguments))

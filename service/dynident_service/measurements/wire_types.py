@@ -112,6 +112,7 @@ class MeasurementResult(ViewModel):
     """The content of a recording."""
 
     sha256: str
+    under_way: bool = Field(default=False, description="Whether its rows still come; then nothing is known but these")
     n_samples: int
     sampling_rate: float = Field(description="Hz, after resampling to a uniform grid")
     joints: list[str]
@@ -267,3 +268,70 @@ class MeasurementOfImport(RequestModel):
 
     import_id: Identifier
     metadata: MeasurementMetadata
+
+
+class MeasurementUnderWay(RequestModel):
+    """A measurement whose rows come while it is recorded: `PATCH /v1/measurements/{id}/rows`."""
+
+    under_way: Literal[True]
+    metadata: MeasurementMetadata
+
+
+class LiveParameterView(ViewModel):
+    """A parameter as it stands."""
+
+    name: str
+    link: str
+    value: float
+    unit: str
+    standard_deviation: float | None
+    judgement: str
+
+
+class StopReasonView(ViewModel):
+    """Why a recording under way is not worth going on with."""
+
+    code: Literal["saturation", "torque_sign", "torque_order", "position_limit", "velocity_limit", "too_slow"]
+    joint: str = Field(description='"" where it is about the whole recording')
+    detail: str
+
+
+class LiveEstimateView(ViewModel):
+    """What a recording under way tells so far; an event `estimate` of its stream, or the last one, `finished`."""
+
+    rows: int
+    seconds: float
+    equations: int = Field(description="Filtered rows that the estimate rests on, over all joints")
+    parameters: list[LiveParameterView] = Field(description="[] as long as the rows do not determine them")
+    reason: str = Field(description="Why there are no parameters yet")
+    joints: list[str]
+    error: list[float | None] | None = Field(description="Relative error of the torque left by the fit, by joint")
+    predicted: list[float | None] | None = Field(
+        description="Relative error at which the estimate before predicted the newest rows, by joint"
+    )
+    stop: list[StopReasonView] = Field(description="Reasons to stop the robot; [] where the run is sound")
+
+
+JSON_BODY = {
+    "requestBody": {
+        "content": {
+            "application/json": {
+                "schema": {
+                    "type": "object",
+                    "title": "MeasurementOfImport",
+                    "required": ["metadata"],
+                    "properties": {
+                        "import_id": {"type": "string", "description": "A file that was imported before"},
+                        "under_way": {
+                            "type": "boolean",
+                            "description": "true, instead of import_id: the rows come by PATCH …/rows",
+                        },
+                        "metadata": {"$ref": "#/components/schemas/MeasurementMetadata"},
+                    },
+                }
+            }
+        },
+        "required": True,
+    }
+}
+"""Body of POST /v1/measurements beside the form."""

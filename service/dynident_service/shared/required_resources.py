@@ -64,7 +64,15 @@ def require_resource(services: HasResources, kind: Kind, identifier: str, pointe
     resource = services.resources.find(identifier)
     if resource is None or resource.kind != kind:
         raise make_unusable(f"there is no {kind} {identifier!r}", pointer, title="Unknown resource")
+    if is_under_way(resource):
+        detail = f"the measurement {identifier!r} is under way; send its last rows with finished=true first"
+        raise make_unusable(detail, pointer, title="Under way")
     return resource
+
+
+def is_under_way(resource: Resource) -> bool:
+    """Return whether a resource is a recording whose rows still come."""
+    return bool((resource.result or {}).get("under_way"))
 
 
 def require_robot(services: HasResources, identifier: str) -> Resource:

@@ -165,11 +165,18 @@ class Resources:
         return self.get(kind, identifier)
 
     def attach(
-        self, kind: Kind, identifier: str, result: Mapping[str, object], objects: Sequence[OwnedObject]
+        self,
+        kind: Kind,
+        identifier: str,
+        result: Mapping[str, object],
+        objects: Sequence[OwnedObject],
+        *,
+        instead_of: Resource | None = None,
+        dropped: Sequence[str] = (),
     ) -> Resource:
-        """Add to the result of a resource and to its objects; objects of the same roles are replaced.
+        """Add to the result of a resource and to its objects; objects of the same roles, and `dropped`, are replaced.
 
-        Raises as `create`, and 404 if there is no such resource.
+        Raises as `create`, 404 if there is no such resource, and 409 if its result is no more that of `instead_of`.
         """
         with self._database.write() as session:
             payer = self._find_paying_account(session, identifier)
@@ -178,9 +185,12 @@ class Resources:
             row = session.get(ResourceRow, identifier, with_for_update=True)
             if row is None or row.kind != kind:
                 raise make_not_found(kind, identifier)
+            if instead_of is not None and row.result != instead_of.result:
+                detail = f"Another request has just changed the {kind} {identifier}; look at it, and try again."
+                raise ProblemError(409, detail, title="Changed at the same time")
             # A new mapping: SQLAlchemy sees a change only where the value is another object.
             row.result = {**(row.result or {}), **result}
-            roles = [owned.role for owned in objects]
+            roles = [*(owned.role for owned in objects), *dropped]
             before = select(ObjectRow).where(ObjectRow.resource_id == identifier, ObjectRow.role.in_(roles))
             gone = list(session.scalars(before))
             raise_tombstones(session, [row.key for row in gone])

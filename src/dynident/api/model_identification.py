@@ -1,10 +1,14 @@
-"""`dynident.identify` and `load_model`: models from recordings, and from files."""
+"""`dynident.identify`, `follow` and `load_model`: models from recordings, while these are made, and from files."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from dynident.api.argument_checks import check_arguments, check_is_file, require
 from dynident.api.effect_arguments import check_effects, resolve_effects
@@ -16,9 +20,12 @@ from dynident.identification import Identification, IdentificationChoices, from_
 from dynident.identification import identify as identify_parameters
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.identification.identification_choices import EstimatorName
+from dynident.identification.identified_models.parameter_tracking import PAYLOAD, ParameterTracker, TrackedEstimate
+from dynident.identification.identified_models.recursive_identification import LiveEstimate, RecursiveIdentification
 from dynident.identification.methods.base_classes import Estimator
 from dynident.progress import Progress, ignore_progress
-from dynident.recordings import Filters, Preprocessing, preprocessing_from_request
+from dynident.recordings import Filters, Preprocessing, Recording, Segment, preprocessing_from_request
+from dynident.recordings.recording import StoredRows
 from dynident.robot import Robot
 
 
@@ -104,6 +111,182 @@ def _resolve_filters(filters: Filters | Preprocessing, recordings: Recordings) -
     # Tests of friction at constant velocity say nothing about the bandwidth of the motion.
     motions, _ = split_friction_tests(recordings.recordings)
     return preprocessing_from_request(filters, motions)
+
+
+class _GrowingArrays:
+    """Rows of a recording under way, in the blocks in which they came."""
+
+    def __init__(self, robot: Robot, name: str) -> None:
+        self._robot, self._name = robot, name
+        self._blocks: list[StoredRows] = []
+        self._starts: list[int] = []
+        self._count = 0
+        self._segments: list[Segment] = []
+        self._period = 0.0
+        self._last_time = -np.inf
+
+    def append(self, block: Mapping[str, ArrayLike]) -> None:
+        """Append a block of rows, evenly sampled; where time is missing a new segment begins."""
+        unknown = set(block) - {"t", "q", "tau", "temperature"}
+        missing = {"t", "q", "tau"} - set(block)
+        if unknown or missing:
+            raise _block_error(f"it has {', '.join(sorted(map(str, block)))}; give t, q, tau, and temperature if known")
+        try:
+            t, q, tau = (np.asarray(block[kind], dtype=np.float64) for kind in ("t", "q", "tau"))
+            heat = None if "temperature" not in block else np.asarray(block["temperature"], dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise _block_error(f"it holds something else than numbers: {error}") from error
+        shape = len(t) if t.ndim == 1 else -1, self._robot.n
+        if any(values is not None and values.shape != shape for values in (q, tau, heat)):
+            raise _block_error(f"t has to be (m,), and q, tau and temperature (m, {self._robot.n})")
+        if not len(t):
+            return
+        if not all(np.isfinite(values).all() for values in (t, q, tau) if values is not None):
+            raise _block_error("it holds something that is no number")
+        times = np.append(self._last_time, t) if np.isfinite(self._last_time) else t
+        steps = np.diff(times)
+        if (steps <= 0.0).any():
+            raise _block_error("its times have to rise, also over the block before")
+        if not self._period:
+            if len(t) < _FEWEST_FIRST:
+                raise _block_error(f"the first one needs at least {_FEWEST_FIRST} rows, which tell the sampling rate")
+            self._period = float(np.median(steps))
+        gaps = np.flatnonzero(steps > 1.5 * self._period) + (0 if len(times) > len(t) else 1)
+        for start in [*([] if self._segments else [0]), *gaps.tolist()]:
+            self._segments.append(Segment(self._count + start, 0, float(t[start])))
+        self._starts.append(self._count)
+        self._blocks.append(StoredRows(q, tau, heat))
+        self._count += len(t)
+        self._last_time = float(t[-1])
+
+    def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
+        """Yield `length` rows from row `first` on."""
+        for k in range(bisect_right(self._starts, first) - 1, len(self._starts)):
+            block, start = self._blocks[k], self._starts[k]
+            part = slice(max(first - start, 0), first + length - start)
+            if part.stop <= 0:
+                return
+            heat = None if block.temperature is None else block.temperature[part]
+            yield StoredRows(block.q[part], block.tau[part], heat)
+
+    def to_recording(self) -> Recording:
+        """Return the recording so far."""
+        ends = [*(segment.first_row for segment in self._segments[1:]), self._count]
+        segments = tuple(
+            replace(segment, length=end - segment.first_row) for segment, end in zip(self._segments, ends, strict=True)
+        )
+        heat = all(block.temperature is not None for block in self._blocks)
+        names = self._robot.joint_names
+        return Recording(self._name, names, 1.0 / self._period, segments, self, has_temperature=heat)
+
+
+_FEWEST_FIRST = 10
+"""Rows of the first block, at least: their median step is the sampling period."""
+
+
+def _block_error(detail: str) -> DynidentError:
+    return DynidentError(f"this is no block of a recording: {detail}", pointer="blocks", title="Unusable block")
+
+
+@check_arguments
+def follow(
+    robot: Robot,
+    blocks: Iterable[Mapping[str, ArrayLike]],
+    *,
+    model: Model | Identification | None = None,
+    track: Sequence[str] = (PAYLOAD,),
+    memory: float | None = None,
+    every: float = 1.0,
+    choices: IdentificationChoices | None = None,
+) -> Iterator[LiveEstimate | TrackedEstimate]:
+    """Estimate parameters from a recording while it is made, or track those that change.
+
+    Without a model all base parameters are estimated, and the last estimate is the model that `identify` gives of the
+    whole recording (unless `memory` is given). With a model its parameters are known, and a payload or friction is
+    tracked: the newest rows count most.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot that is recorded.
+    blocks : iterable of mapping
+        Rows as they come: {"t": (m,), "q": (m, n), "tau": (m, n)} in s, rad (m) and N m (N), evenly sampled, and
+        "temperature" in degC if known. Where time is missing, a new run begins.
+    model : Model, optional
+        Its model, of which something is tracked.
+    track : sequence of str
+        What a model is tracked for: "payload", and ids of its effects such as "coulomb" and "viscous".
+    memory : float, optional
+        Rows count the less the older they are, exp(-age / memory), s: by default all alike without a model, and 5 s
+        with one.
+    every : float
+        Seconds of the recording between two estimates.
+    choices : IdentificationChoices, optional
+        Without a model: effects, filters and the rest, as for `identify`.
+
+    Yields
+    ------
+    LiveEstimate or TrackedEstimate
+        What is known so far.
+
+    Raises
+    ------
+    DynidentError
+        For a block that holds no evenly sampled rows of this robot, and what cannot be tracked.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> q = dy.read_recordings("run1.csv", robot=robot)[0].to_frame()
+    >>> t, n = q["t"].to_numpy(), robot.n
+    >>> rows = {"t": t, "q": q.filter(regex="^q_").to_numpy()[:, :n], "tau": q.filter(regex="^tau_").to_numpy()[:, :n]}
+    >>> blocks = ({name: values[k : k + 100] for name, values in rows.items()} for k in range(0, len(t), 100))
+    >>> last = list(dy.follow(robot, blocks))[-1]
+    >>> last.identification is not None
+    True
+    """
+    if not every > 0:
+        raise DynidentError(f"every is {every!r}; give seconds above zero", pointer="every")
+    if model is not None:
+        tracker = ParameterTracker(as_model(model).identification, track, 5.0 if memory is None else memory)
+        return _follow_tracked(robot, blocks, tracker, every)
+    return _follow_robot(robot, blocks, RecursiveIdentification(robot, choices, memory=memory), every, memory is None)
+
+
+def _follow_tracked(
+    robot: Robot, blocks: Iterable[Mapping[str, ArrayLike]], tracker: ParameterTracker, every: float
+) -> Iterator[TrackedEstimate]:
+    for recording in _grow(robot, blocks, every):
+        tracker.push(recording)
+        yield tracker.estimate()
+
+
+def _follow_robot(
+    robot: Robot, blocks: Iterable[Mapping[str, ArrayLike]], live: RecursiveIdentification, every: float, ends: bool
+) -> Iterator[LiveEstimate]:
+    has_rows = False
+    for recording in _grow(robot, blocks, every):
+        live.push(recording)
+        has_rows = True
+        yield live.estimate()
+    if ends and has_rows:
+        yield live.finish()
+
+
+def _grow(robot: Robot, blocks: Iterable[Mapping[str, ArrayLike]], every: float) -> Iterator[Recording]:
+    """Yield the recording so far, every so many seconds and at the end."""
+    growing, seconds = _GrowingArrays(robot, "live"), 0.0
+    recording: Recording | None = None
+    for block in blocks:
+        growing.append(block)
+        recording = growing.to_recording()
+        now = recording.n_samples * recording.period
+        if now - seconds >= every - 0.5 * recording.period:
+            seconds = now
+            yield recording
+            recording = None
+    if recording is not None:
+        yield recording
 
 
 @check_arguments

@@ -21,9 +21,9 @@ from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
+from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.regressors.dynamic_model_rows import (
     FilteredSamples,
-    filter_in_parallel,
     reduce_recordings,
     stream_filtered_samples,
 )

@@ -23,6 +23,9 @@ from dynident.estimation.qr_decomposition import (
 )
 from dynident.estimation.row_groups import BlockRows, RowGroup, SeparateRows, WeightedRows, join_separate_rows
 
+_FORGOTTEN = 1e-3
+"""Weight below which a block of time counts as forgotten."""
+
 RowGroupName = Literal["plain", "weighted", "counted"]
 """Groups of the rows that take part in a fit."""
 
@@ -238,6 +241,48 @@ class Reduction:
     def equally_weighted(self) -> Reduction:
         """The same data, every row counting alike."""
         return self.weight_groups(np.ones(len(self.equations)))
+
+    def merge_block_pairs(self) -> Reduction:
+        """Return the same plain rows in half as many blocks of time: the first two are one, the next two, and so on.
+
+        Groups of rows that are counted by themselves are not kept.
+        """
+        equations, odd = [], self.n_blocks % 2
+        for equation in self.equations:
+            k = len(equation.columns) + 1
+            # A block without rows fills the last pair up.
+            factors = np.concatenate([equation.factors, np.zeros((odd, k, k))]).reshape(-1, 2 * k, k)
+            counts = np.append(equation.counts, [0] * odd).reshape(-1, 2).sum(axis=1)
+            equations.append(EquationFactors(equation.columns, compute_r_factor(factors), counts))
+        ends = np.append(self.spans[1::2, 1], self.spans[-1:, 1] if odd else [])
+        spans = np.stack([self.spans[::2, 0], ends], axis=1)
+        return Reduction(self.n_columns, tuple(equations), spans)
+
+    def forget_exponentially(self, memory: float) -> Reduction:
+        """Return the plain rows with less weight the older they are: exp(-age / memory) of a squared residual.
+
+        Parameters
+        ----------
+        memory : float
+            Age, before the end of the last block, at which a weight of 1/e is left, s.
+
+        Returns
+        -------
+        Reduction
+            Every block with one weight; blocks that count for less than a thousandth are left out.
+        """
+        weights = np.exp((self.spans[:, 1] - self.spans[-1, 1]) / memory)
+        (recent,) = np.nonzero(weights >= _FORGOTTEN)
+        equations = tuple(
+            EquationFactors(
+                e.columns,
+                e.factors[recent] * np.sqrt(weights[recent])[:, None, None],
+                # As many rows as the weighted ones are worth.
+                np.rint(e.counts[recent] * weights[recent]).astype(np.intp),
+            )
+            for e in self.equations
+        )
+        return Reduction(self.n_columns, equations, self.spans[recent])
 
     def select_blocks(self, indices: Sequence[int]) -> Reduction:
         """Return only the blocks of time with these indices."""

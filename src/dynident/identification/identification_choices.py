@@ -1,10 +1,11 @@
 """The request of an identification: effects, equation type, strategy, estimator, prior, covariance, preprocessing.
 
-Holds which choices exclude each other, and what is chosen by default.
+Holds which choices exclude each other, and what is chosen by default; also the request field of a known load.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -233,3 +234,35 @@ class IdentificationChoices(Request):
                 pointer="/prior",
                 title=_UNFIT,
             )
+
+
+@dataclass(frozen=True)
+class KnownLoad(Request):
+    """A known load, from which drive gains are identified."""
+
+    mass: float | None = declare_field(
+        "Mass of the known load, if the measurements do not state it",
+        default=None,
+        unit="kg",
+        at_least=1e-6,
+        at_most=1e6,
+    )
+    centre: tuple[float, float, float] | None = declare_field(
+        "Centre of the known load in the last joint's frame, if known",
+        default=None,
+        unit="m",
+        at_least=-100,
+        at_most=100,
+    )
+
+    def override_payload(self, own: Mapping[str, object] | None) -> Mapping[str, object] | None:
+        """Return the payload of a recording's metadata with the values of this load in place of its own.
+
+        Parameters
+        ----------
+        own : mapping, optional
+            What the recording states.
+        """
+        stated = {"mass": self.mass, "centre": self.centre}
+        present = {name: value for name, value in stated.items() if value is not None}
+        return {**(own or {}), **present} if present else own

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
+    from dynident.recordings.all_checks import StopReason, find_stop_reasons
     from dynident.recordings.joint_phases import PhaseShares, phase_shares
     from dynident.recordings.low_pass_decimation import FilteredRows, ParallelFilter, low_pass
     from dynident.recordings.position_filter import compute_edge_margin, filtered_blocks
@@ -37,10 +38,12 @@ __all__ = [
     "Revision",
     "SampleBlock",
     "Segment",
+    "StopReason",
     "choose_preprocessing",
     "compute_edge_margin",
     "filtered_blocks",
     "find_motion_band",
+    "find_stop_reasons",
     "import_recording",
     "low_pass",
     "open_recording",

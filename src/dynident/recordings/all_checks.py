@@ -1,9 +1,17 @@
-"""Run all checks of a recording without a robot's dynamics, and decide whether it can be used."""
+"""Run all checks of a recording without a robot's dynamics, and decide whether it can be used, or is to be stopped.
+
+Holds when a run is too slow for its design (half the speed), and by how much limits may be exceeded (5 %).
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
+import numpy as np
+
+from dynident.array_types import FloatArray
 from dynident.errors import Remedy
 from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_source import RawSample
@@ -87,3 +95,122 @@ def _mark_accepted(checks: list[Check], accept: tuple[str, ...]) -> tuple[Check,
         else check
         for check in checks
     )
+
+
+StopCode = Literal["saturation", "torque_sign", "torque_order", "position_limit", "velocity_limit", "too_slow"]
+
+_FATAL: tuple[StopCode, ...] = ("saturation", "torque_sign", "torque_order")
+"""Checks whose findings no further second of the same run can heal."""
+_EXCEEDED = 1.05
+"""Share of a limit that a robot may reach: its own controller stops it soon after."""
+_SLOW, _LEAST_SECONDS, _LEAST_TRAVEL = 0.5, 3.0, 0.02
+"""Share of the planned travel below which a run is too slow, after so many seconds of motion; travel, in rad or m, at
+which the motion has begun."""
+
+
+@dataclass(frozen=True)
+class StopReason:
+    """Why a run is not worth going on with.
+
+    Parameters
+    ----------
+    code : str
+        What is wrong.
+    joint : str
+        The joint; "" for the whole recording.
+    detail : str
+        A sentence with the figures.
+    """
+
+    code: StopCode
+    joint: str
+    detail: str
+
+
+def find_stop_reasons(
+    recording: Recording,
+    checks: Sequence[Check],
+    limits: Sequence[JointLimits],
+    planned: tuple[FloatArray, FloatArray] | None = None,
+) -> tuple[StopReason, ...]:
+    """Return why a run that is under way is to be stopped; nothing where it is sound so far.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording so far.
+    checks : sequence of Check
+        Its checks so far. Of these, saturated torques and wrong signs or orders count.
+    limits : sequence of JointLimits
+        Limits of the n joints.
+    planned : tuple of (m,) and (m, n), optional
+        Times, s, and positions of the motion that is recorded: a run at less than half of its speed is too slow.
+
+    Returns
+    -------
+    tuple of StopReason
+        One for each finding.
+    """
+    reasons = [
+        StopReason(code, "", check.detail)
+        for check in checks
+        for code in _FATAL
+        if check.name == code and check.status != "ok" and not check.is_accepted
+    ]
+    segment = recording.segments[-1]
+    rows = [block.q for block in recording.source.rows(segment.first_row, segment.length, segment.length)]
+    q = np.concatenate(rows)
+    for j, (name, limit) in enumerate(zip(recording.joint_names, limits, strict=True)):
+        reasons += _find_exceeded(name, q[:, j], recording.sampling_rate, limit)
+    if planned is not None:
+        reasons += _find_slowness(q, recording.sampling_rate, *planned)
+    return tuple(reasons)
+
+
+def _find_exceeded(name: str, q: FloatArray, rate: float, limit: JointLimits) -> list[StopReason]:
+    unit = "rad" if limit.kind == "revolute" else "m"
+    reasons = []
+    if limit.position is not None:
+        low, high = limit.position
+        slack = (_EXCEEDED - 1.0) * (high - low)
+        worst = float(q[np.argmax(np.maximum(low - q, q - high))])
+        if not low - slack <= worst <= high + slack:
+            detail = f"{name} is at {worst:.4g} {unit}; its limits are {low:.4g} and {high:.4g} {unit}."
+            reasons.append(StopReason("position_limit", name, detail))
+    # Over a tenth of a second: the noise of the positions is no speed.
+    reach = max(1, round(0.1 * rate))
+    if limit.velocity is not None and len(q) > reach:
+        fastest = float(np.abs(q[reach:] - q[:-reach]).max()) * rate / reach
+        if fastest > _EXCEEDED * limit.velocity:
+            detail = f"{name} moves at {fastest:.4g} {unit}/s; its limit is {limit.velocity:.4g} {unit}/s."
+            reasons.append(StopReason("velocity_limit", name, detail))
+    return reasons
+
+
+def _find_slowness(q: FloatArray, rate: float, t: FloatArray, planned: FloatArray) -> list[StopReason]:
+    own, intended = _measure_travel(q), _measure_travel(planned)
+    if not len(own) or not len(intended):
+        return []
+    seconds = len(own) / rate
+    step = float(t[1] - t[0])
+    count = min(int(seconds / step), len(intended))
+    if seconds < _LEAST_SECONDS or not count:
+        return []
+    # A run that has ended is not slower than one that stands still at its end.
+    share = float(own[min(int(count * step * rate), len(own)) - 1] / intended[count - 1])
+    if share >= _SLOW:
+        return []
+    detail = f"In {seconds:.3g} s the joints moved {100 * share:.0f} % of the way that the design moves them."
+    return [StopReason("too_slow", "", detail)]
+
+
+def _measure_travel(q: FloatArray) -> FloatArray:
+    """Return the way (k,) that all joints together have moved, from where the motion begins; noise counts little."""
+    begun = np.flatnonzero(np.abs(q - q[0]).max(axis=1) > _LEAST_TRAVEL)
+    if not len(begun):
+        return np.zeros(0)
+    # A hundredth of the samples: noise from one sample to the next would add up.
+    moving = q[begun[0] :]
+    stride = max(1, len(moving) // 400)
+    way = np.cumsum(np.abs(np.diff(moving[::stride], axis=0)).sum(axis=1))
+    return np.asarray(np.interp(np.arange(len(moving)), np.arange(1, len(way) + 1) * stride, way))

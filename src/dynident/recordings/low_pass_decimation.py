@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from math import ceil, pi, prod
 from typing import NamedTuple
 
@@ -9,6 +11,10 @@ import numpy as np
 from scipy import special
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.parallel import prefetch
+from dynident.recordings.position_filter import filtered_blocks
+from dynident.recordings.preprocessing import Preprocessing
+from dynident.recordings.recording import Recording, SampleBlock
 
 ATTENUATION = 50.0
 """Attenuation of the stop band in dB: what folds back under the cut-off by decimation is below 0.3 % of itself."""
@@ -224,3 +230,130 @@ def _build_band_matrix(taps: FloatArray, decimation: int, tile: int) -> FloatArr
     for index in range(tile):
         band[index, index * decimation : index * decimation + len(taps)] = taps
     return band
+
+
+_BlockFunction = Callable[[SampleBlock], FloatArray]
+
+
+def filter_in_parallel(
+    recording: Recording,
+    preprocessing: Preprocessing,
+    values: _BlockFunction,
+    segments: Sequence[int] | None = None,
+) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+    """Stream `values` of every block through the parallel filter.
+
+    Parameters
+    ----------
+    recording : Recording
+    preprocessing : Preprocessing
+    values : function
+        Gives (m, k) of a block of filtered positions.
+    segments : sequence of int, optional
+        Which segments, by index; all by default.
+
+    Yields
+    ------
+    segment, t (m,), rows (m, k)
+        Used rows alone; none where a recording under way has no more for now.
+    """
+    return low_pass_samples(stream_samples(recording, preprocessing, values, segments), recording, preprocessing)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Consecutive rows of one segment at the full rate.
+
+    Parameters
+    ----------
+    segment : int
+        Number of the segment.
+    starts_segment : bool
+        Whether these are the first rows of the segment.
+    t : (m,)
+        Times, s.
+    used : (m,)
+        Which of the rows count.
+    values : (m, k)
+        Whatever is filtered: entries of W, or of a form, with Y.
+    """
+
+    segment: int
+    starts_segment: bool
+    t: FloatArray
+    used: BoolArray
+    values: FloatArray
+
+
+def stream_samples(
+    recording: Recording,
+    preprocessing: Preprocessing,
+    values: _BlockFunction,
+    segments: Sequence[int] | None = None,
+) -> Iterator[Samples]:
+    """Stream `values` of every block of filtered positions; of a large recording the next block is prepared ahead.
+
+    Parameters
+    ----------
+    recording : Recording
+    preprocessing : Preprocessing
+    values : function
+        Gives (m, k) of a block of filtered positions.
+    segments : sequence of int, optional
+        Which segments, by index; all by default.
+
+    Yields
+    ------
+    Samples
+        Empty where a recording under way has no more for now.
+    """
+    samples = (
+        Samples(
+            block.segment,
+            block.starts_segment,
+            block.t,
+            block.used,
+            values(block) if len(block.t) else np.empty((0, 0)),
+        )
+        for block in filtered_blocks(recording, preprocessing, segments=segments)
+    )
+    return prefetch(samples, recording.n_samples)
+
+
+def low_pass_samples(
+    samples: Iterable[Samples], recording: Recording, preprocessing: Preprocessing
+) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+    """Stream samples through the parallel filter; only rows that are used come out.
+
+    Parameters
+    ----------
+    samples : iterable of Samples
+        Consecutive rows at the full rate.
+    recording : Recording
+        The recording that the samples are of.
+    preprocessing : Preprocessing
+        Cut-off of the parallel filter, and decimation.
+
+    Yields
+    ------
+    segment, t (m,), rows (m, k)
+        Decimated rows of one segment.
+    """
+    low_pass = ParallelFilter(recording.sampling_rate, preprocessing.torque_cutoff, preprocessing.decimation)
+    segment = -1
+    for part in samples:
+        if not len(part.t):
+            yield part.segment, part.t, part.values
+            continue
+        # Flushed here, so that the rows that are left of a segment come out under its own number.
+        if part.starts_segment and segment >= 0:
+            remaining = low_pass.flush()
+            if remaining.used.any():
+                yield segment, remaining.t[remaining.used], remaining.values[remaining.used]
+        segment = part.segment
+        filtered = low_pass.push(part.values, part.t, part.used, part.starts_segment)
+        if filtered.used.any():
+            yield segment, filtered.t[filtered.used], filtered.values[filtered.used]
+    remaining = low_pass.flush()
+    if remaining.used.any():
+        yield segment, remaining.t[remaining.used], remaining.values[remaining.used]

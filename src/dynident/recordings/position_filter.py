@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import ceil, log
 from typing import NamedTuple
 
@@ -133,57 +133,57 @@ class ZeroPhase:
         """Samples at either end of a segment that its unknown surroundings spoil."""
         return ceil(-log(SETTLED) / self._decay)
 
-    def stream(self, blocks: Iterator[FloatArray], length: int) -> Iterator[FloatArray]:
-        """Filter blocks (m, n) that together hold `length` samples.
+    def stream(self, blocks: Iterable[tuple[FloatArray, bool]]) -> Iterator[tuple[FloatArray, bool]]:
+        """Filter the blocks of one segment.
 
         Parameters
         ----------
-        blocks : iterator of (m, n)
-            Samples of one segment, in order.
-        length : int
-            Number of all samples of the segment.
+        blocks : iterable of (m, n) and bool
+            Samples of one segment, in order, and whether they are the last ones. An empty block says that there are no
+            more for now.
 
         Yields
         ------
-        (k, n)
-            Of other lengths than the blocks, the same total.
+        (k, n) and bool
+            Of other lengths than the blocks, the same total; none for an empty block.
         """
-        pad = min(self._pad, length - 1)
         ahead = self.lookahead
         state: FloatArray | None = None
         tail = np.empty((0, 0))
         waiting: list[FloatArray] = []
-        n_waiting = n_done = 0
-        for block in blocks:
-            n_done += len(block)
-            last = n_done >= length
-            if state is None and not last and len(block) <= pad:
-                raise ValueError(f"the first block holds {len(block)} samples; at least {pad + 1} are needed")
+        n_waiting = 0
+        for block, last in blocks:
+            if not len(block):
+                yield block, False
+                continue
             if state is None:
+                if not last and len(block) <= self._pad:
+                    raise ValueError(f"the first block holds {len(block)} samples; at least {self._pad + 1} are needed")
                 # The odd extension that sosfiltfilt puts before the first sample: point-symmetric about it, so that
                 # no step excites the filter.
-                start = 2 * block[0] - block[pad:0:-1]
+                start = 2 * block[0] - block[min(self._pad, len(block) - 1) : 0 : -1]
                 block_ends = np.concatenate([start, block])
                 state = self._zi * block_ends[0]
-                if pad:
+                if len(start):
                     state = filter_sections(self._sos, start, state)[1]
+                tail = block[:0]
             # The extension of the end needs the last samples, which several short blocks may hold together.
-            tail = block if len(block) > pad else np.concatenate([tail, block])[-(pad + 1) :]
+            tail = block if len(block) > self._pad else np.concatenate([tail, block])[-(self._pad + 1) :]
             forward, state = filter_sections(self._sos, block, state)
             waiting.append(forward)
             n_waiting += len(forward)
             if last:
                 # The same extension behind the last sample. What the filter makes of it is cut off again below.
-                end = 2 * tail[-1] - tail[-2 : -(pad + 2) : -1]
-                if pad:
+                end = 2 * tail[-1] - tail[-2 : -(min(self._pad, len(tail) - 1) + 2) : -1]
+                if len(end):
                     waiting.append(filter_sections(self._sos, end, state)[0])
-                yield self._filter_backward(waiting)[:n_waiting]
+                yield self._filter_backward(waiting)[:n_waiting], True
                 return
             # The backward pass starts anew for each block, `ahead` samples further on, by which its unknown start has
             # died away: those samples are filtered again with the next block.
             if n_waiting >= 2 * ahead:
                 joined = np.concatenate(waiting)
-                yield self._filter_backward([joined])[: n_waiting - ahead]
+                yield self._filter_backward([joined])[: n_waiting - ahead], False
                 waiting = [joined[-ahead:].copy()]
                 n_waiting = ahead
 
@@ -194,6 +194,9 @@ class ZeroPhase:
 
 
 READ_LENGTH = 8192
+
+HELD_BACK = 128
+"""Samples that are held back of a recording under way: filters of any order extend its end by fewer."""
 
 
 class _Rows(NamedTuple):
@@ -273,14 +276,17 @@ def _segment_blocks(
 ) -> Iterator[SampleBlock]:
     margin = compute_edge_margin(preprocessing, recording.sampling_rate)
     done = 0
-    for rows in _differentiate_rows(recording, segment, preprocessing):
+    for rows, last in _differentiate_rows(recording, segment, preprocessing):
         measured = rows.measured
-        for start in range(0, len(rows.q), block_length):
+        # All rows but the last ones of a segment are farther from its end than the margin: the filters look ahead so
+        # far. Of a recording under way the end is not known before.
+        inside = done + len(rows.q) - margin if last else np.inf
+        for start in range(0, max(len(rows.q), 1), block_length):
             part = slice(start, min(start + block_length, len(rows.q)))
             # Times follow from the number of the row: a sum of steps would gather rounding errors.
             numbers = np.arange(done, done + part.stop - part.start, dtype=np.float64)
             t = segment.start_time + numbers * recording.period
-            used: BoolArray = (numbers >= margin) & (numbers < segment.length - margin) & recording.inside_windows(t)
+            used: BoolArray = (numbers >= margin) & (numbers < inside) & recording.inside_windows(t)
             yield SampleBlock(
                 segment=index,
                 t=t,
@@ -298,14 +304,16 @@ def _segment_blocks(
             done += part.stop - part.start
 
 
-def _differentiate_rows(recording: Recording, segment: Segment, preprocessing: Preprocessing) -> Iterator[_Rows]:
-    """Yield runs of consecutive rows: positions and derivatives beside the torque of the same samples."""
+def _differentiate_rows(
+    recording: Recording, segment: Segment, preprocessing: Preprocessing
+) -> Iterator[tuple[_Rows, bool]]:
+    """Yield runs of consecutive rows, positions and derivatives beside the torque of the same samples; the last one."""
     passing: deque[StoredRows] = deque()
 
-    def read_positions() -> Iterator[FloatArray]:
-        for rows in _read_stored_rows(recording, segment, length):
+    def read_positions() -> Iterator[tuple[FloatArray, bool]]:
+        for rows, last in _read_stored_rows(recording, segment, length):
             passing.append(rows)
-            yield rows.q
+            yield rows.q, last
 
     length = READ_LENGTH
     if preprocessing.position_cutoff is None:
@@ -315,21 +323,19 @@ def _differentiate_rows(recording: Recording, segment: Segment, preprocessing: P
         # The backward pass repeats its look-ahead with every run: in runs much shorter than that it would do little
         # else.
         length = max(length, 2 * zero_phase.lookahead)
-        filtered = zero_phase.stream(read_positions(), segment.length)
+        filtered = zero_phase.stream(read_positions())
 
     # Two samples are held back at each border: their right neighbours come with the next run.
     held = np.empty((0, recording.n))
-    n_done = 0
-    for q in filtered:
-        first = n_done == 0
+    first = True
+    for q, last in filtered:
         joined = np.concatenate([held, q])
-        last = n_done + len(joined) - (0 if first else _REACH) >= segment.length
         inner = _differentiate(joined, recording.sampling_rate, with_first=first, with_last=last)
         # Of the four rows that stay two are still to be given; the other two were, and are their left neighbours.
         held = joined[-2 * _REACH :] if len(inner[0]) else joined
-        if len(inner[0]):
-            n_done += len(inner[0])
-            yield _Rows(*inner, _take_rows(passing, len(inner[0])))
+        first = first and not len(inner[0])
+        if len(inner[0]) or not len(q):
+            yield _Rows(*inner, _take_rows(passing, len(inner[0]))), last
 
 
 def _differentiate(
@@ -371,18 +377,38 @@ def _central_differences(values: FloatArray, rate: float) -> tuple[FloatArray, F
     return first, second
 
 
-def _read_stored_rows(recording: Recording, segment: Segment, length: int) -> Iterator[StoredRows]:
-    """Read a segment in runs of at least `length` rows (but the last), joining the source's own blocks."""
+def _read_stored_rows(recording: Recording, segment: Segment, length: int) -> Iterator[tuple[StoredRows, bool]]:
+    """Read a segment in runs of at least `length` rows (but the last), joining the source's own blocks.
+
+    Of every run it is told whether it is the last one. An empty block, by which the source of a recording under way
+    says that it has no more rows for now, is passed on behind what was read, but for rows that the end may need.
+    """
     parts: list[StoredRows] = []
     count = 0
+    run: StoredRows | None = None
     for rows in recording.source.rows(segment.first_row, segment.length, length):
+        if not len(rows.q):
+            so_far = _join_rows([*([] if run is None else [run]), *parts, rows])
+            run, count = None, len(so_far.q)
+            parts = [so_far]
+            if count > 2 * HELD_BACK:
+                yield _cut_rows(so_far, slice(0, -HELD_BACK)), False
+                parts, count = [_cut_rows(so_far, slice(-HELD_BACK, None))], HELD_BACK
+            yield rows, False
+            continue
+        # Whether a run is the last one shows by the rows behind it.
+        if run is not None:
+            yield run, False
+            run = None
         parts.append(rows)
         count += len(rows.q)
         if count >= length:
-            yield _join_rows(parts)
+            run = _join_rows(parts)
             parts, count = [], 0
-    if parts:
-        yield _join_rows(parts)
+    if run is not None:
+        yield run, True
+    elif parts:
+        yield _join_rows(parts), True
 
 
 def _join_rows(parts: list[StoredRows]) -> StoredRows:
@@ -402,6 +428,8 @@ def _join_rows(parts: list[StoredRows]) -> StoredRows:
 
 def _take_rows(passing: deque[StoredRows], count: int) -> StoredRows:
     """Take the oldest `count` rows out of `passing`."""
+    if not count:
+        return _cut_rows(passing[0], slice(0, 0))
     parts: list[StoredRows] = []
     while count:
         rows = passing.popleft()

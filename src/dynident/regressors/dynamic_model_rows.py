@@ -11,10 +11,12 @@ from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.effects import ReferenceParameters, RunSignal
 from dynident.effects.hysteresis_states import MemoryStates
 from dynident.estimation import Reduction, merge_row_groups
-from dynident.parallel import prefetch
 from dynident.progress import Progress, ignore_progress
-from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
+from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.recordings.joint_phases import Phase, PhaseArray
+from dynident.recordings.low_pass_decimation import filter_in_parallel
+from dynident.recordings.low_pass_decimation import low_pass_samples as low_pass_samples
+from dynident.recordings.low_pass_decimation import stream_samples as stream_samples
 from dynident.regressors.observation_matrix import FurtherSignals, Observation, RegressorInputs
 from dynident.regressors.qr_accumulation import EquationRows, RestRows, accumulate_equations
 from dynident.regressors.row_phases import RowPhases, changes_at_rest, is_fitted
@@ -58,9 +60,6 @@ class FilteredSamples:
             np.take(self.values, layout[j][0], axis=1, out=own[:, :-1], mode="clip")
             own[:, -1] = self.tau[:, j]
         return equations
-
-
-_BlockFunction = Callable[[SampleBlock], FloatArray]
 
 
 class SampleFunction:
@@ -162,6 +161,7 @@ def stream_filtered_samples(
     reference: ReferenceParameters,
     at_rest: Observation | None = None,
     phases: RowPhases | None = None,
+    segments: Sequence[int] | None = None,
 ) -> Iterator[FilteredSamples]:
     """Stream the entries of W, and Y with them, through the parallel filter; only rows that are used come out.
 
@@ -184,10 +184,13 @@ def stream_filtered_samples(
     phases : RowPhases, optional
         Takes halts out of the equations of joints that are looked at where they start, and out of all others the
         instants at which the sign of friction is uncertain.
+    segments : sequence of int, optional
+        Which segments, by index; all by default.
 
     Yields
     ------
     FilteredSamples
+        Without rows where a recording under way has none for now.
     """
     parts = [SampleFunction(matrix, reference, recording) for matrix in (observation, at_rest) if matrix is not None]
     layout = [observation.joint_entries(joint) for joint in range(recording.n)]
@@ -236,7 +239,10 @@ def stream_filtered_samples(
             rows[:, held] = certain & moves
         return rows
 
-    for segment, t, rows in filter_in_parallel(recording, preprocessing, values):
+    for segment, t, rows in filter_in_parallel(recording, preprocessing, values, segments):
+        if not len(t):
+            yield FilteredSamples(t, rows, rows, segment)
+            continue
         yield FilteredSamples(
             t,
             rows[:, entries],
@@ -272,108 +278,6 @@ def _collect_unmasked(
     for number, joint in enumerate(joints):
         equations[joint] = np.hstack([rows[:, np.searchsorted(entries, layout[joint][0])], tau[:, [number]]])
     return tuple(equations)
-
-
-def filter_in_parallel(
-    recording: Recording, preprocessing: Preprocessing, values: _BlockFunction
-) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-    """Stream `values` of every block through the parallel filter.
-
-    Parameters
-    ----------
-    recording : Recording
-    preprocessing : Preprocessing
-    values : function
-        Gives (m, k) of a block of filtered positions.
-
-    Yields
-    ------
-    segment, t (m,), rows (m, k)
-        Used rows alone.
-    """
-    return low_pass_samples(stream_samples(recording, preprocessing, values), recording, preprocessing)
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Consecutive rows of one segment at the full rate.
-
-    Parameters
-    ----------
-    segment : int
-        Number of the segment.
-    starts_segment : bool
-        Whether these are the first rows of the segment.
-    t : (m,)
-        Times, s.
-    used : (m,)
-        Which of the rows count.
-    values : (m, k)
-        Whatever is filtered: entries of W, or of a form, with Y.
-    """
-
-    segment: int
-    starts_segment: bool
-    t: FloatArray
-    used: BoolArray
-    values: FloatArray
-
-
-def stream_samples(recording: Recording, preprocessing: Preprocessing, values: _BlockFunction) -> Iterator[Samples]:
-    """Stream `values` of every block of filtered positions; of a large recording the next block is prepared ahead.
-
-    Parameters
-    ----------
-    recording : Recording
-    preprocessing : Preprocessing
-    values : function
-        Gives (m, k) of a block of filtered positions.
-
-    Yields
-    ------
-    Samples
-    """
-    samples = (
-        Samples(block.segment, block.starts_segment, block.t, block.used, values(block))
-        for block in filtered_blocks(recording, preprocessing)
-    )
-    return prefetch(samples, recording.n_samples)
-
-
-def low_pass_samples(
-    samples: Iterable[Samples], recording: Recording, preprocessing: Preprocessing
-) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-    """Stream samples through the parallel filter; only rows that are used come out.
-
-    Parameters
-    ----------
-    samples : iterable of Samples
-        Consecutive rows at the full rate.
-    recording : Recording
-        The recording that the samples are of.
-    preprocessing : Preprocessing
-        Cut-off of the parallel filter, and decimation.
-
-    Yields
-    ------
-    segment, t (m,), rows (m, k)
-        Decimated rows of one segment.
-    """
-    low_pass = ParallelFilter(recording.sampling_rate, preprocessing.torque_cutoff, preprocessing.decimation)
-    segment = -1
-    for part in samples:
-        # Flushed here, so that the rows that are left of a segment come out under its own number.
-        if part.starts_segment and segment >= 0:
-            remaining = low_pass.flush()
-            if remaining.used.any():
-                yield segment, remaining.t[remaining.used], remaining.values[remaining.used]
-        segment = part.segment
-        filtered = low_pass.push(part.values, part.t, part.used, part.starts_segment)
-        if filtered.used.any():
-            yield segment, filtered.t[filtered.used], filtered.values[filtered.used]
-    remaining = low_pass.flush()
-    if remaining.used.any():
-        yield segment, remaining.t[remaining.used], remaining.values[remaining.used]
 
 
 def reduce_recordings(

@@ -15,7 +15,8 @@ from dynident.effects import ReferenceParameters
 from dynident.estimation import Reduction
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
-from dynident.regressors.dynamic_model_rows import SampleFunction, Samples, low_pass_samples, stream_samples
+from dynident.recordings.low_pass_decimation import Samples, low_pass_samples, stream_samples
+from dynident.regressors.dynamic_model_rows import SampleFunction
 from dynident.regressors.equation_forms import EquationForm
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.qr_accumulation import EquationRows, accumulate_equations

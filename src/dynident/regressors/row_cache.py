@@ -182,6 +182,11 @@ def _read_samples(
     reference: ReferenceParameters,
     kept_rows: CachedRows | None,
 ) -> Iterator[FilteredSamples]:
+    if kept_rows is not None and kept_rows.observation is observation:
+        known = kept_rows.find_samples(recording, preprocessing)
+        if known is not None:
+            yield from known
+            return
     # The cached leading columns (head), and the new ones behind them (tail).
     head = None if kept_rows is None else kept_rows.find_samples(recording, preprocessing)
     phases = RowPhases.from_recording(observation, recording, preprocessing)
@@ -200,7 +205,9 @@ def _read_samples(
 
 
 def _is_extension(observation: Observation, reference: ReferenceParameters, kept_rows: CachedRows) -> bool:
-    """Return whether the cached rows are those of the leading columns, filtered with the same instants left out."""
+    """Return whether the cached rows are those of the leading columns, or all, with the same instants left out."""
+    if observation is kept_rows.observation:
+        return kept_rows.reference is None or reference.equals(kept_rows.reference)
     if observation.parts is None or observation.parts[0] is not kept_rows.observation:
         return False
     # More friction takes more instants out before the filter, which changes every column's filtered rows.

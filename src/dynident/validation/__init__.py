@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.identification.thresholds import LARGEST_ERROR
+from dynident.identification.thresholds import LARGEST_ERROR, ValidationOutcome, Verdict, combine_verdicts
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from dynident.validation.momentum_observer import MomentumObserver, ObservedContacts
     from dynident.validation.open_loop_drift import Drift, DriftValidation, compute_open_loop_drift, validate_drift
     from dynident.validation.simulated_response import SimulationValidation, validate_simulation
-    from dynident.validation.validation_outcome import ValidationOutcome, Verdict, combine_verdicts
     from dynident.validation.validation_request import Method, available_methods, get_method
 
 __all__ = [

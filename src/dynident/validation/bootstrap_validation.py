@@ -18,9 +18,9 @@ from dynident.estimation.parameter_covariance import FEWEST_CLUSTERS, find_occup
 from dynident.identification import Identification
 from dynident.identification.shape_constant_intervals import linearise_shapes
 from dynident.identification.shape_refinement import list_shape_variables
+from dynident.identification.thresholds import ValidationOutcome
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
-from dynident.validation.validation_outcome import ValidationOutcome
 
 # Deviations differ where their ratio is off by more than so many of its own standard deviations.
 _TWICE = 2.0

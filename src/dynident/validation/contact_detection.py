@@ -17,6 +17,7 @@ from scipy.special import pdtrc
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.identification import Identification
+from dynident.identification.thresholds import ValidationOutcome
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
@@ -30,7 +31,6 @@ from dynident.validation.momentum_observer import (
     compute_step_response,
     observe_recording,
 )
-from dynident.validation.validation_outcome import ValidationOutcome
 
 FALSE_ALARMS_AN_HOUR = 1.0
 """What a detector may cost: a cell that stops for nothing more than once an hour is switched off."""

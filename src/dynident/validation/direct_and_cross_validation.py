@@ -14,7 +14,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.equations.reduced_recordings import reduce_torque
-from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, OVERFIT
+from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, OVERFIT, ValidationOutcome
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
@@ -22,7 +22,6 @@ from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_errors_by_phase, select_judged_errors
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.schema.fields import check_value
-from dynident.validation.validation_outcome import ValidationOutcome
 from dynident.validation.validation_request import LimitedTrial
 
 

@@ -26,6 +26,7 @@ from dynident.identification.estimators.identified_robot_simulator import (
     build_simulator,
     read_longest_piece,
 )
+from dynident.identification.thresholds import ValidationOutcome
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
@@ -40,7 +41,6 @@ from dynident.recordings import (
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.simulation import SimulatedRecording
-from dynident.validation.validation_outcome import ValidationOutcome
 
 # Of a smooth signal nothing is left after so many differences; white noise of variance σ² leaves C(2k, k) σ².
 _DIFFERENCES = 6

@@ -18,12 +18,12 @@ from dynident.effects import get_effect
 from dynident.estimation.parameter_covariance import NORMAL_95
 from dynident.identification import Identification
 from dynident.identification.standard_parameters import draw_postures, get_joint_range
+from dynident.identification.thresholds import ValidationOutcome
 from dynident.number_format import format_number
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.regressors.model_structure import Model
 from dynident.robot.robot_model import Robot
-from dynident.validation.validation_outcome import ValidationOutcome
 
 # Random postures, the worst of them that descents start from, and steps of a descent at most.
 _SAMPLES = 2000

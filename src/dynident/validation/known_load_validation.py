@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.identification import Identification, PayloadVerdict, payload_from_pair
-from dynident.identification.loads.drive_gain_request import KnownLoad
+from dynident.identification.identification_choices import KnownLoad
 from dynident.identification.loads.drive_gains import DriveGains, identify_gains
 from dynident.identification.loads.payloads_of_recordings import read_known_payload
+from dynident.identification.thresholds import ValidationOutcome
 from dynident.number_format import format_percent
 from dynident.recordings import Recording
 from dynident.schema.fields import check_value
-from dynident.validation.validation_outcome import ValidationOutcome
 
 # Off by more than this share is wrong, whatever the interval; by less is right: gains are hardly known better.
 _AS_STATED = 0.05

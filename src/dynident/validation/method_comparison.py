@@ -17,13 +17,13 @@ from dynident.identification.estimation_problem import Problem
 from dynident.identification.estimation_problem_options import ModelName
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.strategies.solve_by_strategy import solve_by_strategy
+from dynident.identification.thresholds import ValidationOutcome
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors, select_judged_errors
 from dynident.regressors.observation_matrix import RegressorInputs
-from dynident.validation.validation_outcome import ValidationOutcome
 from dynident.validation.validation_request import Method, available_methods
 
 # A method agrees where its error is within this factor of the best one's …

@@ -22,14 +22,13 @@ from dynident.identification.estimators.identified_robot_simulator import (
     build_simulator,
     read_pieces,
 )
-from dynident.identification.thresholds import LARGEST_DRIFT
+from dynident.identification.thresholds import LARGEST_DRIFT, ValidationOutcome
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import STANDS
 from dynident.simulation.true_effects import may_be_negative
-from dynident.validation.validation_outcome import ValidationOutcome
 from dynident.validation.validation_request import HORIZONS
 
 # Step of the integration in s.

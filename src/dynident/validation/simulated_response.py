@@ -20,7 +20,7 @@ from dynident.identification.estimators.identified_robot_simulator import (
     build_simulator,
     read_longest_piece,
 )
-from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT
+from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, ValidationOutcome
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
@@ -35,7 +35,6 @@ from dynident.validation.open_loop_drift import (
     name_impossible_parameters,
     simulate_from_many_starts,
 )
-from dynident.validation.validation_outcome import ValidationOutcome
 from dynident.validation.validation_request import LONGEST_SIMULATED, Simulation
 
 

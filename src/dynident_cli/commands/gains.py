@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from dynident.errors import DynidentError
-from dynident.identification.loads.drive_gain_request import KnownLoad
+from dynident.identification.identification_choices import KnownLoad
 from dynident_cli.option_parsers import READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (

@@ -22,7 +22,7 @@ from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import Score
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_request import DEFAULT_SIGNIFICANCE
-from dynident.diagnosis.residuals.time_blocks_and_bursts import compute_median_error
+from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import compute_median_error
 from dynident.effects import CATALOGUE
 from dynident.estimation.residual_errors import compute_evenness, compute_signed_roots, compute_t
 

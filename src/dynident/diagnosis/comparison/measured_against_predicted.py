@@ -24,8 +24,9 @@ from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording, SampleBlock
 from dynident.recordings.joint_phases import Phase, PhaseArray
+from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.recordings.pose_recordings import has_poses, read_pose_rows
-from dynident.regressors.dynamic_model_rows import SampleFunction, filter_in_parallel
+from dynident.regressors.dynamic_model_rows import SampleFunction
 from dynident.regressors.row_phases import RowPhases, changes_at_rest
 
 # Length of an interval, s, and number of those that are reported.

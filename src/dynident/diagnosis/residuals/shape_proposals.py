@@ -13,6 +13,7 @@ import numpy as np
 
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
 from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import find_bursts
 from dynident.diagnosis.residuals.spectral_peaks import (
     AngleLines,
     compute_line_share,
@@ -20,7 +21,6 @@ from dynident.diagnosis.residuals.spectral_peaks import (
     find_base_vibration,
     find_motion_lines,
 )
-from dynident.diagnosis.residuals.time_blocks_and_bursts import find_bursts
 from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot

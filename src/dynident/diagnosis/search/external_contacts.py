@@ -19,7 +19,7 @@ from dynident.diagnosis.candidates.held_out_scores import compute_fitted_errors
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products
-from dynident.diagnosis.residuals.time_blocks_and_bursts import compute_median_error
+from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import compute_median_error
 from dynident.diagnosis.search.search_state import Finding, State
 from dynident.effects import get_effect
 from dynident.recordings import Preprocessing

@@ -15,8 +15,8 @@ from dynident.excitation.criteria.criterion_choice import REGION_SPEED
 from dynident.excitation.design_observation_matrix import DesignModel
 from dynident.motion.limits.bounds import build_bounds
 from dynident.recordings import Recording, choose_preprocessing
+from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.recordings.recording import SampleBlock
-from dynident.regressors.dynamic_model_rows import filter_in_parallel
 from dynident.robot.limits_and_drives import Limits
 from dynident.robot.robot_model import Robot
 

@@ -30,7 +30,8 @@ from dynident.identification.estimators.identified_robot_simulator import (
 )
 from dynident.number_format import format_percent
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, find_motion_band
-from dynident.regressors.dynamic_model_rows import SampleFunction, filter_in_parallel, reduce_recordings
+from dynident.recordings.low_pass_decimation import filter_in_parallel
+from dynident.regressors.dynamic_model_rows import SampleFunction, reduce_recordings
 from dynident.regressors.model_structure import Model
 from dynident.regressors.qr_accumulation import EquationRows, accumulate_equations
 from dynident.regressors.row_phases import RowPhases

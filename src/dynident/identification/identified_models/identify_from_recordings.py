@@ -369,6 +369,38 @@ def identify(
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)
     fit_progress = scale_progress(progress, 0.5, 1.0)
     identified = identify_model(model, recordings, validation, choices, preprocessing, reference, fit_progress)
+    return complete_identification(robot, recordings, validation, requested, identified, progress)
+
+
+def complete_identification(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    requested: IdentificationChoices,
+    identified: Identification,
+    progress: Progress = ignore_progress,
+) -> Identification:
+    """Narrow the filters of a fit where that is needed, and add what is said of slow motions and of the samples.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot that was recorded.
+    recordings, validation : sequence of Recording
+        Data of the fit, and held-out data.
+    requested : IdentificationChoices
+        The choices as they were made, with what was left open.
+    identified : Identification
+        The model with the filters that were chosen from the data.
+    progress : Progress
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Identification
+        The final model.
+    """
+    ordinary, _ = split_friction_tests(recordings)
     # Whether the filters let in torque that no rigid model explains shows only after a fit. Filters that the user
     # gave are not changed.
     narrow = None if requested.preprocessing else find_narrower_band(identified, ordinary)

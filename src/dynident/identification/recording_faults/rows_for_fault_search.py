@@ -20,11 +20,11 @@ from dynident.identification.recording_faults.unexplained_torque import (
 )
 from dynident.number_format import format_percent
 from dynident.recordings import Recording, choose_preprocessing
+from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.recordings.nonparametric_fit import shorten_recording
 from dynident.recordings.preprocessing import OVERSAMPLING
 from dynident.recordings.recording import SampleBlock
 from dynident.recordings.recording_metadata import Check
-from dynident.regressors.dynamic_model_rows import filter_in_parallel
 from dynident.robot.robot_model import Robot
 
 _ROWS = 2500

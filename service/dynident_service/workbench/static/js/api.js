@@ -119,13 +119,18 @@ export async function file(path) {
   return { content: await answer.blob(), name, notes: JSON.parse(answer.headers.get("dynident-notes") ?? "[]") };
 }
 
-/** The events of a job, from the first until it ends; a broken stream is taken up where it broke. */
-export async function* events(jobId, signal) {
+/** The events of a job, from the first until it ends. */
+export function events(jobId, signal) {
+  return follow(`/jobs/${jobId}/events`, signal);
+}
+
+/** The events of a stream; one that broke is taken up where it broke. */
+export async function* follow(path, signal) {
   let last = "";
   while (!signal?.aborted) {
     const headers = last ? { "last-event-id": last } : {};
     try {
-      const answer = await send("GET", `/v1/jobs/${jobId}/events`, { headers, signal });
+      const answer = await send("GET", `/v1${path}`, { headers, signal });
       for await (const event of parsed(answer.body)) {
         last = event.id || last;
         if (event.data) yield { kind: event.event, ...JSON.parse(event.data) };

@@ -6,6 +6,7 @@ import { whyNoRaw } from "../compare/raw_torque.js";
 import { h, put, right, row, section, table } from "../dom.js";
 import { counted, moment, percent, quantity } from "../format.js";
 import { address } from "../page_address.js";
+import { liveSection } from "./live_estimates.js";
 import { editInWords, stretchesInWords } from "./revision_edits.js";
 import { RawStack } from "./raw_stack.js";
 import { revise, revisionsOf, takeBack } from "./revise.js";
@@ -21,6 +22,13 @@ export async function recordingPage(target, wanted, signal) {
   ]);
   signal.throwIfAborted();
   document.title = `${measurement.name}: dynident`;
+  if (measurement.under_way) {
+    const live = liveSection(measurement, signal, () => recordingPage(target, wanted, signal));
+    put(target, header(measurement, robot, parent, revisions), live.element);
+    // Whoever leaves the page ends this; what goes wrong stands in the section.
+    live.run();
+    return;
+  }
   const signals = signalsSection(measurement, robot, signal);
   put(target, header(measurement, robot, parent, revisions), signals.element, checksSection(measurement));
   await signals.stack.show();
@@ -31,7 +39,7 @@ function header(measurement, robot, parent, revisions) {
   const facts = [
     ["robot", robot.name],
     ["used for", measurement.role ?? "not stated"],
-    ["samples", `${counted(measurement.n_samples, "sample")} at ${quantity(measurement.sampling_rate, "Hz", 4)}`],
+    ["samples", measurement.under_way ? "under way" : `${counted(measurement.n_samples, "sample")} at ${quantity(measurement.sampling_rate, "Hz", 4)}`],
     ["torque", measurement.effort_kind.replaceAll("_", " ")],
     ["windows", measurement.windows.length ? stretchesInWords(measurement.windows) : "all"],
     ["stored", moment(measurement.created_at)],
@@ -41,7 +49,7 @@ function header(measurement, robot, parent, revisions) {
     h("h1", {}, measurement.name),
     measurement.revision ? revisionBox(measurement, parent, link) : null,
     h("dl", { class: "facts" }, facts.map(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])),
-    h("p", {}, h("a", { href: address({ view: "new", robot: robot.id }) }, "Identify a model with it"), h("span", { class: "note" }, " or upload more recordings of this robot")),
+    measurement.under_way ? null : h("p", {}, h("a", { href: address({ view: "new", robot: robot.id }) }, "Identify a model with it"), h("span", { class: "note" }, " or upload more recordings of this robot")),
   );
 }
 

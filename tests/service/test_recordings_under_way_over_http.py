@@ -1,0 +1,236 @@
+"""Rows of a recording that come while the robot moves: append, retry, follow, finish; bad bodies; another service."""
+
+from __future__ import annotations
+
+import io
+import json
+from typing import Any
+
+import httpx2
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from fastapi.testclient import TestClient
+from service_helpers import app_of, serving
+
+from dynident_client import Client, ProblemError
+from dynident_service.settings import Settings
+
+PIECE = 300
+
+
+def columns(seconds: float = 12.0, rate: float = 100.0, seed: int = 1) -> dict[str, np.ndarray]:
+    """A motion of two joints, and some torque that its dynamics explain in part."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * rate)) / rate
+    w = 2 * np.pi * np.array([0.2, 0.5, 0.9])
+    phase = rng.uniform(0, 6, (2, 3))
+    q = np.stack([0.35 * np.sin(np.outer(t, w) + phase[j]).sum(axis=1) for j in range(2)], axis=1)
+    dq, ddq = np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0)
+    tau = 3.0 * ddq @ np.array([[1.0, 0.3], [0.3, 0.6]]) + 2.0 * np.sign(dq) + 1.5 * dq
+    tau += 0.02 * rng.normal(size=tau.shape)
+    q += 1e-5 * rng.normal(size=q.shape)
+    return {"t": t, "q1": q[:, 0], "q2": q[:, 1], "tau1": tau[:, 0], "tau2": tau[:, 1]}
+
+
+RUN = columns()
+LENGTH = len(RUN["t"])
+
+
+def part(first: int, last: int) -> dict[str, list[float]]:
+    return {name: values[first:last].tolist() for name, values in RUN.items()}
+
+
+def as_csv(first: int, last: int) -> bytes:
+    rows = zip(*part(first, last).values(), strict=True)
+    return "\n".join([",".join(RUN), *(",".join(map(repr, row)) for row in rows)]).encode()
+
+
+def as_parquet(first: int, last: int) -> bytes:
+    buffer = io.BytesIO()
+    pq.write_table(pa.table(part(first, last)), buffer)
+    return buffer.getvalue()
+
+
+TABLE = {
+    "joints": [
+        {"name": "shoulder", "alpha": 0, "d": 0, "r": 0},
+        {"name": "elbow", "alpha": 0, "d": 0.5, "r": 0},
+    ]
+}
+ROBOT = {"name": "scara", "description": {"format": "modified_dh", "content": TABLE}}
+
+
+def begin(client: TestClient) -> str:
+    robot = client.post("/v1/robots", json=ROBOT)
+    assert robot.status_code == 201, robot.text
+    body = {"under_way": True, "metadata": {"robot_id": robot.json()["id"], "name": "live"}}
+    made = client.post("/v1/measurements", json=body)
+    assert made.status_code == 201, made.text
+    assert (made.json()["under_way"], made.json()["n_samples"]) == (True, 0)
+    return str(made.json()["id"])
+
+
+def send(client: TestClient, measurement: str, first: int, last: int, **query: Any) -> httpx2.Response:
+    return client.patch(
+        f"/v1/measurements/{measurement}/rows", params={"offset": first, **query}, json=part(first, last)
+    )
+
+
+def test_rows_in_any_form_become_the_measurement_that_the_whole_file_is(client: TestClient) -> None:
+    measurement = begin(client)
+    path = f"/v1/measurements/{measurement}/rows"
+    assert send(client, measurement, 0, PIECE).json()["n_samples"] == PIECE
+    csv = client.patch(
+        path, params={"offset": PIECE}, content=as_csv(PIECE, 2 * PIECE), headers={"content-type": "text/csv"}
+    )
+    assert csv.json()["n_samples"] == 2 * PIECE
+    # A retry, also one that brings more, is harmless.
+    assert send(client, measurement, 0, PIECE).json()["n_samples"] == 2 * PIECE
+    assert send(client, measurement, PIECE, 3 * PIECE).json()["n_samples"] == 3 * PIECE
+    last = {"offset": 3 * PIECE, "finished": True}
+    media = {"content-type": "application/vnd.apache.parquet"}
+    for _ in range(2):
+        done = client.patch(path, params=last, content=as_parquet(3 * PIECE, LENGTH), headers=media)
+        assert done.status_code == 200, done.text
+        assert (done.json()["under_way"], done.json()["n_samples"]) == (False, LENGTH)
+    view = client.get(f"/v1/measurements/{measurement}").json()
+    upload = client.post(
+        "/v1/measurements",
+        files={"file": ("run.csv", as_csv(0, LENGTH))},
+        data={"metadata": json.dumps({"robot_id": view["robot_id"], "name": "live"})},
+    ).json()
+    for field in ("n_samples", "sampling_rate", "joints", "segments", "phases", "checks"):
+        assert view[field] == upload[field], field
+    content = client.get(f"/v1/measurements/{measurement}/content")
+    assert pq.read_table(io.BytesIO(content.content)).num_rows == LENGTH
+    assert content.headers["etag"] == f'"{view["sha256"]}"'
+    # It is identified from like any other.
+    body = {"robot_id": view["robot_id"], "measurement_ids": [measurement]}
+    assert client.post("/v1/identifications", json=body).status_code == 202
+    assert send(client, measurement, LENGTH - 5, LENGTH).status_code == 409
+
+
+def test_a_recording_under_way_is_not_used_before_its_end(client: TestClient) -> None:
+    measurement = begin(client)
+    send(client, measurement, 0, PIECE)
+    robot = client.get(f"/v1/measurements/{measurement}").json()["robot_id"]
+    refused = client.post("/v1/identifications", json={"robot_id": robot, "measurement_ids": [measurement]})
+    assert refused.status_code == 422
+    assert refused.json()["errors"][0]["pointer"] == "/measurement_ids/0"
+    for below in ("raw", "standstills", "content"):
+        assert client.get(f"/v1/measurements/{measurement}/{below}").status_code == 404
+    assert client.post(f"/v1/measurements/{measurement}/revisions", json={"role": "validation"}).status_code == 404
+    assert measurement in [m["id"] for m in client.get("/v1/measurements").json()["items"]]
+    assert client.delete(f"/v1/measurements/{measurement}").status_code == 204
+
+
+@pytest.mark.parametrize(
+    ("offset", "content", "media", "status"),
+    [
+        (PIECE + 1, None, None, 409),
+        (0, {**part(0, 5), "q1": [9.0] * 5}, None, 409),
+        (PIECE, {"t": [1.0]}, None, 422),
+        (PIECE, {**part(0, 3), "q1": [1.0]}, None, 422),
+        (PIECE, {**part(0, 1), "q1": ["a"]}, None, 422),
+        (PIECE, {name: [] for name in RUN}, None, 422),
+        (PIECE, [1, 2], None, 422),
+        (PIECE, b"{", "application/json", 422),
+        (PIECE, b"t,q1\n1,2,3\n", "text/csv", 422),
+        (PIECE, b"t,q1,q2,tau1,tau2\na,b,c,d,e\n", "text/csv", 422),
+        (PIECE, b"PAR1....", "application/vnd.apache.parquet", 422),
+        (PIECE, b"\x00\xff" * 50, "text/csv", 422),
+        (PIECE, b"x", "text/plain", 415),
+        (-1, {}, None, 422),
+        (PIECE, b"", "application/json", 200),
+        (5, b"", "application/json", 409),
+    ],
+)
+def test_bad_rows_are_problems_and_change_nothing(
+    client: TestClient, offset: int, content: Any, media: str | None, status: int
+) -> None:
+    measurement = begin(client)
+    send(client, measurement, 0, PIECE)
+    how = (
+        {"content": content, "headers": {"content-type": media}}
+        if isinstance(content, bytes)
+        else {"json": part(PIECE, PIECE + 5) if content is None else content}
+    )
+    answer = client.patch(f"/v1/measurements/{measurement}/rows", params={"offset": offset}, **how)
+    assert answer.status_code == status, answer.text
+    assert client.get(f"/v1/measurements/{measurement}").json()["n_samples"] == PIECE
+
+
+def test_a_recording_that_is_refused_at_its_end_stays_as_it_is(client: TestClient) -> None:
+    measurement = begin(client)
+    still = {name: ([0.01 * k for k in range(50)] if name == "t" else [0.0] * 50) for name in RUN}
+    answer = client.patch(f"/v1/measurements/{measurement}/rows", params={"offset": 0, "finished": True}, json=still)
+    assert answer.status_code == 422
+    view = client.get(f"/v1/measurements/{measurement}").json()
+    assert (view["under_way"], view["n_samples"]) == (True, 50)
+    empty = begin(client)
+    answer = client.patch(f"/v1/measurements/{empty}/rows", params={"offset": 0, "finished": True})
+    assert answer.status_code == 422
+
+
+def test_the_limit_of_a_recording_holds_for_all_its_rows(settings: Settings) -> None:
+    with TestClient(
+        app_of(settings.model_copy(update={"max_upload_bytes": 60_000})), base_url="http://127.0.0.1"
+    ) as client:
+        measurement = begin(client)
+        sizes = [send(client, measurement, first, first + PIECE) for first in range(0, LENGTH, PIECE)]
+        assert sizes[0].status_code == 200
+        assert sizes[-1].status_code in (409, 413)
+        assert 413 in [answer.status_code for answer in sizes]
+
+
+def test_estimates_come_with_the_rows_and_survive_a_restart(settings: Settings) -> None:
+    with serving(settings.model_copy(update={"port": 0})) as url, Client(url) as live:
+        robot = live.robots.create("scara", modified_dh=TABLE)
+        measurement = live.measurements.begin(robot, "live")
+        live.measurements.append_rows(measurement, part(0, 900), offset=0)
+        first = next(iter(live.measurements.follow(measurement)))
+        assert first.event == "estimate"
+        assert first.id == "900"
+        assert first.data["rows"] == 900
+    with serving(settings.model_copy(update={"port": 0})) as url, Client(url) as live:
+        events = live.measurements.follow(measurement.id)
+        again = next(events)
+        assert again.data["parameters"] == first.data["parameters"]
+        assert again.data["parameters"]
+        assert max(again.data["error"]) < 0.5
+        live.measurements.append_rows(measurement.id, part(900, LENGTH), offset=900, finished=True)
+        *between, last = list(events)
+        assert last.event == "finished"
+        assert all(event.event == "estimate" for event in between)
+        model = live.identifications.create(robot.id, [measurement.id]).wait()
+        values = {p["name"]: p["value"] for p in model.result["parameters"]}
+        assert {p["name"]: p["value"] for p in last.data["parameters"]} == pytest.approx(values, rel=1e-6, abs=1e-9)
+        # Whoever has the last rows hears of the end alone.
+        with httpx2.stream(
+            "GET", f"{url}/v1/measurements/{measurement.id}/estimates", headers={"Last-Event-ID": str(LENGTH)}
+        ) as answer:
+            assert [line for line in answer.iter_lines() if line.startswith("event:")] == ["event: finished"]
+        with pytest.raises(ProblemError):
+            list(live.measurements.follow("meas_none"))
+        with pytest.raises(ProblemError):
+            list(live.measurements.follow(measurement.id, design="design_none"))
+
+
+def test_a_bad_run_is_to_be_stopped(settings: Settings) -> None:
+    with serving(settings.model_copy(update={"port": 0})) as url, Client(url) as live:
+        robot = live.robots.create("scara", modified_dh=TABLE)
+        rows = part(0, 900)
+        # The drive of the elbow gives no more than this.
+        rows["tau2"] = np.clip(rows["tau2"], -2.0, 2.0).tolist()
+        measurement = live.measurements.begin(robot, "saturated")
+        live.measurements.append_rows(measurement, rows, offset=0)
+        event = next(iter(live.measurements.follow(measurement)))
+        assert "saturation" in [reason["code"] for reason in event.data["stop"]]
+        sound = live.measurements.begin(robot, "sound")
+        live.measurements.append_rows(sound, part(0, 900), offset=0)
+        assert next(iter(live.measurements.follow(sound))).data["stop"] == []
+        nothing = next(iter(live.measurements.follow(live.measurements.begin(robot, "empty"))))
+        assert (nothing.data["rows"], nothing.data["parameters"]) == (0, [])
+        assert nothing.data["reason"]

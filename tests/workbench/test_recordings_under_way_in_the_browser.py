@@ -1,0 +1,69 @@
+"""A recording under way: its estimates come to the page, and at its end it is a recording like any other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynident_client import Client
+
+expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
+pytestmark = pytest.mark.slow
+
+TABLE = {
+    "joints": [
+        {"name": "shoulder", "alpha": 0, "d": 0, "r": 0},
+        {"name": "elbow", "alpha": 0, "d": 0.5, "r": 0},
+    ]
+}
+
+
+def motion(seconds: float = 20.0, rate: float = 100.0) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(3)
+    t = np.arange(round(seconds * rate)) / rate
+    w = 2 * np.pi * np.array([0.2, 0.5, 0.9])
+    phase = rng.uniform(0, 6, (2, 3))
+    q = np.stack([0.35 * np.sin(np.outer(t, w) + phase[j]).sum(axis=1) for j in range(2)], axis=1)
+    dq, ddq = np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0)
+    tau = 3.0 * ddq @ np.array([[1.0, 0.3], [0.3, 0.6]]) + 2.0 * np.sign(dq) + 1.5 * dq
+    tau += 0.02 * rng.normal(size=tau.shape)
+    q += 1e-5 * rng.normal(size=q.shape)
+    return {"t": t, "q1": q[:, 0], "q2": q[:, 1], "tau1": tau[:, 0], "tau2": tau[:, 1]}
+
+
+def test_estimates_come_while_the_robot_moves(page: Any, service: str, heard: Any, tmp_path: Path) -> None:
+    rows = motion()
+    with Client(service) as live:
+        robot = live.robots.create("scara", modified_dh=TABLE)
+        measurement = live.measurements.begin(robot, "under way")
+        page.goto(f"/?view=recording&measurement={measurement.id}")
+        expect(page.locator("#live-state")).to_contain_text("No rows have arrived")
+        for first in range(0, 1500, 500):
+            part = {name: values[first : first + 500] for name, values in rows.items()}
+            live.measurements.append_rows(measurement, part, offset=first)
+            expect(page.locator("#live-state")).to_contain_text(f"{(first + 500) / 100:.3g}", timeout=30_000)
+        expect(page.locator("#live-parameters tbody tr").first).to_contain_text("±")
+        expect(page.locator("#live-chart canvas")).to_be_visible()
+        page.screenshot(path=tmp_path / "live.png", full_page=True)
+        page.goto("/?view=recordings")
+        expect(page.locator("main")).to_contain_text("under way")
+        page.goto(f"/?view=recording&measurement={measurement.id}")
+        expect(page.locator("#live-parameters tbody tr").first).to_contain_text("±", timeout=30_000)
+        # With its last rows it becomes a recording like any other, before the eyes of who follows it.
+        rest = {name: values[1500:] for name, values in rows.items()}
+        live.measurements.append_rows(measurement, rest, offset=1500, finished=True)
+        expect(page.get_by_role("heading", name="Signals as recorded")).to_be_visible(timeout=30_000)
+        # A run that is not worth going on with says so.
+        part = {name: values[:900].copy() for name, values in rows.items()}
+        part["tau2"] = np.clip(part["tau2"], -2.0, 2.0)
+        bad = live.measurements.begin(robot, "saturated")
+        live.measurements.append_rows(bad, part, offset=0)
+        page.goto(f"/?view=recording&measurement={bad.id}")
+        expect(page.locator("#live-stop")).to_contain_text("Stop the robot", timeout=30_000)
+        page.set_viewport_size({"width": 390, "height": 844})
+        page.wait_for_function("document.documentElement.scrollWidth <= innerWidth")
+        page.screenshot(path=tmp_path / "bad.png", full_page=True)
+    assert heard.complaints == []
