@@ -252,6 +252,8 @@ def test_a_counter_of_rows_is_no_clock_where_another_column_is_one(tmp_path):
         (b"% a run\nt = [0.0;\n0.1];\n", "script"),
         (b"<?xml version='1.0'?><log/>", "XML"),
         (b"t,q,tau\n0,00,0,51,1,20\n0,01,0,52,1,21\n", "decimal commas stand between commas"),
+        (b"<html><body><table border=1><tr><td>t</td>", "open it in a spreadsheet"),
+        (b"# Created by Octave 8.4.0\n# name: t\n", "Octave's text"),
         (b"run.csv".ljust(257, b"\0") + b"ustar\0", "unpack"),
     ],
 )

@@ -406,6 +406,23 @@ def find_stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str, float]]:
     return pairs
 
 
+_MILLISECONDS = re.compile(r"milli(?:tm|s|sec\w*)?|msecs?", re.IGNORECASE)
+
+
+def _find_milliseconds(source: FileSource) -> dict[str, tuple[str, str, float]]:
+    """Return the pair of a time of day in whole seconds and a column of its milliseconds, if the file has such."""
+    parts = [name for name in source.names if _MILLISECONDS.fullmatch(name)]
+    times = [name for name in source.names if is_time_name(name) and name not in parts]
+    if len(parts) != 1 or len(times) != 1 or _TIME in source.names:
+        return {}
+    first = next(source.batches([*times, *parts]), None)
+    if first is None:
+        return {}
+    whole, part = (to_float_column(first, name, 0) for name in (*times, *parts))
+    is_part = bool(((part >= 0.0) & (part < 1e3)).all() and (whole == np.round(whole)).all())
+    return {_TIME: (*times, *parts, 1e-3)} if is_part and len(np.unique(whole)) > 1 else {}
+
+
 class SplitStampSource(FileSource):
     """A file with the joined time of two columns in front of the others."""
 
@@ -413,7 +430,10 @@ class SplitStampSource(FileSource):
         self._source, self._pairs = source, pairs
         self.sample_rows, self.texts = source.sample_rows, source.texts
         self.has_gaps, self.inner, self.clocks = source.has_gaps, source, source.clocks
-        super().__init__([*pairs, *source.names], {**source.units, **dict.fromkeys(pairs, "s")})
+        # Milliseconds of a time of day are no signal: beside the joined time they are left out.
+        parts = {part for name, (_, part, _) in pairs.items() if name == _TIME}
+        names = [name for name in source.names if name not in parts]
+        super().__init__([*pairs, *names], {**source.units, **dict.fromkeys(pairs, "s")})
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         needed = [column for name in columns for column in (self._pairs[name][:2] if name in self._pairs else (name,))]
@@ -433,5 +453,5 @@ class SplitStampSource(FileSource):
 
 def join_split_stamps(source: FileSource) -> FileSource:
     """Return the file with its time joined, if it stands in two columns; else the same object."""
-    pairs = find_stamp_pairs(source.names)
+    pairs = find_stamp_pairs(source.names) or _find_milliseconds(source)
     return SplitStampSource(source, pairs) if pairs else source
