@@ -215,7 +215,7 @@ def test_a_description_that_ros_printed_is_read(tmp_path: Path, printed: str) ->
         ("# from CAD\nv 0 0 1\nv 0 1 0\n", "a mesh"),
         ("#usda 1.0\n", "a stage of USD"),
         ("PK\x03\x04", "unpack it, and give the URDF in it"),
-        ('<robot name="a"><group name="arm"/></robot>', "An SRDF only adds to a URDF"),
+        ('<robot name="a"><group name="arm"/></robot>', "has no <link>. An SRDF only adds to a URDF"),
         ("L(1) = Link([0 0.1 0 pi/2]);\n", "a program: write the Denavit-Hartenberg table"),
     ],
 )

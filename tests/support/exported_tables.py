@@ -205,6 +205,12 @@ def objects_by_their_times(folder: Path, run: Recorded) -> Path:
     return written(folder / "times.json", json.dumps(records))
 
 
+def durations_of_iso(folder: Path, run: Recorded) -> Path:
+    header = ["t", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    t = [f"PT{number(t)}S" if t < 3.0 else f"PT0M{number(t)}S" for t in run.t]
+    return written(folder / "iso.csv", table(header, [t, *cells(np.column_stack([run.q, run.tau]))]))
+
+
 def rate_in_a_remark(folder: Path, run: Recorded) -> Path:
     text = table([*counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)], cells(np.column_stack([run.q, run.tau])))
     rate = (len(run.t) - 1) / (run.t[-1] - run.t[0])
@@ -244,7 +250,7 @@ EXPORTED_TABLES: dict[str, Layout] = {
         melted, joint_below_joint, joint_and_quantity, pairs_of_time_and_value, objects_in_cells, list_below_a_name,
         printed_tuples, pose_of_the_tool_beside, data_set_of_diadem, arrays_of_numpy_apart, merged_heads,
         objects_of_joints, records_of_numpy, messages_of_a_simulator, values_beside_their_names, printed_objects,
-        structures_of_rust, answer_of_a_data_base, objects_by_their_times, rate_in_a_remark,
+        structures_of_rust, answer_of_a_data_base, objects_by_their_times, rate_in_a_remark, durations_of_iso,
         tags_with_milliseconds_apart, further_axis, slots_of_a_simulator,
     )
 }  # fmt: skip

@@ -185,6 +185,11 @@ _NAME = re.compile(
     re.IGNORECASE,
 )
 _DAY = 86_400.0
+_OF_ISO = (
+    r"^\s*P(?:(?P<days>\d+)D)?T(?:(?P<hours>\d+)H)?(?:(?P<minutes>\d+)M)?(?:(?P<seconds>\d+(?:[.,]\d+)?)S)?"
+    r"(?P<date>x)?(?P<zone>x)?(?P<half>x)?\s*$"
+)
+"""A duration of ISO 8601, PT1M0.5S; it has no date, zone or half of a day."""
 _CLOCK = (
     r"^\s*(?:(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3})[-/. ]\d{4}"
     r"|\d{1,2}[-/. ][A-Za-z]{3}[-/. ]\d{2})[T _,]+)?"
@@ -215,7 +220,7 @@ def is_time_name(name: str) -> bool:
 def are_times(cells: Sequence[str]) -> bool:
     """Return whether all cells that are not empty are times."""
     filled = [cell for cell in cells if cell]
-    forms: list[tuple[str, ...]] = [(_CLOCK,), (_DURATION,), (_COMPACT,)]
+    forms: list[tuple[str, ...]] = [(_CLOCK,), (_DURATION,), (_COMPACT,), (_OF_ISO,)]
     if any(re.match(_TENTHS, cell) for cell in filled):
         forms = [(_MINUTES, _CLOCK)]
     return bool(filled) and any(
@@ -234,7 +239,9 @@ def parse_seconds(column: pa.Array) -> pa.Array:
     clock = pc.extract_regex(pc.replace_substring_regex(column, _COMPACT, r"\1-\2-\3 \4:\5:\6.\70\8"), _CLOCK)
     # No cell is a time of day: they may be durations with a unit.
     if clock.null_count == len(clock):
-        return _parse_durations(pc.extract_regex(column, _DURATION))
+        if not pc.any(pc.match_substring_regex(column, _OF_ISO)).as_py():
+            return _parse_durations(pc.extract_regex(column, _DURATION))
+        clock = pc.extract_regex(column, _OF_ISO)
     hours, minutes, days = (_parse_numbers(clock, name) for name in ("hours", "minutes", "days"))
     total = 3600.0 * hours + 60.0 * minutes + _parse_numbers(clock, "seconds") + _DAY * days
     # East of Greenwich clocks are ahead of UTC: the zone is taken off.

@@ -93,6 +93,15 @@ _TEXTS_NOT_READ = (
         rb"^[^\s,]+(?:,[^\s,=]+=[^\s,]+)+ [^\s,=]+=[^\s,]+(?:,[^\s,=]+=[^\s,]+)* \d{10,19}\s",
         "InfluxDB's line protocol: query it with pivot(…), one row for each moment, and write that as CSV.",
     ),
+    (rb"^\s*\{\s*\{\s*[-+]?\d+\.", 'a list of Mathematica: write it anew with Export["run.csv", data].'),
+    (
+        rb"^(?:[^\n]*\n){0,9}?\[\[[A-Za-z_][\w.]*\]\]\s*\n\s*\w+ *=",
+        "TOML: write an object of JSON a line instead, or a table as CSV.",
+    ),
+    (
+        rb"(?i)^(?:\s*(?:--|/\*)[^\n]*\n|\s)*(?:drop|create|insert|set|begin|copy)\s[^\n]*\b(?:table|into|from|transaction)\b",
+        "a dump of SQL: select the rows from the data base, and write the answer as CSV.",
+    ),
     (
         rb"^(?:%[^\n]*\n|\s)*[A-Za-z]\w* *= *\[",
         "a script with matrices: save them, save('run.mat', 't', 'q', 'tau'), or write a table.",
