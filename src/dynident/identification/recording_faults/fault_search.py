@@ -240,9 +240,8 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         *list_angle_faults(robot, motion, judge, now),
     ]
     off = find_drives_off(sizes.frictions)
-    possible = [
-        fault for fault in among if fault.own_joints not in off and _is_possible_fault(fault, robot, motion, sizes)
-    ]
+    among = [fault for fault in among if fault.own_joints not in off or fault.kind.endswith("turned")]
+    possible = [fault for fault in among if _is_possible_fault(fault, robot, motion, sizes)]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)
     # Masses tell most of an angle that is counted otherwise, and are quickly asked.
@@ -252,6 +251,9 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         # Sorted by score: where the best one is not clear, the others are not looked at.
         if not now.is_surely_above(unexplained) or unexplained.average_share > CURED:
             break
+        # Small friction may be that of a small joint. The torque of a drive that is off is explained with no sign.
+        if best.own_joints in off and max(unexplained.joints[j] for j in best.own_joints) > WORST_EXPLAINED:
+            continue
         # Scale the torques of these joints down until they have no say in the parameters of the others. Where that
         # explains nearly as much as mending the fault, the joints only do not go with the others, for whatever reason:
         # the fault is not proved.
