@@ -429,6 +429,14 @@ def test_rows_of_another_width_are_left_out_and_counted(tmp_path):
         read_sample(tmp_path / "most.csv")
 
 
+def test_a_clock_that_often_goes_back_is_weaker_than_another(tmp_path):
+    run = recorded(*CASES[0])
+    late = run.t + np.abs(run.rng.normal(0.0, 0.004, len(run.t)))
+    names = ["host_time", "robot_time", *columns_of(run, "q", "tau")]
+    path = write_table(tmp_path / "two.csv", names, np.column_stack([late, run.t + 3.0, run.q, run.tau]))
+    assert propose(read_sample(path), machine("ur10")).columns["t"] == "robot_time"
+
+
 def test_angles_that_wrap_tell_their_unit_and_slow_rows_are_not_taken_for_milliseconds(tmp_path):
     run = recorded(*CASES[0])
     names = ["t", *columns_of(run, "angle", "torque")]

@@ -150,10 +150,6 @@ def find_motion_faults(
         Filtered rows of the recording.
     judges : HeldOutFits, optional
         Those of the robot, if they exist already.
-
-    Returns
-    -------
-    tuple of findings and float, or None
     """
     search_result = search_faults(robot, motion, judges)
     return None if search_result is None else (search_result[0], search_result[1].average_share)
@@ -240,8 +236,13 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         *list_angle_faults(robot, motion, judge, now),
     ]
     off = find_drives_off(sizes.frictions)
-    among = [fault for fault in among if fault.own_joints not in off or fault.kind.endswith("turned")]
     possible = [fault for fault in among if _is_possible_fault(fault, robot, motion, sizes)]
+    # Little friction may be that of a small joint: turned, its torque is explained much better.
+    possible = [
+        fault
+        for fault in possible
+        if fault.own_joints not in off or now.is_turned(fault, judge.measure_unexplained(fault.mend(motion)))
+    ]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)
     # Masses tell most of an angle that is counted otherwise, and are quickly asked.
@@ -251,9 +252,6 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         # Sorted by score: where the best one is not clear, the others are not looked at.
         if not now.is_surely_above(unexplained) or unexplained.average_share > CURED:
             break
-        # Small friction may be that of a small joint. The torque of a drive that is off is explained with no sign.
-        if best.own_joints in off and max(unexplained.joints[j] for j in best.own_joints) > WORST_EXPLAINED:
-            continue
         # Scale the torques of these joints down until they have no say in the parameters of the others. Where that
         # explains nearly as much as mending the fault, the joints only do not go with the others, for whatever reason:
         # the fault is not proved.
