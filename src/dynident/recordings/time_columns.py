@@ -427,7 +427,7 @@ def _find_milliseconds(source: FileSource) -> dict[str, tuple[str, str, float]]:
         return {}
     whole, part = (to_float_column(first, name, 0) for name in (*times, *parts))
     is_part = bool(((part >= 0.0) & (part < 1e3)).all() and (whole == np.round(whole)).all())
-    return {_TIME: (*times, *parts, 1e-3)} if is_part and len(np.unique(whole)) > 1 else {}
+    return {_TIME: (times[0], parts[0], 1e-3)} if is_part and len(np.unique(whole)) > 1 else {}
 
 
 class SplitStampSource(FileSource):

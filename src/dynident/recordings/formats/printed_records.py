@@ -133,6 +133,7 @@ class _JsonLines(ProducedStream):
         super().__init__()
         self._file: IO[bytes] = content.open()
         lines = _read_lines(io.TextIOWrapper(self._file, encoding="utf-8-sig", errors="replace"))
+        self._records: Iterator[str]
         if kind == "python":
             self._records = map(_rewrite_python, _join_dictionaries(lines))
         else:
