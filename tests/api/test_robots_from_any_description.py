@@ -197,8 +197,10 @@ URDF = """<?xml version="1.0"?>
         f"data: {json.dumps(URDF)}\n---\n",
         "data: '" + URDF.replace("'", "''") + "'\n---\n",
         "robot_description: |\n" + "".join(f"  {line}\n" for line in URDF.splitlines()),
+        f"/publisher:\n  ros__parameters:\n    robot_description: {json.dumps(URDF)}\n    use_sim_time: false\n",
+        "/publisher:\n  rate: 20.0\n  robot_description: '" + URDF.replace("'", "''") + "'\n  use_sim_time: false\n",
     ],
-    ids=["parameter", "quoted", "single", "block"],
+    ids=["parameter", "quoted", "single", "block", "dumped", "dumped single"],
 )
 def test_a_description_that_ros_printed_is_read(tmp_path: Path, printed: str) -> None:
     (tmp_path / "arm.txt").write_text(printed)
@@ -212,6 +214,8 @@ def test_a_description_that_ros_printed_is_read(tmp_path: Path, printed: str) ->
         ("solid base\n facet normal 0 0 1\n", "a mesh"),
         ("# from CAD\nv 0 0 1\nv 0 1 0\n", "a mesh"),
         ("#usda 1.0\n", "a stage of USD"),
+        ("PK\x03\x04", "unpack it, and give the URDF in it"),
+        ('<robot name="a"><group name="arm"/></robot>', "has no <link>. An SRDF only adds to a URDF"),
         ("L(1) = Link([0 0.1 0 pi/2]);\n", "a program: write the Denavit-Hartenberg table"),
     ],
 )

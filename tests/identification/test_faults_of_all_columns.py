@@ -67,6 +67,20 @@ def findings(recording: Recording, robot: Robot = ROBOT) -> list[Check]:
     return [one for one in build_dynamics_checks(robot)(recording, Q, TAU) or () if one.status != "ok"]
 
 
+def test_a_turned_joint_with_little_friction_is_no_drive_that_is_off() -> None:
+    """Friction is a share of each joint's own torque, as where wrists are small beside shoulders."""
+    robot, joint, seed = arm("franka_panda"), 4, 2
+    motion = fourier_motion(robot, 16.0, 100.0, seed)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq)
+    size = np.abs(tau).max(axis=0)
+    noise = np.random.default_rng(seed).normal(size=tau.shape)
+    tau = tau + size * (0.03 * np.sign(motion.dq) + 0.025 * motion.dq + 0.003 * noise)
+    assert find_recording_faults(robot, record(robot, motion, tau))[0] == ()
+    signs = np.where(np.arange(robot.n) == joint, -1.0, 1.0)
+    (found,), _ = find_recording_faults(robot, record(robot, motion, signs * tau))
+    assert (found.fault.kind, found.fault.joints) == ("torque turned", (joint,))
+
+
 def test_torques_that_are_all_turned_round_are_one_cause_with_one_cure() -> None:
     motion, tau = measured()
     (found,) = findings(record(ROBOT, motion, -tau))

@@ -252,6 +252,11 @@ def test_a_counter_of_rows_is_no_clock_where_another_column_is_one(tmp_path):
         (b"% a run\nt = [0.0;\n0.1];\n", "script"),
         (b"<?xml version='1.0'?><log/>", "XML"),
         (b"t,q,tau\n0,00,0,51,1,20\n0,01,0,52,1,21\n", "decimal commas stand between commas"),
+        (b"<html><body><table border=1><tr><td>t</td>", "open it in a spreadsheet"),
+        (b"{{0.1, 2.5*^-3},\n {0.2, 1.0}}", "Mathematica"),
+        (b'robot = "a"\n\n[[sample]]\nt = 0.1\n', "TOML"),
+        (b"-- MySQL dump\nDROP TABLE IF EXISTS `log`;\nINSERT INTO `log` VALUES (1,0.1);\n", "a dump of SQL"),
+        (b"# Created by Octave 8.4.0\n# name: t\n", "Octave's text"),
         (b"run.csv".ljust(257, b"\0") + b"ustar\0", "unpack"),
     ],
 )
@@ -422,6 +427,14 @@ def test_rows_of_another_width_are_left_out_and_counted(tmp_path):
     (tmp_path / "most.csv").write_text("\n".join([text[0], *(f"{row},1" for row in text[1:-1]), ""]))
     with pytest.raises(RecordingError, match="Expected 13 columns, got 14"):
         read_sample(tmp_path / "most.csv")
+
+
+def test_a_clock_that_often_goes_back_is_weaker_than_another(tmp_path):
+    run = recorded(*CASES[0])
+    late = run.t + np.abs(run.rng.normal(0.0, 0.004, len(run.t)))
+    names = ["host_time", "robot_time", *columns_of(run, "q", "tau")]
+    path = write_table(tmp_path / "two.csv", names, np.column_stack([late, run.t + 3.0, run.q, run.tau]))
+    assert propose(read_sample(path), machine("ur10")).columns["t"] == "robot_time"
 
 
 def test_angles_that_wrap_tell_their_unit_and_slow_rows_are_not_taken_for_milliseconds(tmp_path):

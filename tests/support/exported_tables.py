@@ -143,12 +143,115 @@ def records_of_numpy(folder: Path, run: Recorded) -> Path:
     return folder / "log.npz"
 
 
+def messages_of_a_simulator(folder: Path, run: Recorded) -> Path:
+    """Messages of protobuf as `gz topic --echo` prints them: numbers that are 0 are left out."""
+
+    def fields(indent: str, values: dict[str, float]) -> str:
+        return "".join(f"{indent}{name}: {number(value)}\n" for name, value in values.items() if value)
+
+    text = ""
+    for t, q, tau in zip(run.t, run.q, run.tau, strict=True):
+        nanoseconds = round(1e9 * t)
+        stamp = fields("    ", {"sec": nanoseconds // 10**9, "nsec": nanoseconds % 10**9})
+        text += f'header {{\n  stamp {{\n{stamp}  }}\n}}\nname: "arm"\n'
+        for k, joint in enumerate(run.joints):
+            axis = fields("    ", {"position": q[k], "force": tau[k]})
+            text += f'joint {{\n  name: "{joint}"\n  axis1 {{\n    xyz {{\n      z: 1\n    }}\n{axis}  }}\n}}\n'
+    return written(folder / "echo.txt", text)
+
+
+def values_beside_their_names(folder: Path, run: Recorded) -> Path:
+    """`ros2 topic echo /dynamic_joint_states`: the joints, and what each number is, stand in lists of their own."""
+    text = ""
+    for t, q, tau in zip(run.t, run.q, run.tau, strict=True):
+        text += (
+            f"header:\n  stamp:\n    sec: {1700000000 + int(t)}\n    nanosec: {round(1e9 * (t % 1.0))}\njoint_names:\n"
+        )
+        text += "".join(f"- {joint}\n" for joint in reversed(run.joints)) + "interface_values:\n"
+        for k in reversed(range(run.n)):
+            text += "- interface_names:\n  - effort\n  - position\n  values:\n"
+            text += f"  - {number(tau[k])}\n  - {number(q[k])}\n"
+        text += "---\n"
+    return written(folder / "dynamic.yaml", text)
+
+
+def printed_objects(folder: Path, run: Recorded) -> Path:
+    """Dataclasses of Python, with arrays of NumPy."""
+    rows = [
+        f"State(t={number(t)}, q=array([{', '.join(map(number, q))}]), tau=array({tau.tolist()}), ok=True)"
+        for t, q, tau in zip(run.t, run.q, run.tau, strict=True)
+    ]
+    return written(folder / "objects.log", "\n".join([*rows, ""]))
+
+
+def structures_of_rust(folder: Path, run: Recorded) -> Path:
+    """What `{:?}` prints of a structure."""
+    rows = [
+        f"JointState {{ t: {number(t)}, q: {q.tolist()}, tau: {tau.tolist()}, mode: Running }}"
+        for t, q, tau in zip(run.t, run.q, run.tau, strict=True)
+    ]
+    return written(folder / "debug.log", "\n".join([*rows, ""]))
+
+
+def answer_of_a_data_base(folder: Path, run: Recorded) -> Path:
+    """InfluxDB's answer: names of columns, and rows, deep in an object."""
+    names = ["time", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    series = {"name": "arm", "columns": names, "values": np.column_stack([run.t, run.q, run.tau]).tolist()}
+    return written(folder / "answer.json", json.dumps({"results": [{"statement_id": 0, "series": [series]}]}))
+
+
+def objects_by_their_times(folder: Path, run: Recorded) -> Path:
+    records = {number(t): {"q": q.tolist(), "tau": u.tolist()} for t, q, u in zip(run.t, run.q, run.tau, strict=True)}
+    return written(folder / "times.json", json.dumps(records))
+
+
+def durations_of_iso(folder: Path, run: Recorded) -> Path:
+    header = ["t", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    t = [f"PT{number(t)}S" if t < 3.0 else f"PT0M{number(t)}S" for t in run.t]
+    return written(folder / "iso.csv", table(header, [t, *cells(np.column_stack([run.q, run.tau]))]))
+
+
+def rate_in_a_remark(folder: Path, run: Recorded) -> Path:
+    text = table([*counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)], cells(np.column_stack([run.q, run.tau])))
+    rate = (len(run.t) - 1) / (run.t[-1] - run.t[0])
+    return written(folder / "rate.csv", f"# Robot: arm\n# Sampling rate: {rate:.6g} Hz\n{text}")
+
+
+def tags_with_milliseconds_apart(folder: Path, run: Recorded) -> Path:
+    """A historian that writes the milliseconds of a time of day in a column of their own."""
+    rows = ["Date,Time,Millitm,TagName,Value,Status,Marker"]
+    for t, q, tau in zip(run.t, run.q, run.tau, strict=True):
+        second, part = divmod(round(1e3 * t), 1000)
+        for k in range(run.n):
+            begin = f"05/06/2024,13:04:{second:02d},{part},[PLC]Axis{k + 1}"
+            rows += [f"{begin}.ActPos,{number(q[k])},,B", f"{begin}.ActTorque,{number(tau[k])},,B"]
+    return written(folder / "trend.csv", "\n".join([*rows, ""]))
+
+
+def further_axis(folder: Path, run: Recorded) -> Path:
+    """A rail that stands and has noise in its torque, below names that do not say what the columns are."""
+    noise = run.rng.normal(size=len(run.t))
+    values = np.column_stack([run.t, run.q, np.full(len(run.t), 1.25), run.tau, noise])
+    header = ["Time", *counted("A{}", run.n, 1), "E1", *counted("M_A{}", run.n, 1), "M_E1"]
+    return written(folder / "rail.csv", table(header, cells(values)))
+
+
+def slots_of_a_simulator(folder: Path, run: Recorded) -> Path:
+    """PyBullet's log: places for more joints than the robot has, q, u and t."""
+    rest = np.zeros((len(run.t), 12 - run.n))
+    parts = [part for signal in (run.q, run.dq, run.tau) for part in (signal, rest)]
+    header = ["stepCount", "timeStamp", *counted("q{}", 12), *counted("u{}", 12), *counted("t{}", 12)]
+    return written(folder / "slots.csv", table(header, cells(np.column_stack([np.arange(len(run.t)), run.t, *parts]))))
+
+
 EXPORTED_TABLES: dict[str, Layout] = {
     layout.__name__: layout
     for layout in (
         melted, joint_below_joint, joint_and_quantity, pairs_of_time_and_value, objects_in_cells, list_below_a_name,
         printed_tuples, pose_of_the_tool_beside, data_set_of_diadem, arrays_of_numpy_apart, merged_heads,
-        objects_of_joints, records_of_numpy,
+        objects_of_joints, records_of_numpy, messages_of_a_simulator, values_beside_their_names, printed_objects,
+        structures_of_rust, answer_of_a_data_base, objects_by_their_times, rate_in_a_remark, durations_of_iso,
+        tags_with_milliseconds_apart, further_axis, slots_of_a_simulator,
     )
 }  # fmt: skip
 

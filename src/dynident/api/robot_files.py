@@ -311,8 +311,8 @@ def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
         raise
 
 
-_PRINTED = re.compile(r"\s*(?:String value is:|robot_description:|data:)\s*(?=[\"'<|])")
-"""What stands before a description that ROS printed: `ros2 param get`, and `ros2 topic echo /robot_description`."""
+_PRINTED = re.compile(r"(?:[^<{]*\n)?[^\S\n]*(?:String value is:|robot_description:|data:)\s*(?=[\"'<|])")
+"""What stands before a description that ROS printed: `ros2 param get` and `dump`, `ros2 topic echo`."""
 
 
 def _strip_printed(content: str) -> str:
@@ -323,10 +323,11 @@ def _strip_printed(content: str) -> str:
     text = content[printed.end() :].strip().removesuffix("---").strip()
     if text.startswith('"'):
         try:
-            # A quoted text goes on behind line breaks that end with a backslash.
-            return str(json.loads(re.sub(r"\\\n\s*\\?", "", text), strict=False))
+            # A quoted text goes on behind line breaks that end with a backslash; other parameters may follow.
+            return str(json.JSONDecoder(strict=False).raw_decode(re.sub(r"\\\n\s*\\?", "", text))[0])
         except ValueError:
             return content
+    text = text[: text.rfind(">") + 1] or text
     return text.strip("'|").replace("''", "'") if text.startswith(("'", "|")) else text
 
 
@@ -389,7 +390,9 @@ def check_reads_no_others(path: Path, pointer: str) -> None:
 def _read_description(path: Path) -> str:
     """Return the text of a file as it is taken for a description."""
     try:
-        return _strip_printed(decode_document(path.read_bytes()))
+        if (content := path.read_bytes()).startswith(b"PK\x03\x04"):
+            raise DynidentError(f"{path} is an archive: unpack it, and give the URDF in it", title=_ROBOT_TITLE)
+        return _strip_printed(decode_document(content))
     except (OSError, UnicodeDecodeError) as error:
         raise DynidentError(f"{path} cannot be read as text: {error}", pointer=str(path), title=_ROBOT_TITLE) from error
 

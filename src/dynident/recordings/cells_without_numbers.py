@@ -155,7 +155,7 @@ _OF_SIGNALS = re.compile(
     re.IGNORECASE,
 )
 """Names of signals, one a row, as exports of historians and plots have them."""
-_OF_ROWS = re.compile(r"(?:^|[^a-z])(?:nsecs?|nanosecs?|seq|index)$|^$", re.IGNORECASE)
+_OF_ROWS = re.compile(r"(?:^|[^a-z])(?:nsecs?|nanosecs?|msecs?|milli(?:tm|s|sec\w*)|seq|index)$|^$", re.IGNORECASE)
 """Columns of a row, and not of the joint that the row is of."""
 _MOST_JOINTS = 256
 _ROWS = 1000
@@ -411,12 +411,13 @@ def find_label_columns(
 
 
 def _find_running_columns(source: FileSource, names: Sequence[str]) -> set[str]:
-    """Return the columns that never go back from row to row, as clocks do and signals of several joints do not."""
+    """Return the columns that are empty, or never go back from row to row, as clocks do and signals do not."""
     batch = next(iter(source.batches(list(names))), None) if names else None
     running = set()
     for name in names if batch is not None else ():
         values = to_float_column(batch, name, 0)[:_ROWS]
-        if np.isfinite(values).all() and (np.diff(values) >= 0.0).all() and np.ptp(values) > 0.0:
+        is_empty = not np.isfinite(values).any()
+        if is_empty or (np.isfinite(values).all() and (np.diff(values) >= 0.0).all() and np.ptp(values) > 0.0):
             running.add(name)
     return running
 

@@ -185,6 +185,11 @@ _NAME = re.compile(
     re.IGNORECASE,
 )
 _DAY = 86_400.0
+_OF_ISO = (
+    r"^\s*P(?:(?P<days>\d+)D)?T(?:(?P<hours>\d+)H)?(?:(?P<minutes>\d+)M)?(?:(?P<seconds>\d+(?:[.,]\d+)?)S)?"
+    r"(?P<date>x)?(?P<zone>x)?(?P<half>x)?\s*$"
+)
+"""A duration of ISO 8601, PT1M0.5S; it has no date, zone or half of a day."""
 _CLOCK = (
     r"^\s*(?:(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3})[-/. ]\d{4}"
     r"|\d{1,2}[-/. ][A-Za-z]{3}[-/. ]\d{2})[T _,]+)?"
@@ -215,7 +220,7 @@ def is_time_name(name: str) -> bool:
 def are_times(cells: Sequence[str]) -> bool:
     """Return whether all cells that are not empty are times."""
     filled = [cell for cell in cells if cell]
-    forms: list[tuple[str, ...]] = [(_CLOCK,), (_DURATION,), (_COMPACT,)]
+    forms: list[tuple[str, ...]] = [(_CLOCK,), (_DURATION,), (_COMPACT,), (_OF_ISO,)]
     if any(re.match(_TENTHS, cell) for cell in filled):
         forms = [(_MINUTES, _CLOCK)]
     return bool(filled) and any(
@@ -234,7 +239,9 @@ def parse_seconds(column: pa.Array) -> pa.Array:
     clock = pc.extract_regex(pc.replace_substring_regex(column, _COMPACT, r"\1-\2-\3 \4:\5:\6.\70\8"), _CLOCK)
     # No cell is a time of day: they may be durations with a unit.
     if clock.null_count == len(clock):
-        return _parse_durations(pc.extract_regex(column, _DURATION))
+        if not pc.any(pc.match_substring_regex(column, _OF_ISO)).as_py():
+            return _parse_durations(pc.extract_regex(column, _DURATION))
+        clock = pc.extract_regex(column, _OF_ISO)
     hours, minutes, days = (_parse_numbers(clock, name) for name in ("hours", "minutes", "days"))
     total = 3600.0 * hours + 60.0 * minutes + _parse_numbers(clock, "seconds") + _DAY * days
     # East of Greenwich clocks are ahead of UTC: the zone is taken off.
@@ -406,6 +413,23 @@ def find_stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str, float]]:
     return pairs
 
 
+_MILLISECONDS = re.compile(r"milli(?:tm|s|sec\w*)?|msecs?", re.IGNORECASE)
+
+
+def _find_milliseconds(source: FileSource) -> dict[str, tuple[str, str, float]]:
+    """Return the pair of a time of day in whole seconds and a column of its milliseconds, if the file has such."""
+    parts = [name for name in source.names if _MILLISECONDS.fullmatch(name)]
+    times = [name for name in source.names if is_time_name(name) and name not in parts]
+    if len(parts) != 1 or len(times) != 1 or _TIME in source.names:
+        return {}
+    first = next(source.batches([*times, *parts]), None)
+    if first is None:
+        return {}
+    whole, part = (to_float_column(first, name, 0) for name in (*times, *parts))
+    is_part = bool(((part >= 0.0) & (part < 1e3)).all() and (whole == np.round(whole)).all())
+    return {_TIME: (times[0], parts[0], 1e-3)} if is_part and len(np.unique(whole)) > 1 else {}
+
+
 class SplitStampSource(FileSource):
     """A file with the joined time of two columns in front of the others."""
 
@@ -413,7 +437,10 @@ class SplitStampSource(FileSource):
         self._source, self._pairs = source, pairs
         self.sample_rows, self.texts = source.sample_rows, source.texts
         self.has_gaps, self.inner, self.clocks = source.has_gaps, source, source.clocks
-        super().__init__([*pairs, *source.names], {**source.units, **dict.fromkeys(pairs, "s")})
+        # Milliseconds of a time of day are no signal: beside the joined time they are left out.
+        parts = {part for name, (_, part, _) in pairs.items() if name == _TIME}
+        names = [name for name in source.names if name not in parts]
+        super().__init__([*pairs, *names], {**source.units, **dict.fromkeys(pairs, "s")})
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         needed = [column for name in columns for column in (self._pairs[name][:2] if name in self._pairs else (name,))]
@@ -433,5 +460,5 @@ class SplitStampSource(FileSource):
 
 def join_split_stamps(source: FileSource) -> FileSource:
     """Return the file with its time joined, if it stands in two columns; else the same object."""
-    pairs = find_stamp_pairs(source.names)
+    pairs = find_stamp_pairs(source.names) or _find_milliseconds(source)
     return SplitStampSource(source, pairs) if pairs else source

@@ -193,7 +193,7 @@ def reduce_urdf(root: Element, pointer: str = "", clamped: Collection[str] = (),
         children = [child for child in joint.children if child.tag != "origin"]
         joints[root_joint] = replace(joint, attributes={**joint.attributes, "type": "fixed"}, children=children)
     if not links:
-        raise fail("The robot has no <link>.", root.line)
+        raise fail("The robot has no <link>. An SRDF only adds to a URDF: give that.", root.line)
     if len(links) > MOST_LINKS:
         raise fail(f"The robot has {len(links)} links; at most {MOST_LINKS} are supported.", root.line)
     for name, joint in joints.items():

@@ -55,6 +55,7 @@ from dynident.identification.column_inference.unnamed_columns import (
     UnnamedColumns,
     assign_torques,
     describe_unknown_groups,
+    find_forces,
     find_plainest_group,
     hold_same_values,
     identify_unnamed_columns,
@@ -213,6 +214,9 @@ class _ColumnInference(WorkingProposal):
         measured = [index for index in (*rest, *silent) if self.column_names[index].rank < 4]
         pool = sorted({index for index in measured if self.column_names[index].signal is None or index in silent})
         pool = sort_by_number(self.column_names, select_whole_signals(pool, self.values, self.alive, n))
+        # A further axis, which the robot does not have, leaves no whole signals: those that all joints have are left.
+        counted = [index for index in pool if index in silent]
+        pool = counted if len(pool) % n and len(counted) >= 2 * n else pool
         whole = [group for group in groups if group.signal is None]
         kinds = identify_unnamed_columns(self.t, self.values, pool, n, self._measure_unexplained) if pool else None
         if kinds is None:
@@ -221,7 +225,8 @@ class _ColumnInference(WorkingProposal):
         for group in whole:
             # The names count the joints, which gives the order; the content gives the signal.
             for signal, columns in (("q", kinds.positions), ("dq", kinds.rates), ("tau", kinds.efforts)):
-                if set(group.columns) == set(columns):
+                # Content does not say again what other names say already.
+                if set(group.columns) == set(columns) and signal not in have:
                     groups.append(ColumnGroup(group.columns, signal, group.unit, group.rank, group.named, kinds.reason))  # type: ignore[arg-type]
         if {group.signal for group in groups} >= {"q", "tau"}:
             return []
@@ -326,7 +331,7 @@ class _ColumnInference(WorkingProposal):
             self.questions.append(Question("effort_kind", detail, ("joint_torque",), "constant_torque"))
             return None, "joint_torque"
         if not candidates:
-            candidates = self._find_torque_of_most_joints(position)
+            candidates = find_forces(groups) or self._find_torque_of_most_joints(position)
         if not candidates:
             if any(question.field == "robot" for question in self.questions):
                 return None, "unknown"

@@ -59,8 +59,8 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
         clock for column in running if (clock := read_clock(values, column, work.column_names[column].unit)) is not None
     ]
     by_name = [clock for clock in clocks if work.column_names[clock.column].signal == "t"]
-    # A column that is called a time and counts rows is a weaker clock than one in seconds.
-    by_name.sort(key=lambda clock: is_counter(values, clock.column))
+    # A column that is called a time and counts rows, or often goes back, is a weaker clock than another.
+    by_name.sort(key=lambda clock: (is_counter(values, clock.column), _often_goes_back(values[:, clock.column])))
     even = [
         clock
         for clock in clocks
@@ -119,6 +119,15 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
         detail = f"Is {name} the time, in {choice.unit}? {choice.reason}.{counts}"
         work.add_question("units/t", detail, ("s", "ms", "us", "ns"))
     return choice
+
+
+def _often_goes_back(t: FloatArray) -> bool:
+    """Return whether a time goes back as one does that a busy receiver wrote; a few restarts are none of that."""
+    return bool(np.mean(np.diff(t) < 0.0) > _RARELY)
+
+
+_RARELY = 1e-3
+"""Share of the steps of a time that go back where runs follow one another."""
 
 
 def _describe_disorder(name: str, t: FloatArray) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
@@ -217,6 +217,15 @@ def select_whole_signals(columns: Sequence[int], values: FloatArray, alive: Bool
     numbers = [index for index in columns if np.isfinite(values[:, index]).all() and index not in running]
     moving = [index for index in numbers if alive[index]]
     return numbers if len(moving) % n and not len(numbers) % n else moving
+
+
+def find_forces(groups: Sequence[ColumnGroup]) -> list[ColumnGroup]:
+    """Return as efforts the columns of all joints whose names say force, as simulators call torques as well."""
+    return [
+        replace(group, signal="effort", reason=f"{group.reason}; simulators call every effort a force")
+        for group in groups
+        if group.signal == "other" and {"force", "forces"} & set(group.named.words)
+    ]
 
 
 _FEWEST_COUNTS = 5

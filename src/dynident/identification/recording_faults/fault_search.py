@@ -253,8 +253,12 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         *list_angle_faults(robot, motion, judge, now),
     ]
     off = find_drives_off(sizes.frictions)
+    possible = [fault for fault in among if _is_possible_fault(fault, robot, motion, sizes)]
+    # Little friction may be that of a small joint: turned, its torque is explained much better.
     possible = [
-        fault for fault in among if fault.own_joints not in off and _is_possible_fault(fault, robot, motion, sizes)
+        fault
+        for fault in possible
+        if fault.own_joints not in off or now.is_turned(fault, judge.measure_unexplained(fault.mend(motion)))
     ]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)

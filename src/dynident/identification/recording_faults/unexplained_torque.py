@@ -18,7 +18,7 @@ from dynident.effects import (
     get_effect,
     get_role,
 )
-from dynident.identification.recording_faults.column_faults import Motion
+from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
 from dynident.identification.recording_faults.tree_fit import (
     BLOCKS,
     TorqueStep,
@@ -111,6 +111,11 @@ class UnexplainedTorque:
     def compute_summed_fall_to(self, other: UnexplainedTorque) -> float:
         """Return the sum over the joints of the logarithm by which the score falls to another."""
         return float(self.moving.sum()) * (self.score - other.score)
+
+    def is_turned(self, fault: ColumnFault, turned: UnexplainedTorque) -> bool:
+        """Return whether joints are much better explained without a fault of their signs."""
+        has_less = all(turned.joints[joint] <= _EXPLAINED_TURNED * self.joints[joint] for joint in fault.own_joints)
+        return has_less and fault.kind.endswith("turned")
 
     def is_surely_above(self, other: UnexplainedTorque) -> bool:
         """Tell whether clearly more is unexplained than in another fit, in most blocks, or friction drives more joints.
@@ -387,6 +392,10 @@ _OFF = 0.09
 """Share of the other joints' friction below which a joint's torque has none: its drive is off, and nothing is told of
 its sign or size. Of an arm with a free motor it was up to 0.062; of drives that are on at least 0.13, in motions of
 hardly more than one frequency, and 0.19 otherwise. This is half way between, in logarithms."""
+
+_EXPLAINED_TURNED = 0.75
+"""Share of what is unexplained of a joint that is left with its sign turned: where a drive is off it was 0.92 and more
+on the open recordings, of joints whose sign was turned less."""
 
 _KNOWN = 3.0
 """Standard errors from which on friction is surely not zero."""

@@ -168,7 +168,8 @@ def open_json(content: TextContent) -> FileSource:
         is_list = content.read_start(_LOOKED_AT_BYTES).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"[")
         are_objects = all(isinstance(record, dict) for record in records)
         whole = records[0] if len(records) == 1 else {"run": records} if is_list and are_objects else None
-        arrays = list(_find_arrays(whole, "", 0)) if isinstance(whole, dict) else []
+        is_table = isinstance(whole, dict) and bool(_find_table(whole))
+        arrays = list(_find_arrays(whole, "", 0)) if isinstance(whole, dict) and not is_table else []
         if arrays:
             return ArrayFileSource(arrays)
     return RecordSource(content)
@@ -179,12 +180,49 @@ def _read_records(content: TextContent) -> Iterator[object]:
     objects = (value for value, _ in _read_objects(content))
     first, second = next(objects, None), next(objects, None)
     if second is None and isinstance(first, dict):
+        if table := _find_table(first):
+            columns, rows = table
+            yield from (dict(zip(columns, row, strict=True)) for row in rows if len(row) == len(columns))
+            return
+        if _has_times(first):
+            yield from ({"time": float(key), **value} for key, value in first.items())
+            return
         inner = [value for value in first.values() if isinstance(value, list) and value and isinstance(value[0], dict)]
         if inner:
             yield from max(inner, key=len)
             return
     yield from (record for record in (first, second) if record is not None)
     yield from objects
+
+
+def _has_times(record: dict[str, Any]) -> bool:
+    """Return whether the keys of an object are the times of the objects in it."""
+    if len(record) < FEWEST_ROWS or not all(isinstance(value, dict) for value in record.values()):
+        return False
+    try:
+        times = np.array([float(key) for key in record])
+    except ValueError:
+        return False
+    return bool(np.isfinite(times).all() and (np.diff(times) > 0.0).all())
+
+
+def _find_table(value: object, depth: int = 0) -> tuple[list[str], list[list[Any]]] | None:
+    """Return the names of columns and the rows of a table that an object holds, as data bases answer."""
+    if depth > DEEPEST:
+        return None
+    if isinstance(value, list):
+        return _find_table(value[0], depth + 1) if len(value) == 1 else None
+    if not isinstance(value, dict):
+        return None
+    columns = value.get("columns")
+    if isinstance(columns, list) and all(isinstance(name, str) for name in columns):
+        for inner in value.values():
+            if inner is not columns and isinstance(inner, list) and len(inner) >= FEWEST_ROWS:
+                rows = [row for row in inner if isinstance(row, list)]
+                if sum(len(row) == len(columns) for row in rows) > len(inner) // 2:
+                    return columns, rows
+    tables = (_find_table(inner, depth + 1) for inner in value.values() if isinstance(inner, (dict, list)))
+    return next((table for table in tables if table is not None), None)
 
 
 def _read_objects(content: TextContent) -> Iterator[tuple[object, int]]:
@@ -250,7 +288,14 @@ def _collect_values(value: object, name: str, values: dict[str, Value], depth: i
     if depth > DEEPEST:
         raise RecordingError(f"{name[:60]} is nested deeper than {DEEPEST} levels.", title=TITLE)
     if isinstance(value, dict):
+        labels = _find_labels(value)
         for key, inner in value.items():
+            if labels and isinstance(inner, list) and len(inner) == len(labels) and _is_labelled(str(key), inner):
+                # A list beside the names of its items: {"interface_names": ["position"], "values": [0.1]}.
+                stem = name if str(key) in _VALUES else f"{name}.{key}" if name else str(key)
+                for label, item in zip(labels, inner, strict=True):
+                    _collect_values(item, f"{stem}.{label}" if stem else label, values, depth + 1)
+                continue
             _collect_values(inner, f"{name}.{key}" if name else str(key), values, depth + 1)
     elif isinstance(value, list):
         if len(values) + len(value) > MOST_COLUMNS:
@@ -263,13 +308,33 @@ def _collect_values(value: object, name: str, values: dict[str, Value], depth: i
         values[name or "column"] = _to_number(value)
 
 
+_VALUES = ("value", "values")
+
+
+def _find_labels(value: dict[Any, Any]) -> list[str]:
+    """Return the names that an object has in a list of their own; none where it has several such lists."""
+    lists = [
+        inner
+        for key, inner in value.items()
+        if str(key).endswith("names") and isinstance(inner, list) and all(isinstance(item, str) for item in inner)
+    ]
+    return lists[0] if len(lists) == 1 and len(set(lists[0])) == len(lists[0]) else []
+
+
+def _is_labelled(key: str, items: list[object]) -> bool:
+    """Return whether names in a list of their own are those of these items: objects, or what is called values."""
+    return all(isinstance(item, dict) for item in items) or (
+        key in _VALUES and not any(isinstance(item, (dict, list)) for item in items)
+    )
+
+
 _Shape = tuple[Any, tuple["_Shape | None", ...]]
 """Keys of an object, or the length of a list, and the shapes of what is in it; None for a number or a text."""
 
 
 def _find_shape(value: object, depth: int = 0) -> _Shape | None:
     """Return the shape of a value whose columns are named by its keys and places alone; None of others."""
-    if isinstance(value, dict) and depth <= DEEPEST:
+    if isinstance(value, dict) and depth <= DEEPEST and not _find_labels(value):
         return tuple(value), tuple(_find_shape(inner, depth + 1) for inner in value.values())
     if isinstance(value, list) and depth <= DEEPEST:
         # Objects that say what they are of have other names in other records.

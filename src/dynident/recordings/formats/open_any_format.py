@@ -60,6 +60,7 @@ _NOT_READ = (
     ),
     (b"#group,", _INFLUX),
     (b"#datatype,", _INFLUX),
+    (b"# Created by Octave", "Octave's text: write it anew with save('-v7', 'run.mat', 't', 'q', 'tau'), or as CSV."),
     (b"<!DOCTYPE html", "a page of the web, and not the file that it shows: download that itself (raw)."),
     (b"<html", "a page of the web, and not the file that it shows: download that itself (raw)."),
     (b"FEA1", "a Feather file of version 1: write it anew with df.to_feather(…), or as Parquet or CSV."),
@@ -91,6 +92,15 @@ _TEXTS_NOT_READ = (
     (
         rb"^[^\s,]+(?:,[^\s,=]+=[^\s,]+)+ [^\s,=]+=[^\s,]+(?:,[^\s,=]+=[^\s,]+)* \d{10,19}\s",
         "InfluxDB's line protocol: query it with pivot(…), one row for each moment, and write that as CSV.",
+    ),
+    (rb"^\s*\{\s*\{\s*[-+]?\d+\.", 'a list of Mathematica: write it anew with Export["run.csv", data].'),
+    (
+        rb"^(?:[^\n]*\n){0,9}?\[\[[A-Za-z_][\w.]*\]\]\s*\n\s*\w+ *=",
+        "TOML: write an object of JSON a line instead, or a table as CSV.",
+    ),
+    (
+        rb"(?i)^(?:\s*(?:--|/\*)[^\n]*\n|\s)*(?:drop|create|insert|set|begin|copy)\s[^\n]*\b(?:table|into|from|transaction)\b",
+        "a dump of SQL: select the rows from the data base, and write the answer as CSV.",
     ),
     (
         rb"^(?:%[^\n]*\n|\s)*[A-Za-z]\w* *= *\[",
@@ -150,6 +160,12 @@ def format_of(path: Path) -> str:
 
 def _refuse_foreign(start: bytes) -> None:
     """Refuse files of formats that are known but not read, and say what to do."""
+    if re.match(rb"\s*(?:\xef\xbb\xbf)?\s*<", start) and re.search(rb"<table\b", start, re.IGNORECASE):
+        raise RecordingError(
+            "The file is a table in HTML, which some programs write with the ending .xls: open it in a spreadsheet and "
+            "save the sheet as CSV.",
+            title="Unreadable file",
+        )
     for begin, advice in _NOT_READ:
         if start.lstrip()[: len(begin)].lower() == begin.lower():
             raise RecordingError(f"The file is {advice}", title="Unreadable file")

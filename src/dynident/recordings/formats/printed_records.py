@@ -1,7 +1,7 @@
 """Text that a program printed in place of a table, rewritten as an object of JSON a line while it is read.
 
-Three kinds are known: dictionaries as Python prints them, messages as ROS prints them (a part of YAML), and lines of
-names with values that begin again with the same name.
+Four kinds are known: dictionaries and objects as Python and Rust print them, messages as ROS prints them (a part of
+YAML), lines of names with values that begin again with the same name, and messages of protobuf as text.
 """
 
 from __future__ import annotations
@@ -10,17 +10,20 @@ import io
 import json
 import re
 from collections.abc import Iterator, Sequence
-from typing import IO, Literal
+from typing import IO, Any, Literal
 
 from dynident.recordings.file_size_limits import DEEPEST, LARGEST_MESSAGE, TITLE
 from dynident.recordings.formats.text_streams import ProducedStream, TextContent, has_labelled_numbers
 from dynident.recordings.recording_metadata import RecordingError
 
-Kind = Literal["python", "messages", "items"]
+Kind = Literal["python", "messages", "items", "protobuf"]
 
 _LOOKED_AT = 1 << 16
-_PYTHON = re.compile(r"^\s*(?:\{\s*'|(?:\(|\[)\s*[-+.\d]+\s*,\s*(?:array)?[(\[])")
-"""How dictionaries begin, and tuples of numbers and lists, that Python printed."""
+_PYTHON = re.compile(
+    r"^\s*(?:\{\s*'|(?:\(|\[)\s*[-+.\d]+\s*,\s*(?:array)?[(\[]|[A-Za-z_][\w.:]*(?:\(\w+=|\s?\{\s*\w+\s?:\s?\S[^\n]*\}))"
+)
+"""How dictionaries begin, tuples of numbers and lists, and objects on one line: State(t=0.1), State { t: 0.1 }."""
+_PROTOBUF = re.compile(r"^\s*(?:\w+\s*:[^\n]*\n\s*){0,9}\w+\s*\{\s*\n\s*(?:\w+\s*:\s*[^\s{]|\w+\s*\{\s*\n)")
 _ENTRY = re.compile(r"^(?P<name>[A-Za-z_][\w./ ]{0,63}?)\s?:(?:\s+(?P<value>\S.*))?$")
 """A name, and behind the colon its value, if it does not stand in the lines below."""
 _SEPARATOR = "---"
@@ -38,11 +41,14 @@ def find_printed_kind(content: TextContent) -> Kind | None:
     Returns
     -------
     str or None
-        "python" for dictionaries, "messages" for lines of names with values, "items" for a list of those.
+        "python" for dictionaries and objects, "messages" for lines of names with values, "items" for a list of those,
+        "protobuf" for messages as `gz topic --echo` prints them.
     """
     text = content.read_start(_LOOKED_AT).decode("utf-8-sig", errors="replace")
     if _PYTHON.match(text):
         return "python"
+    if _PROTOBUF.match(text):
+        return "protobuf"
     # The last line may be cut off.
     whole = text.splitlines()[:-1]
     # A table whose numbers have words before them may begin with the level of the log: INFO: t=0.1 q=0.2.
@@ -127,9 +133,11 @@ class _JsonLines(ProducedStream):
         super().__init__()
         self._file: IO[bytes] = content.open()
         lines = _read_lines(io.TextIOWrapper(self._file, encoding="utf-8-sig", errors="replace"))
-        self._records = (
-            map(_rewrite_python, _join_dictionaries(lines)) if kind == "python" else _rewrite_entries(lines, kind)
-        )
+        self._records: Iterator[str]
+        if kind == "python":
+            self._records = map(_rewrite_python, _join_dictionaries(lines))
+        else:
+            self._records = _rewrite_protobuf(lines) if kind == "protobuf" else _rewrite_entries(lines, kind)
         self._waiting = bytearray()
 
     def read_part(self, size: int) -> bytes:
@@ -176,13 +184,98 @@ def _join_dictionaries(lines: Iterator[str]) -> Iterator[str]:
     yield " ".join(parts)
 
 
+_OBJECT = re.compile(r"[A-Za-z_][\w.:]*(?:(?P<call>\()(?=\s*\w+\s*=)|\s?(?=\{))|[()]")
+"""The name of an object, with its bracket if that is round; and every other round bracket."""
+_KEY = re.compile(r"([{,]\s*)([A-Za-z_]\w*)\s*(?:=|:(?!:))")
+
+_VARIANT = re.compile(r":\s+(?!(?:true|false|null|True|False|None|nan|NaN|inf|Infinity)\b)([A-Za-z_]\w*)(?=\s*[,}])")
+"""A value that is a bare word, such as a variant of an enumeration."""
+
+
+def _rewrite_objects(text: str) -> str:
+    """Return objects that are printed with their names, State(t=0.1) or State { t: 0.1 }, as those of JSON."""
+    is_object: list[bool] = []
+
+    def replace_bracket(match: re.Match[str]) -> str:
+        if match[0] == ")":
+            return "}" if is_object and is_object.pop() else ")"
+        if match[0] == "(" or match["call"]:
+            is_object.append(match[0] != "(")
+            return "{" if is_object[-1] else "("
+        return ""
+
+    return _VARIANT.sub(r': "\1"', _KEY.sub(r'\1"\2": ', _OBJECT.sub(replace_bracket, text)))
+
+
 def _rewrite_python(line: str) -> str:
-    """Return a printed dictionary as JSON; what is none stays, and its reader says so."""
+    """Return a printed dictionary or object as JSON; what is none stays, and its reader says so."""
     text = _CALL.sub(r"\1", line)
+    if text.lstrip()[:1].isalpha() or text.lstrip().startswith("_"):
+        text = _rewrite_objects(text)
     text = _POINT_AT_END.sub(r"\1", _WORD.sub(lambda word: _WORDS[word[0]], text))
     text = _STRING.sub(r'"\1"', text).replace("(", "[").replace(")", "]").strip()
     # What has no names is counted.
     return f'{{"column": {text}}}' if text.startswith("[") else text
+
+
+_OMITTED = ("sec", "nsec")
+"""Numbers of a time, which protobuf does not print where they are 0."""
+
+
+def _rewrite_protobuf(lines: Iterator[str]) -> Iterator[str]:
+    """Yield the messages of protobuf that are printed as text; each begins with the name of the first."""
+    numbers: dict[tuple[str, ...], set[str]] = {}
+    first = before = ""
+    stack: list[tuple[str, dict[str, Any]]] = [("", {})]
+    size = 0
+    for line in lines:
+        entry = line.strip()
+        size += len(line)
+        if size > LARGEST_MESSAGE:
+            raise RecordingError(f"A message is longer than {LARGEST_MESSAGE >> 20} MB.", title=TITLE)
+        name, opens, _ = entry.partition("{")
+        key, colon, text = entry.partition(":")
+        if not opens and not colon and entry != "}":
+            continue
+        name = (name if opens else key).strip(" :")
+        if len(stack) == 1 and entry != "}":
+            if name == first and before != first:
+                yield json.dumps(stack[0][1])
+                stack, size = [("", {})], 0
+            first, before = first or name, name
+        if entry == "}":
+            _close_message(stack, numbers)
+        elif opens:
+            if len(stack) > DEEPEST:
+                raise RecordingError(f"A message is nested deeper than {DEEPEST} levels.", title=TITLE)
+            stack.append((name, {}))
+        elif text.strip():
+            _add_field(stack[-1][1], name, _parse_scalar(text.strip()))
+    if stack[0][1]:
+        yield json.dumps(stack[0][1])
+
+
+def _close_message(stack: list[tuple[str, dict[str, Any]]], numbers: dict[tuple[str, ...], set[str]]) -> None:
+    """Put the innermost message into the one around it; numbers that others of its kind have are 0 where they miss."""
+    if len(stack) < 2:
+        return
+    path = tuple(name for name, _ in stack)
+    name, message = stack.pop()
+    known = numbers.setdefault(path, set(_OMITTED) if name == "stamp" else set())
+    known |= {key for key, value in message.items() if isinstance(value, (int, float))}
+    for key in known:
+        message.setdefault(key, 0)
+    _add_field(stack[-1][1], name, message)
+
+
+def _add_field(message: dict[str, Any], name: str, value: object) -> None:
+    """Add a field to a message; one that comes again is a list."""
+    if name not in message:
+        message[name] = value
+    elif isinstance(message[name], list):
+        message[name].append(value)
+    else:
+        message[name] = [message[name], value]
 
 
 def _rewrite_entries(lines: Iterator[str], kind: Kind) -> Iterator[str]:
