@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import casadi as ca
 
+from dynident.array_types import FloatArray
 from dynident.effects.effect import RATIO, Column, Effect, Estimate, ParameterSpec, ShapeSpec, build_geometric_grid
 from dynident.effects.effect_signals import Signals
 from dynident.effects.usual_effect_sizes import (
@@ -20,6 +21,33 @@ from dynident.effects.usual_effect_sizes import (
     get_velocity_scale,
 )
 from dynident.robot.robot_model import Robot
+
+
+def continue_friction(torque: ca.SX, dq: ca.SX, speeds: FloatArray) -> ca.SX:
+    """Return friction that goes on in a straight line beyond the speeds at which it was measured, and never falls.
+
+    A power of the speed that fits a recording may bend down right behind it, and drive the joint from some speed on.
+    Up to `speeds` nothing changes; beyond, friction keeps the slope that it has there, or its size where it falls.
+
+    Parameters
+    ----------
+    torque : SX (n, 1)
+        Friction of each joint, a function of its own speed, in N m or N.
+    dq : SX (n, 1)
+        Velocities of the joints.
+    speeds : (n,)
+        Largest speed of each joint in the recordings, in rad/s or m/s.
+    """
+    slope = ca.diag(ca.jacobian(torque, dq))
+    # A straight line goes on by itself.
+    bends = [j for j in range(dq.numel()) if not ca.jacobian(slope[j], dq[j]).is_zero()]
+    extended = ca.densify(torque)
+    for j in bends:
+        inside = ca.fmin(float(speeds[j]), ca.fmax(-float(speeds[j]), dq[j]))
+        size, rate = ca.substitute([torque[j], slope[j]], [dq[j]], [inside])
+        extended[j] = size + ca.fmax(0.0, rate) * (dq[j] - inside)
+    return extended
+
 
 REFERENCE_TEMPERATURE = 25.0
 """Temperature in °C at which the friction is that of `viscous` and `coulomb` alone."""

@@ -23,7 +23,7 @@ from dynident.export.ros2_package import to_ros2_package
 from dynident.export.sdf import to_sdf
 from dynident.export.urdf import to_urdf
 from dynident.export.usd import to_usd
-from dynident.identification import Identification
+from dynident.identification import Identification, PhysicalModel, make_physical
 from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.text_encoding import encode_text
 
@@ -38,7 +38,9 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
     format : str
         "json", "urdf", "sdf", "mjcf", "usd", "fmu", "mjlab", "isaac_lab", "c", "c_header", "cpp_header", "casadi",
         "ros2", "randomisation", or for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
-        Format of the file. The formats json, fmu, c, c_header, cpp_header, casadi and ros2 hold every effect; urdf,
+        Format of the file. Programs (fmu, c, c_header, cpp_header, casadi, ros2) have parameters that a robot can have:
+        where the identified ones would gain energy in a simulation, they are solved again, and a note says what that
+        costs. The formats json, fmu, c, c_header, cpp_header, casadi and ros2 hold every effect; urdf,
         sdf, mjcf and usd hold links, rotors, Coulomb and viscous friction (mjcf also springs), mjlab and isaac_lab
         those of the joints, randomisation all of these with their distribution, and what they leave out is in the
         file's `notes`. The last four hold the load of the effect `payload` alone, as controllers take it.
@@ -64,9 +66,12 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
         )
     if format not in _WITHOUT_BASE:
         identification.model.robot.require_fixed_base(f"export as {format}")
-    file = WRITERS[format](identification, nearest)
+    possible = make_physical(identification) if format in _PROGRAMS else PhysicalModel(identification)
+    file = WRITERS[format](possible.identification, nearest)
     if format in WHOLE_FORMATS:
-        file = replace(file, held_out_error=compute_held_out_error(identification))
+        file = replace(file, held_out_error=compute_held_out_error(possible.identification))
+    if possible.note:
+        file = replace(file, notes=(possible.note, *file.notes))
     return _add_notes(file, identification)
 
 
@@ -84,6 +89,9 @@ def compute_held_out_error(identification: Identification) -> float | None:
     return compute_moving_errors(held_out, identification.values).relative_total
 
 
+# Programs that compute a motion or its torque. A robot must be able to have their parameters; JSON is a record of those
+# that were identified.
+_PROGRAMS = WHOLE_FORMATS - {"json"}
 # Formats that do not state how the base is mounted.
 _WITHOUT_BASE = {"json", "c", "casadi"} | LOAD_FORMATS
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 Verdict = Literal["pass", "fail", "not_evaluated"]
@@ -23,6 +23,10 @@ class ValidationOutcome:
 
     verdict: Verdict
     reason: str
+
+    def prepend_reason(self, sentence: str) -> ValidationOutcome:
+        """Return the same verdict with a sentence before its reason; nothing changes for an empty one."""
+        return replace(self, reason=f"{sentence} {self.reason}") if sentence else self
 
 
 def combine_verdicts(parts: Sequence[tuple[str, ValidationOutcome]]) -> ValidationOutcome:

@@ -396,6 +396,7 @@ def build_simulator(
     links: FloatArray | None = None,
     controller: Controller | None = None,
     longest_step: float = LONGEST_STEP,
+    speeds: FloatArray | None = None,
 ) -> Simulator:
     """Build the virtual robot with these base parameters.
 
@@ -411,6 +412,8 @@ def build_simulator(
         Joint control; that of the virtual robot by default.
     longest_step : float
         Longest internal step in s.
+    speeds : (n,), optional
+        Largest recorded speeds in rad/s or m/s, beyond which friction goes on in a straight line.
 
     Raises
     ------
@@ -436,6 +439,7 @@ def build_simulator(
         inertias=inertias if links is None else links,
         controller=controller,
         longest_step=longest_step,
+        speeds=speeds,
     )
     return Simulator(virtual, model.base.grouping @ standard)
 
@@ -464,8 +468,11 @@ def compute_possible_standard(model: Model, values: FloatArray) -> FloatArray:
             standard[k] = rotors[model.robot.joint_names.index(column.link)]
         else:
             standard[k] = own.get(k, 0.0)
+    effects = [choice.effect for choice in model.effects]
     impossible = [
-        k for k, c in enumerate(model.columns) if standard[k] < 0 and not may_be_negative(c.effect, c.parameter, c.runs)
+        k
+        for k, column in enumerate(model.columns)
+        if standard[k] < 0 and not may_be_negative(column.effect, column.parameter, column.runs, effects)
     ]
     standard[impossible] = 0.0
     links = [k for k, column in enumerate(model.columns) if get_role(column) == "link"]
