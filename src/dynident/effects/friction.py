@@ -23,11 +23,11 @@ from dynident.effects.usual_effect_sizes import (
 from dynident.robot.robot_model import Robot
 
 
-def continue_friction(torque: ca.SX, dq: ca.SX, speeds: FloatArray) -> ca.SX:
-    """Return friction that goes on in a straight line beyond the speeds at which it was measured, and never falls.
+def bound_friction(torque: ca.SX, dq: ca.SX, speeds: FloatArray) -> ca.SX:
+    """Return friction that never gets smaller beyond the speeds at which it was measured.
 
     A power of the speed that fits a recording may bend down right behind it, and drive the joint from some speed on.
-    Up to `speeds` nothing changes; beyond, friction keeps the slope that it has there, or its size where it falls.
+    Up to `speeds`, and where friction grows, nothing changes.
 
     Parameters
     ----------
@@ -38,15 +38,15 @@ def continue_friction(torque: ca.SX, dq: ca.SX, speeds: FloatArray) -> ca.SX:
     speeds : (n,)
         Largest speed of each joint in the recordings, in rad/s or m/s.
     """
-    slope = ca.diag(ca.jacobian(torque, dq))
-    # A straight line goes on by itself.
-    bends = [j for j in range(dq.numel()) if not ca.jacobian(slope[j], dq[j]).is_zero()]
-    extended = ca.densify(torque)
-    for j in bends:
+    bounded = ca.densify(torque)
+    for j in range(dq.numel()):
+        # A straight line does not bend.
+        if ca.jacobian(ca.jacobian(torque[j], dq[j]), dq[j]).is_zero():
+            continue
         inside = ca.fmin(float(speeds[j]), ca.fmax(-float(speeds[j]), dq[j]))
-        size, rate = ca.substitute([torque[j], slope[j]], [dq[j]], [inside])
-        extended[j] = size + ca.fmax(0.0, rate) * (dq[j] - inside)
-    return extended
+        last = ca.substitute(torque[j], dq[j], inside)
+        bounded[j] = ca.if_else(dq[j] >= 0, ca.fmax(torque[j], last), ca.fmin(torque[j], last))
+    return bounded
 
 
 REFERENCE_TEMPERATURE = 25.0

@@ -14,6 +14,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.effects import (
+    CATALOGUE,
     DEFAULT_EFFECTS,
     DRIVE_ROLES,
     LINKS,
@@ -373,9 +374,10 @@ def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueC
     columns: list[Column] = []
     parameters: list[float] = []
     keys: set[tuple[object, ...]] = set()
+    known = [effect.effect for effect in effects if effect.effect in CATALOGUE]
     for index, effect in enumerate(effects):
         pointer = f"/effects/{index}"
-        _check_effect(effect, signals.robot, pointer, [other.effect for other in effects])
+        _check_effect(effect, signals.robot, pointer, known)
         try:
             effect_columns = build_columns([effect.choice], signals)
         except DynidentError as error:

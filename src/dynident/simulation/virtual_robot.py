@@ -157,7 +157,7 @@ class VirtualRobot:
     longest_step : float
         Longest internal step in s.
     speeds : (n,), optional
-        Speeds in rad/s or m/s beyond which friction goes on in a straight line, since no recording shows it there.
+        Speeds in rad/s or m/s beyond which friction does not fall, since no recording shows it there.
 
     Raises
     ------

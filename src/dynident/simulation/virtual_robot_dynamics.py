@@ -26,7 +26,7 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.effects import MemorySignal, ReferenceParameters, RunSignal, get_effect
 from dynident.effects.dependent_joint_dynamics import build_all_positions
-from dynident.effects.friction import continue_friction
+from dynident.effects.friction import bound_friction
 from dynident.effects.hysteresis_states import build_step_expression
 from dynident.expressions import Program, Recurrence
 from dynident.robot.robot_model import Robot
@@ -123,7 +123,7 @@ def build_dynamics(
     inertias : (n, 10)
         Inertial parameters of the links.
     speeds : (n,), optional
-        Speeds in rad/s or m/s beyond which friction goes on in a straight line.
+        Speeds in rad/s or m/s beyond which friction does not fall.
 
     Returns
     -------
@@ -227,7 +227,7 @@ def _build_expressions(
     rest += (
         friction
         if speeds is None or signals.robot.linkage is not None
-        else continue_friction(friction, signals.dq, speeds)
+        else bound_friction(friction, signals.dq, speeds)
     )
     # Only now are all relative velocities with dry friction known: building the columns has registered them.
     sliding = signals.list_sliding(rest)

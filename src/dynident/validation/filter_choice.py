@@ -19,7 +19,7 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import compute_relative_change, solve_weighted
 from dynident.estimation.row_weights import estimate_robust_scale
-from dynident.identification import Identification, make_physical
+from dynident.identification import Identification
 from dynident.identification.estimators.identified_robot_simulator import (
     RecordedMotion,
     Simulator,
@@ -215,8 +215,7 @@ def filters_by_simulation(
     noise = sensor_noise(recording)
     motion = read_longest_piece(recording, identification.preprocessing, longest)
     progress(0.0, "simulating the recorded motion")
-    possible = make_physical(identification).identification
-    simulator = build_simulator(possible.model, possible.values, speeds=possible.estimate.speeds)
+    simulator = build_simulator(identification.model, identification.values, speeds=identification.estimate.speeds)
     truth = _simulate_truth(simulator, motion, scale_progress(progress, 0.0, 0.3))
     # All choices of filters are tried on the same draws of the noise: their differences then hold no luck of the draw.
     draws = [_draw_recording(identification, truth, motion, noise, seed + k) for k in range(_DRAWS)]

@@ -15,7 +15,7 @@ import casadi as ca
 from dynident.array_types import FloatArray
 from dynident.effects import Column, RunSignal, Signals, get_effect, get_role
 from dynident.effects.dependent_joint_dynamics import build_all_positions
-from dynident.effects.friction import continue_friction
+from dynident.effects.friction import bound_friction
 from dynident.effects.hysteresis_states import build_step_expression
 from dynident.effects.newton_euler import build_inverse_dynamics
 from dynident.effects.rigid_body_rows import build_frames, cross_product, to_constant
@@ -220,7 +220,7 @@ def build_equation_of_motion(estimate: Estimate) -> EquationOfMotion:
 
 
 def get_known_speeds(estimate: Estimate) -> FloatArray | None:
-    """Return the largest recorded speeds (n,), beyond which friction goes on in a straight line; None if unknown."""
+    """Return the largest recorded speeds (n,), beyond which friction must not fall; None if unknown."""
     # Friction of joints that follow others depends on the speeds of several.
     return None if estimate.model.robot.linkage is not None else estimate.speeds
 
@@ -241,7 +241,7 @@ def sum_effects(
     dq : SX (n, 1)
         Velocities.
     speeds : (n,), optional
-        Largest recorded speeds, beyond which friction goes on in a straight line.
+        Largest recorded speeds, beyond which friction does not fall.
     """
     of_speed, of_load, others = (ca.SX.zeros(dq.numel(), 1) for _ in range(3))
     for k, column in enumerate(columns):
@@ -255,7 +255,7 @@ def sum_effects(
             of_load += column.torque * base[k]
         else:
             others += column.torque * base[k]
-    friction = of_load + (of_speed if speeds is None else continue_friction(of_speed, dq, speeds))
+    friction = of_load + (of_speed if speeds is None else bound_friction(of_speed, dq, speeds))
     return friction, friction + others
 
 

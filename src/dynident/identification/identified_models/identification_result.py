@@ -133,7 +133,7 @@ class Estimate:
     shape_constants : tuple of ShapeConstant
         Shape constants of the effects, with what the joints' torques say of them.
     speeds : (n,), optional
-        Largest recorded speeds, in rad/s or m/s, beyond which programs continue friction in a straight line.
+        Largest recorded speeds, in rad/s or m/s, beyond which friction does not fall in programs.
     """
 
     model: Model
