@@ -334,8 +334,9 @@ def _is_positive(column: Column) -> bool:
     return spec is not None and (spec.positive or spec.resists)
 
 
-# Speeds, as shares of the largest recorded one, at which friction must resist: close where laws bend.
-_SPEEDS = (1e-3, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
+# Speeds, as shares of the largest recorded one, at which friction must resist: close where laws bend. Few rows of motion
+# are slower, so that what a law says below is little more than its continuation.
+_SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
