@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -174,11 +175,26 @@ class FeasibleProblem:
         # One matrix inequality for each body: its pseudo-inertia, in units of its usual error, at least a small
         # multiple of the identity.
         bounds = [MatrixBound(body.columns, PSEUDO_INERTIA_PARTS, -_LEAST * np.eye(4)) for body in self.bodies]
-        # A sum that must not be negative is a matrix of one entry.
-        bounds += [
+        # A sum of friction that must not be negative is a matrix of one entry.
+        sums = [
             MatrixBound(bound.columns, (self.unit[bound.columns] * bound.weights)[:, None, None], np.zeros((1, 1)))
             for bound in self.friction
         ]
+        held: list[int] = []
+        # Few sums are ever below zero. Only those are given to the solver, which is the more exact the fewer there are.
+        while True:
+            constrained = self._solve_with_bounds(rows, right, [*bounds, *(sums[place] for place in held)])
+            below = [k for k, bound in enumerate(sums) if k not in held and _is_below_zero(bound, constrained.values)]
+            if not below:
+                break
+            held += below
+        # Numbers of the matrices as in `bound_names`.
+        places = [*range(len(bounds)), *(len(bounds) + place for place in held)]
+        return replace(constrained, edges=tuple(places[place] for place in constrained.edges))
+
+    def _solve_with_bounds(
+        self, rows: FloatArray, right: FloatArray, bounds: Sequence[MatrixBound]
+    ) -> ConstrainedSolution:
         try:
             constrained = solve_constrained(rows, right, bounds, self.not_negative)
         except InfeasibleError as error:
@@ -334,9 +350,18 @@ def _is_positive(column: Column) -> bool:
     return spec is not None and (spec.positive or spec.resists)
 
 
-# Speeds, as shares of the largest recorded one, at which friction must resist: close where laws bend. Few rows of motion
-# are slower, so that what a law says below is little more than its continuation.
+# Speeds, as shares of the largest recorded one, at which friction must resist: close where laws bend. Few rows of
+# motion are slower, so that what a law says below is little more than its continuation.
 _SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
+
+
+# Share of a sum's terms by which rounding leaves it below zero.
+_BELOW = 1e-8
+
+
+def _is_below_zero(bound: MatrixBound, values: FloatArray) -> bool:
+    terms = bound.parts[:, 0, 0] * values[bound.columns]
+    return bool(terms.sum() < -_BELOW * np.abs(terms).sum())
 
 
 @dataclass(frozen=True, eq=False)
