@@ -141,6 +141,12 @@ def test_friction_that_falls_beyond_the_recorded_speeds_brakes_the_simulated_rob
         dq[:, 2] = 3.0, -3.0
         torque = dynamics.rest(still, dq, still, still, nothing, np.zeros((2, 1)), still, nothing)
         np.testing.assert_allclose(torque[:, 2], [expected, -expected])
+    # Beside other friction viscous friction may be a negative part of a sum; alone it would drive the joint.
+    rising = TrueEffect("viscous_nonlinear", "elbow_joint", (("Fvn", 3.0),), (("p", 0.5),))
+    negative = TrueEffect("viscous", "elbow_joint", (("Fv", -0.1),))
+    VirtualRobot(ROBOT, [effects[0], negative, rising])
+    with pytest.raises(DynidentError, match="zero or above"):
+        VirtualRobot(ROBOT, [effects[0], negative])
 
 
 def test_without_a_robot_that_can_exist_nothing_is_simulated(identified, unseen, monkeypatch):

@@ -350,7 +350,9 @@ def build_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: Float
     return ReferenceParameters(inertias.reshape(-1, 10), *drives)
 
 
-def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns:
+def build_true_columns(
+    effects: Sequence[TrueEffect], signals: Signals, beside: Sequence[TrueEffect] = ()
+) -> TrueColumns:
     """Return the columns of the effects on the robot of `signals`, and the values of their parameters.
 
     Parameters
@@ -359,6 +361,8 @@ def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueC
         The effects with their values.
     signals : Signals
         Signals of the robot, which the torque of the columns is an expression of.
+    beside : sequence of TrueEffect
+        Other effects on the robot, beside which friction may be a part of a sum.
 
     Returns
     -------
@@ -374,7 +378,7 @@ def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueC
     columns: list[Column] = []
     parameters: list[float] = []
     keys: set[tuple[object, ...]] = set()
-    known = [effect.effect for effect in effects if effect.effect in CATALOGUE]
+    known = [effect.effect for effect in (*effects, *beside) if effect.effect in CATALOGUE]
     for index, effect in enumerate(effects):
         pointer = f"/effects/{index}"
         _check_effect(effect, signals.robot, pointer, known)
