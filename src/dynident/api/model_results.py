@@ -348,6 +348,9 @@ class ModelResults:
         anyway : bool
             Write also a model whose error is too large for any use.
 
+        Headers (.h, .hpp) of a model with held-out recordings (`validation`) have thresholds for contacts, for one
+        false alarm an hour or as few as these recordings can state.
+
         Returns
         -------
         ExportedFile
@@ -367,7 +370,8 @@ class ModelResults:
         reason = explain_stop(self.identification)
         if reason and not anyway:
             raise DynidentError(f"{reason}. To write it anyway: export(…, anyway=True)", title="Not fit for use")
-        file = export_model(self.identification, ENDINGS[path.suffix.lower()], nearest=nearest)
+        held_out = self.validation.recordings
+        file = export_model(self.identification, ENDINGS[path.suffix.lower()], nearest=nearest, held_out=held_out)
         write_atomically(path, file.content)
         return ExportedFile(str(path), file.media_type, file.content, file.notes)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -24,11 +24,20 @@ from dynident.export.sdf import to_sdf
 from dynident.export.urdf import to_urdf
 from dynident.export.usd import to_usd
 from dynident.identification import Identification, PhysicalModel, make_physical
+from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.text_encoding import encode_text
+from dynident.validation.contact_detection import FALSE_ALARMS_AN_HOUR, calibrate_contact_detection
 
 
-def export_model(identification: Identification, format: ExportFormat | str, *, nearest: bool = False) -> ExportedFile:
+def export_model(
+    identification: Identification,
+    format: ExportFormat | str,
+    *,
+    nearest: bool = False,
+    held_out: Sequence[Recording] = (),
+    false_alarms_per_hour: float = FALSE_ALARMS_AN_HOUR,
+) -> ExportedFile:
     """Return an identified model as a file for other programs.
 
     Parameters
@@ -47,6 +56,10 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
     nearest : bool
         For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab, randomisation): if no bodies that can
         exist have the identified parameters, write the nearest that can.
+    held_out : sequence of Recording
+        Held-out recordings without contacts: C and C++ headers then have thresholds for their observer of contacts.
+    false_alarms_per_hour : float
+        False alarms an hour that these thresholds are made for.
 
     Returns
     -------
@@ -67,7 +80,16 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
     if format not in _WITHOUT_BASE:
         identification.model.robot.require_fixed_base(f"export as {format}")
     possible = make_physical(identification) if format in _PROGRAMS else PhysicalModel(identification)
-    file = WRITERS[format](possible.identification, nearest)
+    if format in _HEADERS:
+        contact = calibrate_contact_detection(
+            possible.identification, held_out, false_alarms_per_hour=false_alarms_per_hour
+        ) if held_out else None  # fmt: skip
+        file = _HEADERS[format](possible.identification, contact)
+        if held_out and contact is None:
+            note = "There are no thresholds for contacts: the recordings have less than 15 s of motion."
+            file = replace(file, notes=(*file.notes, note))
+    else:
+        file = WRITERS[format](possible.identification, nearest)
     if format in WHOLE_FORMATS:
         file = replace(file, held_out_error=compute_held_out_error(possible.identification))
     if possible.note:
@@ -89,6 +111,7 @@ def compute_held_out_error(identification: Identification) -> float | None:
     return compute_moving_errors(held_out, identification.values).relative_total
 
 
+_HEADERS = {"c_header": to_c_header, "cpp_header": to_cpp_header}
 # Programs that compute a motion or its torque. A robot must be able to have their parameters; JSON is a record of those
 # that were identified.
 _PROGRAMS = WHOLE_FORMATS - {"json"}

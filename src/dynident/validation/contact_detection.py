@@ -105,6 +105,11 @@ class ContactDetection:
     requested: float = FALSE_ALARMS_AN_HOUR
     force_at_rest: float | None = None
 
+    @property
+    def false_alarms_per_hour(self) -> float:
+        """The same as `false_alarms_an_hour`, by the name that requests have for it."""
+        return self.false_alarms_an_hour
+
     def compute_thresholds(self, observed: ObservedContacts) -> FloatArray:
         """Return the threshold (m, n) of every sample."""
         return np.take_along_axis(self.thresholds.T, _find_classes(observed, self.speeds), axis=0)
@@ -154,7 +159,7 @@ def calibrate_contact_detection(
     identification: Identification,
     recordings: Sequence[Recording],
     *,
-    false_alarms_an_hour: float = FALSE_ALARMS_AN_HOUR,
+    false_alarms_per_hour: float = FALSE_ALARMS_AN_HOUR,
     gain: float = GAIN,
 ) -> ContactDetection | None:
     """Find thresholds for a momentum observer on held-out recordings, and the force at the tool that they detect.
@@ -165,7 +170,7 @@ def calibrate_contact_detection(
         The identified model.
     recordings : sequence of Recording
         Held-out recordings without contacts.
-    false_alarms_an_hour : float
+    false_alarms_per_hour : float
         False alarms an hour, of all joints together, that the thresholds are made for. Where the recordings are too
         short to state so few, they are made for the fewest that can be stated.
     gain : float
@@ -181,15 +186,16 @@ def calibrate_contact_detection(
     DynidentError
         As `MomentumObserver` does; or for a rate that is not above 0.
     """
-    _check_rate(false_alarms_an_hour)
+    _check_rate(false_alarms_per_hour)
     runs = [run for recording in recordings for run in observe_recording(identification, recording, gain)]
-    return fit_contact_detection(identification.model.robot, runs, false_alarms_an_hour, gain)
+    return fit_contact_detection(identification.model.robot, runs, false_alarms_per_hour, gain)
 
 
-def _check_rate(false_alarms_an_hour: float) -> None:
-    if not (np.isfinite(false_alarms_an_hour) and false_alarms_an_hour > 0):
+def _check_rate(false_alarms_per_hour: float) -> None:
+    if not (np.isfinite(false_alarms_per_hour) and false_alarms_per_hour > 0):
         raise DynidentError(
-            f"false_alarms_an_hour is {false_alarms_an_hour}; give a number above 0", pointer="/false_alarms_an_hour"
+            f"false_alarms_per_hour is {false_alarms_per_hour}; give a number above 0",
+            pointer="/false_alarms_per_hour",
         )
 
 
