@@ -17,6 +17,7 @@ from dynident.robot import Robot
 from dynident.validation import MomentumObserver, contact_detection, validate_collision
 from dynident.validation.contact_detection import (
     ContactDetection,
+    compute_contact_forces,
     compute_threshold,
     fit_contact_detection,
 )
@@ -107,6 +108,19 @@ def test_what_follows_an_alarm_within_a_second_belongs_to_it() -> None:
     # An alarm that never ends is one a second.
     quiet.residual[:, 0] = 7.0
     assert abs(detection.count_alarms(quiet, period) - len(quiet.residual) * period) <= 1
+
+
+def test_static_friction_hides_a_contact_whichever_way_it_holds_the_joint() -> None:
+    ((observed, period),) = observe_recording(known(), move(1, 0.0, 8.0))
+    detection = ContactDetection(10.0, 1 / 15, 1.0, 30.0, np.ones((ROBOT.n, 2)), np.full((ROBOT.n, 4), 10.0), 8.0)
+    at_rest = []
+    for held in (0.0, 5.0, -5.0):
+        residual = np.full_like(observed.residual, held)
+        still = replace(observed, residual=residual, slow=np.ones_like(observed.slow))
+        moving, force = compute_contact_forces(ROBOT, [(still, period)], detection)
+        assert moving is None
+        at_rest.append(force)
+    assert at_rest[1:] == pytest.approx([1.5 * at_rest[0]] * 2)
 
 
 def test_what_no_observer_can_know_is_said() -> None:
