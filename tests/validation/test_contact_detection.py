@@ -11,6 +11,8 @@ from support.models_with_chosen_parameters import drives, from_standard, made_up
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.errors import DynidentError
+from dynident.estimation.residual_correlation import compute_threshold
+from dynident.export import export_model
 from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.robot import Robot
@@ -18,7 +20,6 @@ from dynident.validation import MomentumObserver, contact_detection, validate_co
 from dynident.validation.contact_detection import (
     ContactDetection,
     compute_contact_forces,
-    compute_threshold,
     fit_contact_detection,
 )
 from dynident.validation.momentum_observer import Run, observe_recording
@@ -75,6 +76,16 @@ def test_short_recordings_state_the_rate_that_they_can_state() -> None:
     assert often.force < detection.force
     assert "hold out" not in often.describe()
     assert fit_contact_detection(ROBOT, observe_recording(known(), move(1, 1.0, 5.0)), 1.0) is None
+
+
+def test_a_header_says_whether_it_has_thresholds() -> None:
+    long, short = ([move(1, 1.0, duration)] for duration in (20.0, 5.0))
+    file = export_model(known(), "c_header", held_out=long, false_alarms_per_hour=100.0)
+    assert b"_find_contacts(" in file.content
+    assert any("100 false alarms an hour" in note for note in file.notes)
+    file = export_model(known(), "c_header", held_out=short)
+    assert b"_find_contacts(" not in file.content
+    assert any("no thresholds for contacts" in note for note in file.notes)
 
 
 def test_a_recording_that_the_others_do_not_speak_for_disproves_the_rate() -> None:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from dynident.api.motion_arguments import Motion, check_level, read_motion, read_times
 from dynident.api.named_tables import Table
 from dynident.api.parameter_tables import ErrorTable, Parameters, PlainText, format_summary
+from dynident.api.recording_collection import Recordings
 from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
@@ -43,9 +44,12 @@ class ModelResults:
     ----------
     identification : Identification
         The model as the library gives it.
+    validation : Recordings
+        Held-out recordings, if there are any.
     """
 
     identification: Identification
+    validation: Recordings
 
     @property
     def robot(self) -> Robot:
