@@ -130,7 +130,15 @@ _TAIL, _FEWEST_PEAKS = 0.1, 5
 
 
 def compute_block_maxima(values: FloatArray, period: float) -> FloatArray:
-    """Return the largest value of each whole second of values (m,) that are sampled every `period` s."""
+    """Return the largest value of each whole second.
+
+    Parameters
+    ----------
+    values : (m,)
+        Values that follow each other.
+    period : float
+        Time between two of them in s.
+    """
     length = max(1, round(BLOCK / period))
     count = len(values) // length
     return np.asarray(values[: count * length].reshape(count, length).max(axis=1, initial=0.0))
