@@ -177,9 +177,7 @@ def find_nearest_feasible(
     return NearestFeasible(values, problem.to_standard_parameters(constrained), distance, tuple(limits))
 
 
-def move_where_free(
-    model: Model, equations: Reduction, fitted: Fit, trust: DescriptionTrust, speeds: FloatArray | None = None
-) -> Fit:
+def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: DescriptionTrust) -> Fit:
     """Move a fit to the nearest feasible parameters where its error grows by less than `FREE`; else leave it.
 
     The covariance stays. The feasible set holds the truth and is convex, so that moving to it brings no estimate
@@ -195,8 +193,6 @@ def move_where_free(
         The fit.
     trust : DescriptionTrust
         Prior from the description, if any, and how far it is trusted.
-    speeds : (n,), optional
-        Largest recorded speeds in rad/s or m/s, up to which all friction together must resist.
 
     Returns
     -------
@@ -208,7 +204,7 @@ def move_where_free(
     if not find_bodies(model.columns) or any(column.runs for column in model.columns):
         return fitted
     try:
-        nearest = find_nearest_feasible(model, equations, fitted.solution, trust, WEAK, speeds)
+        nearest = find_nearest_feasible(model, equations, fitted.solution, trust, WEAK)
     except DynidentError:
         return fitted
     before, after = (compute_errors(equations, values).rms_total for values in (fitted.solution.values, nearest.values))

@@ -39,7 +39,7 @@ def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
     # Results of several steps are left alone: moved to bodies that can exist, they would no longer agree with the
     # equations of every step.
     if choices.solver.possible_where_free and choices.plan.at_once:
-        fitted = move_where_free(problem.model, problem.data.equations, fitted, choices.trust, problem.data.speeds)
+        fitted = move_where_free(problem.model, problem.data.equations, fitted, choices.trust)
     if choices.prior is not None:
         fitted = _add_prior_warning(problem.model, problem.data, fitted)
     friction = problem.data.friction
