@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from dynident.api.motion_arguments import Motion, check_level, read_motion, read_times
 from dynident.api.named_tables import Table
 from dynident.api.parameter_tables import ErrorTable, Parameters, PlainText, format_summary
-from dynident.api.recording_collection import Recordings
 from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
@@ -31,7 +30,7 @@ from dynident.identification.identified_models.torque_prediction import (
     compute_mass_matrix,
     predict,
 )
-from dynident.recordings import Preprocessing
+from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
 from dynident.verdict import explain_stop
 
@@ -44,12 +43,14 @@ class ModelResults:
     ----------
     identification : Identification
         The model as the library gives it.
-    validation : Recordings
-        Held-out recordings, if there are any.
     """
 
     identification: Identification
-    validation: Recordings
+
+    @property
+    def _held_out(self) -> tuple[Recording, ...]:
+        """Held-out recordings, if there are any."""
+        return ()
 
     @property
     def robot(self) -> Robot:
@@ -374,8 +375,7 @@ class ModelResults:
         reason = explain_stop(self.identification)
         if reason and not anyway:
             raise DynidentError(f"{reason}. To write it anyway: export(…, anyway=True)", title="Not fit for use")
-        held_out = self.validation.recordings
-        file = export_model(self.identification, ENDINGS[path.suffix.lower()], nearest=nearest, held_out=held_out)
+        file = export_model(self.identification, ENDINGS[path.suffix.lower()], nearest=nearest, held_out=self._held_out)
         write_atomically(path, file.content)
         return ExportedFile(str(path), file.media_type, file.content, file.notes)
 
