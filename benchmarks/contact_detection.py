@@ -28,15 +28,14 @@ from engine.physics import Act, Live
 from engine.robots import arm_by_name
 
 import dynident as dy
+from dynident.estimation.residual_correlation import compute_block_maxima, compute_threshold
 from dynident.identification import Identification
 from dynident.recordings import RecordedJoints, Recording, RecordingMetadata, import_recording, recording_from_arrays
 from dynident.recordings.joint_phases import SLOW
 from dynident.robot import Robot
 from dynident.validation.contact_detection import (
     ContactDetection,
-    compute_block_maxima,
     compute_contact_forces,
-    compute_threshold,
     fit_contact_detection,
     validate_collision,
 )

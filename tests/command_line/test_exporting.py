@@ -23,6 +23,18 @@ def test_the_ending_of_the_file_says_the_format(desk: Path) -> None:
     assert model_from_json((desk / "exported.json").read_text()).robot.n == ROBOT.n
 
 
+def test_a_header_has_thresholds_from_held_out_measurements(desk: Path) -> None:
+    command = ["export", desk / "model.npz", "-o", desk / "with.hpp", "--json"]
+    without = dynident(*command)
+    assert "find_contacts" not in (desk / "with.hpp").read_text()
+    held_out = [part for run in (1, 2) for part in ("-v", desk / f"run{run}.csv")]
+    answer = dynident(*command, *held_out)
+    assert answer.code == 0, answer.err
+    assert "find_contacts" in (desk / "with.hpp").read_text()
+    [note] = set(answer.document["notes"]) - set(without.document["notes"])
+    assert note.startswith("A momentum observer detects ")
+
+
 def test_a_ros_2_package_is_a_folder_or_a_zip_file(desk: Path) -> None:
     (desk / "existing").mkdir()
     for name in ("ros2", "existing", "package.zip"):

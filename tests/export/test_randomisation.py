@@ -21,7 +21,7 @@ from dynident.export import (
     export_model,
     measure_disturbance,
 )
-from dynident.export.torque_disturbance import CENTRAL_90, DRAWS
+from dynident.export.torque_disturbance import CENTRAL_90, DRAWS, widen_for_short_data
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.identified_models.torque_prediction import compute_gravity
 from dynident.recordings import Recording
@@ -121,6 +121,21 @@ def test_the_disturbance_is_measured_as_it_is(model: Identification, runs: list[
     np.testing.assert_allclose(drawn.std(axis=(0, 1)), LACKING.deviation, rtol=0.05)
     correlation = np.mean(drawn[:, 0] * drawn[:, -1], axis=0) / LACKING.deviation**2
     np.testing.assert_allclose(correlation, np.exp(-0.59 / LACKING.time), atol=0.06)
+
+
+def test_a_disturbance_out_of_short_data_is_as_wide_as_further_values_need() -> None:
+    rng, length, period, time = np.random.default_rng(0), 10.0, 0.05, 1.0
+    process = TorqueDisturbance(np.array([1.0]), np.array([time]))
+    # One process for each recording; values long after it are independent of it.
+    drawn = process.draw(4000, round(length / period), period, seed=2)[:, :, 0]
+    estimated, further = np.sqrt(np.mean(drawn**2, axis=1)), rng.standard_normal(4000)
+    plain, wide = (
+        np.mean(np.abs(further) <= 1.645 * deviation)
+        for deviation in (estimated, widen_for_short_data(estimated, np.full(4000, length / time)))
+    )
+    assert plain < 0.885
+    assert wide == pytest.approx(0.9, abs=0.012)
+    assert widen_for_short_data(np.ones(1), np.array([1e6])) == pytest.approx(1.0, abs=1e-5)
 
 
 def test_the_central_share_of_few_draws_is_that_of_student() -> None:

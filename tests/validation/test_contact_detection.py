@@ -11,13 +11,15 @@ from support.models_with_chosen_parameters import drives, from_standard, made_up
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.errors import DynidentError
+from dynident.estimation.residual_correlation import compute_threshold
+from dynident.export import export_model
 from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.robot import Robot
 from dynident.validation import MomentumObserver, contact_detection, validate_collision
 from dynident.validation.contact_detection import (
     ContactDetection,
-    compute_threshold,
+    compute_contact_forces,
     fit_contact_detection,
 )
 from dynident.validation.momentum_observer import Run, observe_recording
@@ -76,6 +78,16 @@ def test_short_recordings_state_the_rate_that_they_can_state() -> None:
     assert fit_contact_detection(ROBOT, observe_recording(known(), move(1, 1.0, 5.0)), 1.0) is None
 
 
+def test_a_header_says_whether_it_has_thresholds() -> None:
+    long, short = ([move(1, 1.0, duration)] for duration in (20.0, 5.0))
+    file = export_model(known(), "c_header", held_out=long, false_alarms_per_hour=100.0)
+    assert b"_find_contacts(" in file.content
+    assert any("100 false alarms an hour" in note for note in file.notes)
+    file = export_model(known(), "c_header", held_out=short)
+    assert b"_find_contacts(" not in file.content
+    assert any("no thresholds for contacts" in note for note in file.notes)
+
+
 def test_a_recording_that_the_others_do_not_speak_for_disproves_the_rate() -> None:
     alike = validate_collision(known(), [move(seed, 1.0) for seed in (1, 2, 3)], 60.0)
     assert alike.judged.verdict == "pass", alike.judged.reason
@@ -107,6 +119,19 @@ def test_what_follows_an_alarm_within_a_second_belongs_to_it() -> None:
     # An alarm that never ends is one a second.
     quiet.residual[:, 0] = 7.0
     assert abs(detection.count_alarms(quiet, period) - len(quiet.residual) * period) <= 1
+
+
+def test_static_friction_hides_a_contact_whichever_way_it_holds_the_joint() -> None:
+    ((observed, period),) = observe_recording(known(), move(1, 0.0, 8.0))
+    detection = ContactDetection(10.0, 1 / 15, 1.0, 30.0, np.ones((ROBOT.n, 2)), np.full((ROBOT.n, 4), 10.0), 8.0)
+    at_rest = []
+    for held in (0.0, 5.0, -5.0):
+        residual = np.full_like(observed.residual, held)
+        still = replace(observed, residual=residual, slow=np.ones_like(observed.slow))
+        moving, force = compute_contact_forces(ROBOT, [(still, period)], detection)
+        assert moving is None
+        at_rest.append(force)
+    assert at_rest[1:] == pytest.approx([1.5 * at_rest[0]] * 2)
 
 
 def test_what_no_observer_can_know_is_said() -> None:

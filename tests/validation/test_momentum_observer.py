@@ -66,6 +66,19 @@ def test_samples_give_the_same_residual_one_by_one() -> None:
     np.testing.assert_allclose(one_by_one, whole, rtol=1e-9, atol=1e-9)
 
 
+def draw_thresholds(observed: ObservedContacts) -> ContactDetection:
+    """Thresholds that about half of the samples are above, in every class; one joint has none."""
+    speeds = np.quantile(np.abs(observed.dq), (0.3, 0.6), axis=0).T
+    thresholds = np.median(np.abs(observed.residual), axis=0)[:, None] * np.array([0.8, 1.2, 0.9, 1.1])
+    thresholds[4] = np.inf
+    contact = ContactDetection(10.0, 1 / 15, 1.0, 30.0, speeds, thresholds, 60.0)
+    share = contact.find_contacts(observed).mean(axis=0)
+    assert ((share > 0.1) & (share < 0.9) | (np.arange(ROBOT.n) == 4)).all()
+    assert observed.slow.any()
+    assert not observed.slow.all()
+    return contact
+
+
 @pytest.mark.parametrize("model", ["known", "hysteresis"])
 @pytest.mark.parametrize("language", ["c", "cpp"])
 def test_the_exported_headers_have_the_same_observer(model: str, language: str, tmp_path: Path) -> None:
@@ -75,8 +88,9 @@ def test_the_exported_headers_have_the_same_observer(model: str, language: str, 
     identified = known() if model == "known" else made_up(ROBOT, ("rigid_body", "coulomb", HYSTERESIS))
     motion = fourier_motion(ROBOT, 0.5, RATE, 4)
     tau = motor_torque(motion)
-    expected = MomentumObserver(identified, 1.0 / RATE).observe(motion.q, tau).residual
-    file = to_c_header(identified) if language == "c" else to_cpp_header(identified)
+    observed = MomentumObserver(identified, 1.0 / RATE).observe(motion.q, tau)
+    expected, contact = observed.residual, draw_thresholds(observed)
+    file = to_c_header(identified, contact) if language == "c" else to_cpp_header(identified, contact)
     name = Path(file.name).stem
     (tmp_path / file.name).write_bytes(file.content)
     begin = {
@@ -84,9 +98,11 @@ def test_the_exported_headers_have_the_same_observer(model: str, language: str, 
         "cpp": f"{name}::Model model; auto o = {name}::Model::start_observer(); std::array<double, 6> a, b;",
     }[language]
     step = {
-        "c": f"{name}_observe(&p, &o, q, tau, 0.002, 30.0); fwrite(o.residual, sizeof(double), 6, stdout);",
+        "c": f"{name}_observe(&p, &o, q, tau, 0.002, 30.0); fwrite(o.residual, sizeof(double), 6, stdout); "
+        f"int found[6]; {name}_find_contacts(&o, found); fwrite(found, sizeof(int), 6, stdout);",
         "cpp": "for (int j = 0; j < 6; ++j) { a[j] = q[j]; b[j] = tau[j]; } "
-        "fwrite(model.observe(o, a, b, 0.002).data(), sizeof(double), 6, stdout);",
+        "fwrite(model.observe(o, a, b, 0.002, model.contact_gain).data(), sizeof(double), 6, stdout); "
+        "fwrite(model.find_contacts(o).data(), sizeof(int), 6, stdout);",
     }[language]
     loop = "fread(q, sizeof(double), 6, stdin) == 6 && fread(tau, sizeof(double), 6, stdin) == 6"
     source = tmp_path / f"main.{language}"
@@ -101,8 +117,10 @@ def test_the_exported_headers_have_the_same_observer(model: str, language: str, 
     assert done.returncode == 0, done.stderr[:2000]
     given = np.column_stack([motion.q, tau]).tobytes()
     answer = subprocess.run([tmp_path / "main"], input=given, capture_output=True, check=True).stdout
-    found = np.frombuffer(answer).reshape(-1, 6)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    found = np.frombuffer(answer, dtype=[("residual", float, 6), ("contacts", np.intc, 6)])
+    np.testing.assert_allclose(found["residual"], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_array_equal(found["contacts"], contact.find_contacts(observed))
+    assert " ".join(contact.describe().split()) in " ".join(file.content.decode().replace("\n *", " ").split())
 
 
 def test_what_an_observer_cannot_know_is_refused() -> None:
@@ -117,7 +135,7 @@ def test_what_an_observer_cannot_know_is_refused() -> None:
         with pytest.raises(DynidentError, match="as many of both"):
             MomentumObserver(known(), 1e-3).observe(np.zeros((rows, ROBOT.n)), np.zeros((others, ROBOT.n)))
     with pytest.raises(DynidentError, match="false_alarms"):
-        calibrate_contact_detection(known(), [], false_alarms_an_hour=0.0)
+        calibrate_contact_detection(known(), [], false_alarms_per_hour=0.0)
 
 
 @dataclass(frozen=True)
@@ -170,7 +188,7 @@ def cell() -> Cell:
 def calibrated(cell: Cell) -> tuple[Identification, ContactDetection]:
     choices = IdentificationChoices(PLAIN, preprocessing=Preprocessing(20.0, 10.0, 20))
     identified = identify(ROBOT, [cell.record(11, 30.0)], [], choices)
-    detection = calibrate_contact_detection(identified, [cell.record(12, 60.0)], false_alarms_an_hour=30.0)
+    detection = calibrate_contact_detection(identified, [cell.record(12, 60.0)], false_alarms_per_hour=30.0)
     assert detection is not None
     return identified, detection
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lfilter
 from support.oracles import arm
 
+from dynident.estimation.residual_correlation import compute_threshold
 from dynident.robot import compute_tool_jacobian, tool_path
-from dynident.validation.contact_detection import compute_threshold
 from dynident.verdict.held_out_evidence import _compute_lift
 
 _RATE = 25

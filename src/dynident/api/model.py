@@ -25,6 +25,7 @@ from dynident.presentation.labels import describe_condition_number
 from dynident.presentation.ladder_tables import build_ladder_table, find_best, make_step
 from dynident.presentation.tables import ReportedTable
 from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import Recording
 from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph
 from dynident.verdict import ModelVerdict, Outcome, verdict
 
@@ -56,6 +57,10 @@ class Model(ModelResults):
 
     recordings: Recordings = NO_RECORDINGS
     validation: Recordings = NO_RECORDINGS
+
+    @property
+    def _held_out(self) -> tuple[Recording, ...]:
+        return tuple(self.validation.recordings)
 
     @property
     def ladder(self) -> Ladder:

@@ -30,7 +30,7 @@ from dynident.identification.identified_models.torque_prediction import (
     compute_mass_matrix,
     predict,
 )
-from dynident.recordings import Preprocessing
+from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
 from dynident.verdict import explain_stop
 
@@ -46,6 +46,11 @@ class ModelResults:
     """
 
     identification: Identification
+
+    @property
+    def _held_out(self) -> tuple[Recording, ...]:
+        """Held-out recordings, if there are any."""
+        return ()
 
     @property
     def robot(self) -> Robot:
@@ -348,6 +353,9 @@ class ModelResults:
         anyway : bool
             Write also a model whose error is too large for any use.
 
+        Headers (.h, .hpp) of a model with held-out recordings (`validation`) have thresholds for contacts, for one
+        false alarm an hour or as few as these recordings can state.
+
         Returns
         -------
         ExportedFile
@@ -367,7 +375,7 @@ class ModelResults:
         reason = explain_stop(self.identification)
         if reason and not anyway:
             raise DynidentError(f"{reason}. To write it anyway: export(…, anyway=True)", title="Not fit for use")
-        file = export_model(self.identification, ENDINGS[path.suffix.lower()], nearest=nearest)
+        file = export_model(self.identification, ENDINGS[path.suffix.lower()], nearest=nearest, held_out=self._held_out)
         write_atomically(path, file.content)
         return ExportedFile(str(path), file.media_type, file.content, file.notes)
 

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.effects.catalogue import CATALOGUE, UnknownEffectError, get_effect, get_role, get_spec
+    from dynident.effects.catalogue import (
+        CATALOGUE,
+        UnknownEffectError,
+        get_effect,
+        get_role,
+        get_spec,
+        is_plain_friction,
+    )
     from dynident.effects.effect import (
         DRIVE_ROLES,
         Column,
@@ -69,6 +76,7 @@ __all__ = [
     "get_effect",
     "get_role",
     "get_spec",
+    "is_plain_friction",
 ]
 
 if not TYPE_CHECKING:

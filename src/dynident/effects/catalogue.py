@@ -251,6 +251,18 @@ class UnknownEffectError(DynidentError):
     """
 
 
+def is_plain_friction(identifier: str) -> bool:
+    """Return whether an effect is Coulomb or viscous friction, which are straight lines over the speed.
+
+    Parameters
+    ----------
+    identifier : str
+        Id of the effect in the catalogue.
+    """
+    effect = get_effect(identifier)
+    return effect.is_friction and effect.fits_roles(("dry", "damping"))
+
+
 def get_effect(identifier: str, pointer: str = "") -> Effect:
     """Return the effect with an id.
 

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import casadi as ca
 
+from dynident.array_types import FloatArray
 from dynident.effects.effect import RATIO, Column, Effect, Estimate, ParameterSpec, ShapeSpec, build_geometric_grid
 from dynident.effects.effect_signals import Signals
 from dynident.effects.usual_effect_sizes import (
@@ -20,6 +21,33 @@ from dynident.effects.usual_effect_sizes import (
     get_velocity_scale,
 )
 from dynident.robot.robot_model import Robot
+
+
+def bound_friction(torque: ca.SX, dq: ca.SX, speeds: FloatArray) -> ca.SX:
+    """Return friction that never gets smaller beyond the speeds at which it was measured.
+
+    A power of the speed that fits a recording may bend down right behind it, and drive the joint from some speed on.
+    Up to `speeds`, and where friction grows, nothing changes.
+
+    Parameters
+    ----------
+    torque : SX (n, 1)
+        Friction of each joint, a function of its own speed, in N m or N.
+    dq : SX (n, 1)
+        Velocities of the joints.
+    speeds : (n,)
+        Largest speed of each joint in the recordings, in rad/s or m/s.
+    """
+    bounded = ca.densify(torque)
+    for j in range(dq.numel()):
+        # A straight line does not bend.
+        if ca.jacobian(ca.jacobian(torque[j], dq[j]), dq[j]).is_zero():
+            continue
+        inside = ca.fmin(float(speeds[j]), ca.fmax(-float(speeds[j]), dq[j]))
+        last = ca.substitute(torque[j], dq[j], inside)
+        bounded[j] = ca.if_else(dq[j] >= 0, ca.fmax(torque[j], last), ca.fmin(torque[j], last))
+    return bounded
+
 
 REFERENCE_TEMPERATURE = 25.0
 """Temperature in °C at which the friction is that of `viscous` and `coulomb` alone."""

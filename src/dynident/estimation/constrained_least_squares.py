@@ -180,7 +180,19 @@ class _Problem:
             rows.append(bounds)
             rights.append(np.zeros(len(self.at_least)))
             cones.append(clarabel.NonnegativeConeT(len(self.at_least)))
+        sums = [bound for bound in self.matrices if len(bound.constant) == 1]
+        if sums:
+            # Matrices of one entry are inequalities, which the solver treats more exactly as such.
+            bounds = np.zeros((len(sums), c + r))
+            for row, bound in zip(bounds, sums, strict=True):
+                row[bound.columns] = -bound.parts[:, 0, 0]
+            sizes = np.maximum(np.linalg.norm(bounds, axis=1), np.finfo(float).tiny)
+            rows.append(bounds / sizes[:, None])
+            rights.append(np.array([bound.constant[0, 0] for bound in sums]) / sizes)
+            cones.append(clarabel.NonnegativeConeT(len(sums)))
         for bound in self.matrices:
+            if len(bound.constant) == 1:
+                continue
             # Only the upper triangle enters; the factor √2 keeps the inner product that of the whole matrix.
             triangle = np.zeros((len(_pack_triangle(bound.constant)), c + r))
             for column, part in zip(bound.columns, bound.parts, strict=True):

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import casadi as ca
 
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.export.casadi_function import TorqueFormula, build_function, build_torque_formula
 from dynident.export.comments_and_names import (
@@ -25,6 +26,8 @@ from dynident.export.comments_and_names import (
 )
 from dynident.identification import Identification
 from dynident.identification.identified_models.equation_of_motion import Argument
+from dynident.validation.contact_detection import ContactDetection
+from dynident.validation.momentum_observer import SETTLED
 
 _UNARY = {
     ca.OP_ASSIGN: "{0}",
@@ -301,3 +304,107 @@ def _list_entries(argument: Argument) -> list[str]:
         return [_name_argument(argument)]
     owner = "state->z" if argument.name == "z" else argument.name
     return [f"{owner}[{k}]" for k in range(argument.size)]
+
+
+OBSERVER = """\
+/* Observer of contacts by the generalised momentum; residual: torque of contacts, positive where it drives q */
+typedef struct {
+    double q[N];
+    double dq[N];
+    double tau[N];
+    double momentum[N];
+    double residual[N];
+    double since_slow[N]; /* time constants of the residual since a joint was slow */
+    int started;
+    STATE
+} PREFIX_observer;
+
+/* Begin at rest and without contact */
+static inline void PREFIX_observer_start(PREFIX_observer *o)
+{
+    int j;
+    for (j = 0; j < N; j++) {
+        o->q[j] = o->dq[j] = o->tau[j] = o->momentum[j] = o->residual[j] = o->since_slow[j] = 0.0;
+    }
+    o->started = 0;
+    START
+}
+
+/* Next sample: positions, motor torques, sampling period in s, bandwidth of the residual in 1/s (30 as a rule) */
+static inline void PREFIX_observe(
+    const PREFIX_parameters *p, PREFIX_observer *o, const double q[N], const double tau[N], double period, double gain)
+{
+    const double rate = 4.0 * gain * period;
+    double dq[N], terms[2N];
+    int j;
+    for (j = 0; j < N; j++) {
+        const double before = o->started ? o->q[j] : q[j];
+        o->q[j] = (before + rate * q[j]) / (1.0 + rate);
+        o->tau[j] = ((o->started ? o->tau[j] : tau[j]) + rate * tau[j]) / (1.0 + rate);
+        dq[j] = (o->q[j] - before) / period;
+        o->dq[j] = dq[j];
+        o->since_slow[j] = fabs(dq[j]) < SLOW ? 0.0 : o->since_slow[j] + gain * period;
+    }
+    ADVANCE
+    PREFIX_observer_terms(p, ARGUMENTS, terms);
+    for (j = 0; j < N; j++) {
+        const double change = o->started ? terms[j] - o->momentum[j] - period * (terms[N + j] + o->tau[j]) : 0.0;
+        o->residual[j] = (o->residual[j] + gain * change) / (1.0 + gain * period);
+        o->momentum[j] = terms[j];
+    }
+    o->started = 1;
+}"""
+"""Observer of contacts in C, in which `export.c_header` replaces the words in capitals."""
+
+_CONTACTS = """\
+/* After every PREFIX_observe with a gain of GAIN: contacts[j] is 1 where the residual of joint j is beyond its
+   threshold, in N m or N; returns how many are. The first threshold holds while a joint is slow or has just been, the
+   others for classes of its speed, up to the speeds in rad/s or m/s */
+static inline int PREFIX_find_contacts(const PREFIX_observer *o, int contacts[N])
+{
+    static const double speeds[N][CLASSES] = SPEEDS;
+    static const double thresholds[N][COUNT] = THRESHOLDS;
+    int j, k, class_of_speed, found = 0;
+    for (j = 0; j < N; j++) {
+        class_of_speed = 0;
+        if (o->since_slow[j] >= SETTLED) {
+            class_of_speed = 1;
+            for (k = 0; k < CLASSES; k++) class_of_speed += fabs(o->dq[j]) > speeds[j][k];
+        }
+        contacts[j] = fabs(o->residual[j]) > thresholds[j][class_of_speed];
+        found += contacts[j];
+    }
+    return found;
+}"""
+
+
+def write_contacts(contact: ContactDetection, name: str) -> str:
+    """Return the C function that compares the observer's residual with its thresholds.
+
+    Parameters
+    ----------
+    contact : ContactDetection
+        The thresholds.
+    name : str
+        Prefix of all names in the file.
+    """
+    text = _CONTACTS
+    for place, content in (
+        ("PREFIX", name),
+        ("CLASSES", str(contact.speeds.shape[1])),
+        ("COUNT", str(contact.thresholds.shape[1])),
+        ("SPEEDS", _write_table(contact.speeds)),
+        ("THRESHOLDS", _write_table(contact.thresholds)),
+        ("SETTLED", format_c_number(SETTLED)),
+        ("GAIN", format_c_number(contact.gain)),
+        ("[N]", f"[{len(contact.speeds)}]"),
+        ("< N", f"< {len(contact.speeds)}"),
+    ):
+        text = text.replace(place, content)
+    return text
+
+
+def _write_table(rows: FloatArray) -> str:
+    # A joint that was not recorded long enough has no threshold: nothing is above infinity.
+    cells = (", ".join(format_c_number(float(x)) if math.isfinite(x) else "HUGE_VAL" for x in row) for row in rows)
+    return "{" + ", ".join(f"{{{row}}}" for row in cells) + "}"

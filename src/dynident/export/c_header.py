@@ -12,12 +12,14 @@ from dataclasses import dataclass
 import casadi as ca
 
 from dynident.export.c_code import (
+    OBSERVER,
     SIGN_FUNCTION,
     format_c_number,
     make_c_name,
     write_c_block,
     write_c_comment,
     write_c_statements,
+    write_contacts,
 )
 from dynident.export.comments_and_names import SIGNS, describe_identification, describe_origin, list_joints
 from dynident.export.feasible_links_and_joints import ExportedFile
@@ -27,8 +29,10 @@ from dynident.identification.identified_models.equation_of_motion import (
     EquationOfMotion,
     build_equation_of_motion,
 )
+from dynident.recordings.joint_phases import SLOW
 from dynident.robot.robot_model import INERTIAL_NAMES
 from dynident.text_encoding import encode_text
+from dynident.validation.contact_detection import ContactDetection
 
 _SCALARS = ("time", "period")
 
@@ -64,13 +68,15 @@ class HeaderFunction:
         return any(argument.name == "z" for argument in self.inputs)
 
 
-def to_c_header(identification: Identification) -> ExportedFile:
+def to_c_header(identification: Identification, contact: ContactDetection | None = None) -> ExportedFile:
     """Return the equation of motion of the identified model as a C99 header.
 
     Parameters
     ----------
     identification : Identification
         The identified model, with the data of its fit.
+    contact : ContactDetection, optional
+        Thresholds for the observer of contacts, of the same model.
 
     Returns
     -------
@@ -82,17 +88,19 @@ def to_c_header(identification: Identification) -> ExportedFile:
     DynidentError
         For an effect of another distribution whose columns use an operation that C code is not written for.
     """
-    header = Header.from_identification(identification)
+    header = Header.from_identification(identification, contact)
     return ExportedFile(f"{header.name}.h", "text/x-c", encode_text(header.write_c()), header.notes)
 
 
-def to_cpp_header(identification: Identification) -> ExportedFile:
+def to_cpp_header(identification: Identification, contact: ContactDetection | None = None) -> ExportedFile:
     """Return the equation of motion of the identified model as a C++17 header: the C header and a class around it.
 
     Parameters
     ----------
     identification : Identification
         The identified model, with the data of its fit.
+    contact : ContactDetection, optional
+        Thresholds for the observer of contacts, of the same model.
 
     Returns
     -------
@@ -104,7 +112,7 @@ def to_cpp_header(identification: Identification) -> ExportedFile:
     DynidentError
         As `to_c_header` does.
     """
-    header = Header.from_identification(identification)
+    header = Header.from_identification(identification, contact)
     return ExportedFile(f"{header.name}.hpp", "text/x-c++", encode_text(header.write_cpp()), header.notes)
 
 
@@ -117,9 +125,10 @@ class Header:
     name: str
     functions: tuple[HeaderFunction, ...]
     notes: tuple[str, ...]
+    contact: ContactDetection | None = None
 
     @classmethod
-    def from_identification(cls, identification: Identification) -> Header:
+    def from_identification(cls, identification: Identification, contact: ContactDetection | None = None) -> Header:
         """Return the header of an identified model, with all functions."""
         equation = build_equation_of_motion(identification.estimate)
         functions, notes = list_functions(equation), []
@@ -127,7 +136,9 @@ class Header:
             notes.append(f"There is no forward_dynamics: {equation.acceleration_obstacle}.")
         if equation.observer_obstacle:
             notes.append(f"There is no observer of contacts: {equation.observer_obstacle}.")
-        return cls(identification, equation, make_c_name(identification), functions, tuple(notes))
+        elif contact is not None:
+            notes.append(contact.describe())
+        return cls(identification, equation, make_c_name(identification), functions, tuple(notes), contact)
 
     @property
     def n_states(self) -> int:
@@ -281,12 +292,13 @@ class Header:
         function = HeaderFunction("observer_terms", meaning, inputs, "terms", terms)
         passed = {"q": "o->q", "dq": "dq", "z": "&o->state", "period": "period"}
         remembers = self.n_states > 0
-        text = _OBSERVER
+        text = OBSERVER
         for place, content in (
             ("    STATE\n", f"    {self.name}_state state;\n" if remembers else ""),
             ("    START\n", f"    {self.name}_start(&o->state);\n" if remembers else ""),
             ("    ADVANCE\n", f"    {self.name}_advance(&o->state, o->q);\n" if remembers else ""),
             ("ARGUMENTS", ", ".join(passed[a.name] for a in inputs)),
+            ("SLOW", format_c_number(SLOW)),
             ("PREFIX", self.name),
             ("[2N]", f"[{2 * n}]"),
             ("[N]", f"[{n}]"),
@@ -294,7 +306,8 @@ class Header:
             ("[N + j]", f"[{n} + j]"),
         ):
             text = text.replace(place, content)
-        return [self._write_function(function), text]
+        contacts = [] if self.contact is None else [write_contacts(self.contact, self.name)]
+        return [self._write_function(function), text, *contacts]
 
     def _write_class(self) -> str:
         """Return the C++ class around the functions."""
@@ -340,6 +353,14 @@ class Header:
                 "      for (std::size_t j = 0; j < joints; ++j) result[j] = observer.residual[j];",
                 "      return result; }",
             ]
+            if self.contact is not None:
+                lines += [
+                    "    /* Whether each joint's residual is beyond its threshold, after observe() with this gain. */",
+                    f"    static constexpr double contact_gain = {format_c_number(self.contact.gain)};",
+                    "    static std::array<int, joints> find_contacts(const Observer& observer) noexcept",
+                    f"    {{ std::array<int, joints> found; {self.name}_find_contacts(&observer, found.data()); "
+                    "return found; }",
+                ]
         lines += ["", "#ifdef DYNIDENT_USE_EIGEN"]
         lines += [
             f"    using EigenVector = Eigen::Matrix<double, {n}, 1>;",
@@ -398,50 +419,6 @@ static inline void PREFIX_set_payload(
     p->payload[7] = mass * y;
     p->payload[8] = mass * z;
     p->payload[9] = mass;
-}"""
-
-
-_OBSERVER = """\
-/* Observer of contacts by the generalised momentum; residual: torque of contacts, positive where it drives q */
-typedef struct {
-    double q[N];
-    double tau[N];
-    double momentum[N];
-    double residual[N];
-    int started;
-    STATE
-} PREFIX_observer;
-
-/* Begin at rest and without contact */
-static inline void PREFIX_observer_start(PREFIX_observer *o)
-{
-    int j;
-    for (j = 0; j < N; j++) o->q[j] = o->tau[j] = o->momentum[j] = o->residual[j] = 0.0;
-    o->started = 0;
-    START
-}
-
-/* Next sample: positions, motor torques, sampling period in s, bandwidth of the residual in 1/s (30 as a rule) */
-static inline void PREFIX_observe(
-    const PREFIX_parameters *p, PREFIX_observer *o, const double q[N], const double tau[N], double period, double gain)
-{
-    const double rate = 4.0 * gain * period;
-    double dq[N], terms[2N];
-    int j;
-    for (j = 0; j < N; j++) {
-        const double before = o->started ? o->q[j] : q[j];
-        o->q[j] = (before + rate * q[j]) / (1.0 + rate);
-        o->tau[j] = ((o->started ? o->tau[j] : tau[j]) + rate * tau[j]) / (1.0 + rate);
-        dq[j] = (o->q[j] - before) / period;
-    }
-    ADVANCE
-    PREFIX_observer_terms(p, ARGUMENTS, terms);
-    for (j = 0; j < N; j++) {
-        const double change = o->started ? terms[j] - o->momentum[j] - period * (terms[N + j] + o->tau[j]) : 0.0;
-        o->residual[j] = (o->residual[j] + gain * change) / (1.0 + gain * period);
-        o->momentum[j] = terms[j];
-    }
-    o->started = 1;
 }"""
 
 

@@ -13,7 +13,13 @@ from dynident.effects import MemorySignal, RunSignal, Signals
 from dynident.effects.dependent_joint_dynamics import build_all_positions
 from dynident.effects.hysteresis_states import build_step_expression
 from dynident.identification import Estimate, Identification
-from dynident.identification.identified_models.equation_of_motion import Argument, describe_runs, list_motion_arguments
+from dynident.identification.identified_models.equation_of_motion import (
+    Argument,
+    describe_runs,
+    get_known_speeds,
+    list_motion_arguments,
+    sum_effects,
+)
 from dynident.robot.robot_model import Robot
 
 
@@ -58,9 +64,9 @@ def build_torque_formula(estimate: Estimate) -> TorqueFormula:
     """
     model = estimate.model
     signals, observation = model.signals, model.observation
-    torque = ca.SX(model.robot.n, 1)
-    for column, value in zip(observation.columns, estimate.values, strict=True):
-        torque += column.torque * float(value)
+    nothing_left_out = [False] * len(observation.columns)
+    values = ca.SX(ca.DM(estimate.values))
+    _, torque = sum_effects(observation.columns, values, nothing_left_out, signals.dq, get_known_speeds(estimate))
     reference = estimate.reference.vector
     # Loads that effects depend on are predicted with these parameters, which are numbers of the model and no inputs.
     torque = ca.substitute(ca.densify(torque), signals.reference, ca.SX(ca.DM(reference)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -23,12 +23,21 @@ from dynident.export.ros2_package import to_ros2_package
 from dynident.export.sdf import to_sdf
 from dynident.export.urdf import to_urdf
 from dynident.export.usd import to_usd
-from dynident.identification import Identification
+from dynident.identification import Identification, PhysicalModel, make_physical
+from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.text_encoding import encode_text
+from dynident.validation.contact_detection import FALSE_ALARMS_AN_HOUR, calibrate_contact_detection
 
 
-def export_model(identification: Identification, format: ExportFormat | str, *, nearest: bool = False) -> ExportedFile:
+def export_model(
+    identification: Identification,
+    format: ExportFormat | str,
+    *,
+    nearest: bool = False,
+    held_out: Sequence[Recording] = (),
+    false_alarms_per_hour: float = FALSE_ALARMS_AN_HOUR,
+) -> ExportedFile:
     """Return an identified model as a file for other programs.
 
     Parameters
@@ -38,13 +47,19 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
     format : str
         "json", "urdf", "sdf", "mjcf", "usd", "fmu", "mjlab", "isaac_lab", "c", "c_header", "cpp_header", "casadi",
         "ros2", "randomisation", or for the load alone "urscript", "franka_load", "kuka_load", "load_urdf".
-        Format of the file. The formats json, fmu, c, c_header, cpp_header, casadi and ros2 hold every effect; urdf,
+        Format of the file. Programs (fmu, c, c_header, cpp_header, casadi, ros2) have parameters that a robot can have:
+        where the identified ones would gain energy in a simulation, they are solved again, and a note says what that
+        costs. The formats json, fmu, c, c_header, cpp_header, casadi and ros2 hold every effect; urdf,
         sdf, mjcf and usd hold links, rotors, Coulomb and viscous friction (mjcf also springs), mjlab and isaac_lab
         those of the joints, randomisation all of these with their distribution, and what they leave out is in the
         file's `notes`. The last four hold the load of the effect `payload` alone, as controllers take it.
     nearest : bool
         For files of links and joints (urdf, sdf, mjcf, usd, mjlab, isaac_lab, randomisation): if no bodies that can
         exist have the identified parameters, write the nearest that can.
+    held_out : sequence of Recording
+        Held-out recordings without contacts: C and C++ headers then have thresholds for their observer of contacts.
+    false_alarms_per_hour : float
+        False alarms an hour that these thresholds are made for.
 
     Returns
     -------
@@ -64,9 +79,21 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
         )
     if format not in _WITHOUT_BASE:
         identification.model.robot.require_fixed_base(f"export as {format}")
-    file = WRITERS[format](identification, nearest)
+    possible = make_physical(identification) if format in _PROGRAMS else PhysicalModel(identification)
+    if format in _HEADERS:
+        contact = calibrate_contact_detection(
+            possible.identification, held_out, false_alarms_per_hour=false_alarms_per_hour
+        ) if held_out else None  # fmt: skip
+        file = _HEADERS[format](possible.identification, contact)
+        if held_out and contact is None:
+            note = "There are no thresholds for contacts: the recordings have less than 15 s of motion."
+            file = replace(file, notes=(*file.notes, note))
+    else:
+        file = WRITERS[format](possible.identification, nearest)
     if format in WHOLE_FORMATS:
-        file = replace(file, held_out_error=compute_held_out_error(identification))
+        file = replace(file, held_out_error=compute_held_out_error(possible.identification))
+    if possible.note:
+        file = replace(file, notes=(possible.note, *file.notes))
     return _add_notes(file, identification)
 
 
@@ -84,6 +111,10 @@ def compute_held_out_error(identification: Identification) -> float | None:
     return compute_moving_errors(held_out, identification.values).relative_total
 
 
+_HEADERS = {"c_header": to_c_header, "cpp_header": to_cpp_header}
+# Programs that compute a motion or its torque. A robot must be able to have their parameters; JSON is a record of those
+# that were identified.
+_PROGRAMS = WHOLE_FORMATS - {"json"}
 # Formats that do not state how the base is mounted.
 _WITHOUT_BASE = {"json", "c", "casadi"} | LOAD_FORMATS
 

@@ -20,7 +20,7 @@ from dynident.export.feasible_completion import complete_parameters
 from dynident.export.feasible_links_and_joints import FeasibleLinks, check_base, check_is_tree
 from dynident.export.mjcf import HELD_ROLES, write_mjcf
 from dynident.expressions import Program
-from dynident.identification import Identification
+from dynident.identification import Identification, make_physical
 from dynident.identification.identified_models.equation_of_motion import EquationOfMotion, build_equation_of_motion
 
 # Below this velocity (rad/s or m/s) a joint counts as standing, and its friction is that of the start of the motion.
@@ -54,6 +54,7 @@ def to_mujoco(identification: Identification, *, nearest: bool = False) -> mujoc
     """
     check_base(identification)
     check_is_tree(identification, "MuJoCo with all effects")
+    identification = make_physical(identification).identification
     standard = complete_parameters(identification, nearest=nearest)
     links = FeasibleLinks(identification, identification, standard, HELD_ROLES)
     spec = mujoco.MjSpec.from_string(write_mjcf(links))
@@ -108,6 +109,7 @@ class MissingTorque:
         temperature: FloatArray | None = None,
         runs: FloatArray | None = None,
     ) -> None:
+        identification = make_physical(identification).identification
         equation = build_equation_of_motion(identification.estimate)
         foreign = [argument.name for argument in equation.arguments if argument.name not in _KNOWN]
         if foreign:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis import compare
@@ -69,7 +70,34 @@ def measure_disturbance(
     ratios = _share_left(_BLOCKS[1] / _TIMES) / _share_left(_BLOCKS[0] / _TIMES)
     closest = np.abs(ratios[:, None] - long / np.maximum(short, 1e-300)).argmin(axis=0)
     time = _TIMES[closest]
-    return TorqueDisturbance(np.sqrt(short / _share_left(_BLOCKS[0] / time)), time)
+    deviation = np.sqrt(short / _share_left(_BLOCKS[0] / time))
+    seconds = sum(_measure_seconds(comparison) for comparison in comparisons)
+    return TorqueDisturbance(widen_for_short_data(deviation, seconds / time), time)
+
+
+def widen_for_short_data(deviation: FloatArray, lengths: FloatArray) -> FloatArray:
+    """Return deviations (n,) of normal values of which the central 90 % hold 90 % of further values.
+
+    A variance out of a short recording is uncertain. With the correlation exp(-t / time) it has about as many degrees
+    of freedom as correlation times fit into the recording, and Student's distribution says how much that widens.
+
+    Parameters
+    ----------
+    deviation : (n,)
+        Estimated standard deviations.
+    lengths : (n,)
+        Lengths of the recording in correlation times.
+    """
+    return np.asarray(deviation * stdtrit(np.maximum(lengths, 1.0), _UPPER) / ndtri(_UPPER))
+
+
+# Upper end of the central 90 %, as a probability.
+_UPPER = 0.95
+
+
+def _measure_seconds(comparison: Comparison) -> float:
+    segments = np.unique(comparison.segment)
+    return float(sum(np.ptp(comparison.t[comparison.segment == number]) for number in segments))
 
 
 def _share_left(length: FloatArray) -> FloatArray:

@@ -19,7 +19,12 @@ if TYPE_CHECKING:
     )
     from dynident.identification.identified_models.identify_from_recordings import check_same_recordings, identify
     from dynident.identification.identified_models.model_files import from_bytes, to_bytes
-    from dynident.identification.identified_models.remove_and_solve_again import reidentify, remove
+    from dynident.identification.identified_models.remove_and_solve_again import (
+        PhysicalModel,
+        make_physical,
+        reidentify,
+        remove,
+    )
     from dynident.identification.loads.current_models import CurrentModel, identify_currents
     from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, identify_gains, payload_mass
     from dynident.identification.loads.payload_weighing import PayloadVerdict, payload_from_pair
@@ -36,6 +41,7 @@ __all__ = [
     "LadderStep",
     "PayloadEstimate",
     "PayloadVerdict",
+    "PhysicalModel",
     "ReducedData",
     "ShapeConstant",
     "StandardParameters",
@@ -46,6 +52,7 @@ __all__ = [
     "identify_currents",
     "identify_gains",
     "identify_model",
+    "make_physical",
     "payload_from_pair",
     "payload_mass",
     "reidentify",

@@ -6,7 +6,7 @@ Also the outcome of a validation (pass, fail, not evaluated; with reason), and h
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 ParameterJudgement = Literal["determined", "uncertain", "zero_in_interval"]
@@ -96,6 +96,10 @@ class ValidationOutcome:
 
     verdict: Verdict
     reason: str
+
+    def prepend_reason(self, sentence: str) -> ValidationOutcome:
+        """Return the same verdict with a sentence before its reason; nothing changes for an empty one."""
+        return replace(self, reason=f"{sentence} {self.reason}") if sentence else self
 
 
 def combine_verdicts(parts: Sequence[tuple[str, ValidationOutcome]]) -> ValidationOutcome:

@@ -83,7 +83,8 @@ class SensorEffects:
             effect
             for effect in effects
             if not all(
-                inside.is_part_of_motion(column.torque) for column in build_true_columns([effect], inside).columns
+                inside.is_part_of_motion(column.torque)
+                for column in build_true_columns([effect], inside, effects).columns
             )
         )
         others = [effect for effect in sensor_effects if not _list_delay_parameters(effect)]

@@ -6,7 +6,7 @@ An effect without a known usual size gets parameters that give a chosen torque.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -14,6 +14,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.effects import (
+    CATALOGUE,
     DEFAULT_EFFECTS,
     DRIVE_ROLES,
     LINKS,
@@ -24,6 +25,7 @@ from dynident.effects import (
     Signals,
     build_columns,
     get_effect,
+    is_plain_friction,
 )
 from dynident.effects.usual_effect_sizes import get_largest_torque
 from dynident.errors import DynidentError
@@ -218,10 +220,11 @@ class TrueColumns:
     parameters: FloatArray
 
 
-def may_be_negative(effect: str, parameter: str, runs: Sequence[str]) -> bool:
+def may_be_negative(effect: str, parameter: str, runs: Sequence[str], beside: Iterable[str] = ()) -> bool:
     """Return whether physics allows a parameter below zero.
 
-    The parameter of an effect in some runs alone is a difference from the other runs, and may have either sign.
+    The parameter of an effect in some runs alone is a difference from the other runs, and may have either sign. So may
+    Coulomb and viscous friction beside other friction: they are parts of a sum, which alone resists.
 
     Parameters
     ----------
@@ -231,13 +234,22 @@ def may_be_negative(effect: str, parameter: str, runs: Sequence[str]) -> bool:
         Name of the parameter.
     runs : sequence of str
         Labels of the runs in which the effect acts; none for all.
+    beside : iterable of str
+        Ids of all effects on the robot.
 
     Returns
     -------
     bool
         True where no law of physics keeps the parameter at zero or above.
     """
-    return bool(runs) or not any(spec.resists for spec in get_effect(effect).parameters if spec.name == parameter)
+    if runs or (is_plain_friction(effect) and has_bent_friction(beside)):
+        return True
+    return not any(spec.resists for spec in get_effect(effect).parameters if spec.name == parameter)
+
+
+def has_bent_friction(effects: Iterable[str]) -> bool:
+    """Return whether there is friction other than Coulomb and viscous friction among effects."""
+    return any(get_effect(effect).is_friction and not is_plain_friction(effect) for effect in effects)
 
 
 def spread_over_joints(
@@ -338,7 +350,9 @@ def build_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: Float
     return ReferenceParameters(inertias.reshape(-1, 10), *drives)
 
 
-def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns:
+def build_true_columns(
+    effects: Sequence[TrueEffect], signals: Signals, beside: Sequence[TrueEffect] = ()
+) -> TrueColumns:
     """Return the columns of the effects on the robot of `signals`, and the values of their parameters.
 
     Parameters
@@ -347,6 +361,8 @@ def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueC
         The effects with their values.
     signals : Signals
         Signals of the robot, which the torque of the columns is an expression of.
+    beside : sequence of TrueEffect
+        Other effects on the robot, beside which friction may be a part of a sum.
 
     Returns
     -------
@@ -362,9 +378,10 @@ def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueC
     columns: list[Column] = []
     parameters: list[float] = []
     keys: set[tuple[object, ...]] = set()
+    known = [effect.effect for effect in (*effects, *beside) if effect.effect in CATALOGUE]
     for index, effect in enumerate(effects):
         pointer = f"/effects/{index}"
-        _check_effect(effect, signals.robot, pointer)
+        _check_effect(effect, signals.robot, pointer, known)
         try:
             effect_columns = build_columns([effect.choice], signals)
         except DynidentError as error:
@@ -386,7 +403,7 @@ def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueC
     return TrueColumns(tuple(columns), np.array(parameters, dtype=np.float64))
 
 
-def _check_effect(effect: TrueEffect, robot: Robot, pointer: str) -> None:
+def _check_effect(effect: TrueEffect, robot: Robot, pointer: str, beside: Sequence[str]) -> None:
     described = get_effect(effect.effect, pointer)
     if effect.effect == LINKS.effect:
         raise DynidentError(
@@ -407,7 +424,7 @@ def _check_effect(effect: TrueEffect, robot: Robot, pointer: str) -> None:
             raise DynidentError(
                 f"{effect.effect} has no parameter {name!r}; it has: {', '.join(known)}", pointer=where, title=_TITLE
             )
-        signed = may_be_negative(effect.effect, name, effect.runs)
+        signed = may_be_negative(effect.effect, name, effect.runs, beside)
         if not math.isfinite(value) or (value < 0 and not signed):
             raise DynidentError(
                 f"{name} of {effect.effect} on {effect.joint or 'the robot'} is {value}; expected a finite number"

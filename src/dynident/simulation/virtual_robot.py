@@ -156,6 +156,8 @@ class VirtualRobot:
         The joint controller; the default one where left out.
     longest_step : float
         Longest internal step in s.
+    speeds : (n,), optional
+        Speeds in rad/s or m/s beyond which friction does not fall, since no recording shows it there.
 
     Raises
     ------
@@ -171,6 +173,7 @@ class VirtualRobot:
         inertias: FloatArray | None = None,
         controller: Controller | None = None,
         longest_step: float = LONGEST_STEP,
+        speeds: FloatArray | None = None,
     ) -> None:
         robot.require_fixed_base("simulation")
         self.robot = robot
@@ -178,7 +181,7 @@ class VirtualRobot:
         self.inertias = select_inertias(robot, inertias)
         self.controller = Controller() if controller is None else controller
         self.longest_step = longest_step
-        self.dynamics: Dynamics = build_dynamics(robot, self.effects, self.inertias)
+        self.dynamics: Dynamics = build_dynamics(robot, self.effects, self.inertias, speeds)
         self.sensing = SensorEffects.from_effects(self.effects, self.inertias, self.dynamics.signals)
 
     def measure(

@@ -24,8 +24,9 @@ import casadi as ca
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.effects import MemorySignal, ReferenceParameters, RunSignal
+from dynident.effects import MemorySignal, ReferenceParameters, RunSignal, get_effect
 from dynident.effects.dependent_joint_dynamics import build_all_positions
+from dynident.effects.friction import bound_friction
 from dynident.effects.hysteresis_states import build_step_expression
 from dynident.expressions import Program, Recurrence
 from dynident.robot.robot_model import Robot
@@ -108,7 +109,9 @@ class Dynamics:
         return 4 * self.robot.n + 1 + len(self.runs)
 
 
-def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> Dynamics:
+def build_dynamics(
+    robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray, speeds: FloatArray | None = None
+) -> Dynamics:
     """Build the equation of motion of a robot.
 
     Parameters
@@ -119,6 +122,8 @@ def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
         What acts besides the links; effects of the sensors alone are left out.
     inertias : (n, 10)
         Inertial parameters of the links.
+    speeds : (n,), optional
+        Speeds in rad/s or m/s beyond which friction does not fall.
 
     Returns
     -------
@@ -127,7 +132,7 @@ def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
     """
     signals = SimulatedSignals(robot)
     truth = build_true_columns(effects, signals)
-    parts, sliding = _build_expressions(signals, truth, inertias, build_reference(robot, effects, inertias))
+    parts, sliding = _build_expressions(signals, truth, inertias, build_reference(robot, effects, inertias), speeds)
     runs = signals.find_run_signals(parts.rest)
     links = ca.mtimes(parts.mass, signals.ddq) + parts.bias
     others = _substitute_sliding_signs(parts.rest, sliding) + parts.position_torque
@@ -195,14 +200,18 @@ def list_rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> li
 
 
 def _build_expressions(
-    signals: SimulatedSignals, truth: TrueColumns, inertias: FloatArray, reference: ReferenceParameters
+    signals: SimulatedSignals,
+    truth: TrueColumns,
+    inertias: FloatArray,
+    reference: ReferenceParameters,
+    speeds: FloatArray | None,
 ) -> tuple[Expressions, tuple[Sliding, ...]]:
     """Sort the torque by its cause: the mass matrix, the position, or the velocity and memory."""
     n = signals.robot.n
     standard = ca.DM(inertias.reshape(-1))
     links = ca.mtimes(signals.mechanics.rows, standard)
     kinetic, _ = signals.mechanics.energies
-    position_torque, rest = ca.SX.zeros(n, 1), ca.SX.zeros(n, 1)
+    position_torque, rest, friction = (ca.SX.zeros(n, 1) for _ in range(3))
     for column, value in zip(truth.columns, truth.parameters, strict=True):
         # Effects of the measurement, such as drive gains, change what a sensor shows and not the motion.
         if not signals.is_part_of_motion(column.torque):
@@ -211,8 +220,15 @@ def _build_expressions(
         # Torque of the position alone is known at the beginning of a step; only the rest has to be iterated.
         if {symbol.name() for symbol in ca.symvar(torque)} <= {symbol.name() for symbol in ca.symvar(signals.q)}:
             position_torque += torque
+        elif get_effect(column.effect).is_friction and not get_effect(column.effect).needs_load:
+            friction += torque
         else:
             rest += torque
+    rest += (
+        friction
+        if speeds is None or signals.robot.linkage is not None
+        else bound_friction(friction, signals.dq, speeds)
+    )
     # Only now are all relative velocities with dry friction known: building the columns has registered them.
     sliding = signals.list_sliding(rest)
     parts = Expressions(

@@ -16,6 +16,7 @@ from scipy.special import pdtrc
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
+from dynident.estimation.residual_correlation import BLOCK, compute_block_maxima, compute_threshold
 from dynident.identification import Identification
 from dynident.identification.thresholds import ValidationOutcome
 from dynident.number_format import format_percent
@@ -42,19 +43,15 @@ SEEN = 0.95
 """Share of postures along the held-out motion and of directions in which the force that is stated shows."""
 
 HAND_CONTACT_FORCE_LIMIT = 140.0
-"""Example of a force in N that a hand or a chest may bear while it is clamped. Secondary sources give this value as
-that of ISO/TS 15066:2016, table A.2 (for hands arXiv:2311.13814, table 1), and some sources give others; the standard
-itself was not read. The limits that count are those of the user's risk assessment."""
+"""Example of a force in N that a hand or a chest may bear while it is clamped. Secondary sources give it as that of
+ISO/TS 15066:2016, table A.2 (for hands arXiv:2311.13814, table 1); the standard itself was not read, and some sources
+give others. The limits that count are those of the user's risk assessment."""
 
-# Seconds of a block, whose largest value counts once, and of an alarm: neighbouring samples depend on each other.
-_BLOCK = 1.0
 _SPEED_CLASSES = 3
 # Seconds of a class of speed, at least, that tell how large its residual is.
 _FEWEST_OF_CLASS = 3.0
 # The residual of each class is measured by this quantile, near the tail but still of many samples.
 _SCALE = 0.99
-# Share of the blocks whose largest values count as the tail, and fewest of them.
-_TAIL, _FEWEST_PEAKS = 0.1, 5
 # Times the held-out motion over which one alarm is stated at most: further out, nothing has tested the tail.
 _FARTHEST = 20.0
 # Postures along the motion that a force is tried in.
@@ -105,6 +102,11 @@ class ContactDetection:
     requested: float = FALSE_ALARMS_AN_HOUR
     force_at_rest: float | None = None
 
+    @property
+    def false_alarms_per_hour(self) -> float:
+        """The same as `false_alarms_an_hour`, by the name that requests have for it."""
+        return self.false_alarms_an_hour
+
     def compute_thresholds(self, observed: ObservedContacts) -> FloatArray:
         """Return the threshold (m, n) of every sample."""
         return np.take_along_axis(self.thresholds.T, _find_classes(observed, self.speeds), axis=0)
@@ -119,7 +121,7 @@ class ContactDetection:
         count, end = 0, -np.inf
         for time in times:
             if time >= end:
-                count, end = count + 1, time + _BLOCK
+                count, end = count + 1, time + BLOCK
         return count
 
     def describe(self) -> str:
@@ -154,7 +156,7 @@ def calibrate_contact_detection(
     identification: Identification,
     recordings: Sequence[Recording],
     *,
-    false_alarms_an_hour: float = FALSE_ALARMS_AN_HOUR,
+    false_alarms_per_hour: float = FALSE_ALARMS_AN_HOUR,
     gain: float = GAIN,
 ) -> ContactDetection | None:
     """Find thresholds for a momentum observer on held-out recordings, and the force at the tool that they detect.
@@ -165,7 +167,7 @@ def calibrate_contact_detection(
         The identified model.
     recordings : sequence of Recording
         Held-out recordings without contacts.
-    false_alarms_an_hour : float
+    false_alarms_per_hour : float
         False alarms an hour, of all joints together, that the thresholds are made for. Where the recordings are too
         short to state so few, they are made for the fewest that can be stated.
     gain : float
@@ -181,15 +183,16 @@ def calibrate_contact_detection(
     DynidentError
         As `MomentumObserver` does; or for a rate that is not above 0.
     """
-    _check_rate(false_alarms_an_hour)
+    _check_rate(false_alarms_per_hour)
     runs = [run for recording in recordings for run in observe_recording(identification, recording, gain)]
-    return fit_contact_detection(identification.model.robot, runs, false_alarms_an_hour, gain)
+    return fit_contact_detection(identification.model.robot, runs, false_alarms_per_hour, gain)
 
 
-def _check_rate(false_alarms_an_hour: float) -> None:
-    if not (np.isfinite(false_alarms_an_hour) and false_alarms_an_hour > 0):
+def _check_rate(false_alarms_per_hour: float) -> None:
+    if not (np.isfinite(false_alarms_per_hour) and false_alarms_per_hour > 0):
         raise DynidentError(
-            f"false_alarms_an_hour is {false_alarms_an_hour}; give a number above 0", pointer="/false_alarms_an_hour"
+            f"false_alarms_per_hour is {false_alarms_per_hour}; give a number above 0",
+            pointer="/false_alarms_per_hour",
         )
 
 
@@ -215,12 +218,8 @@ def fit_contact_detection(
         None where the motions are too short, or no joint feels a force at the tool.
     """
     detection = _fit_thresholds(robot, runs, false_alarms_an_hour, gain)
-    if detection is None:
-        return None
-    force, at_rest = compute_contact_forces(robot, runs, detection)
-    if force is None:
-        return None
-    return replace(detection, force=force, force_at_rest=at_rest)
+    force, at_rest = (None, None) if detection is None else compute_contact_forces(robot, runs, detection)
+    return None if detection is None or force is None else replace(detection, force=force, force_at_rest=at_rest)
 
 
 def _fit_thresholds(
@@ -233,7 +232,7 @@ def _fit_thresholds(
     rate = max(false_alarms_an_hour, 3600.0 / (_FARTHEST * seconds))
     speeds = np.array([_split_speeds([run for run, _ in runs], joint) for joint in range(robot.n)])
     # Each joint may raise an alarm, so each has its share of the false alarms.
-    share = rate / 3600.0 * _BLOCK / max(int(np.sum(robot.has_torque)), 1)
+    share = rate / 3600.0 * BLOCK / max(int(np.sum(robot.has_torque)), 1)
     thresholds = np.full((robot.n, _SPEED_CLASSES + 1), np.inf)
     for joint in np.flatnonzero(robot.has_torque):
         thresholds[joint] = _compute_joint_thresholds(runs, speeds, int(joint), share)
@@ -287,56 +286,6 @@ def _compute_joint_thresholds(runs: Sequence[Run], speeds: FloatArray, joint: in
     return thresholds
 
 
-def compute_block_maxima(values: FloatArray, period: float) -> FloatArray:
-    """Return the largest value of each whole second of values (m,) that are sampled every `period` s."""
-    length = max(1, round(_BLOCK / period))
-    count = len(values) // length
-    return np.asarray(values[: count * length].reshape(count, length).max(axis=1, initial=0.0))
-
-
-def compute_threshold(maxima: Sequence[FloatArray], share: float) -> float:
-    """Return the value that a further block's largest value exceeds with a given probability.
-
-    The excesses of the largest values over a level have an exponential tail. What their number leaves open about its
-    mean counts: of k independent excesses with the mean m, a further one is above x with the probability
-    (1 + x / (k m))⁻ᵏ (the predictive distribution; Lawless 1973). So few values make a higher threshold, by as much as
-    the stated rate needs to hold in the mean. A tail with an end that the data tell, as of bounded friction, was tried:
-    at five alarms an hour there were twenty times as many.
-
-    Parameters
-    ----------
-    maxima : sequence of (m_i,)
-        Largest values of blocks of time, which follow each other within each interval.
-    share : float
-        The probability.
-    """
-    values = np.sort(np.concatenate(maxima))[::-1]
-    count = min(max(_FEWEST_PEAKS, round(_TAIL * len(values))), len(values) - 1)
-    ratio = count / len(values) / share
-    if ratio <= 1.0:
-        return float(np.quantile(values, 1.0 - min(share, 1.0)))
-    level, mean = float(values[count]), float(np.mean(values[:count] - values[count]))
-    independent = max(count * _count_independent_blocks(maxima) / len(values), float(_FEWEST_PEAKS))
-    return level + independent * mean * float(ratio ** (1.0 / independent) - 1.0)
-
-
-def _count_independent_blocks(maxima: Sequence[FloatArray]) -> float:
-    """Return how many independent blocks these are worth: m / (1 + 2 Σ ρ²), over the lags that are beyond chance.
-
-    All lags count up to half the longest interval: a motion that is repeated again and again says little new.
-    """
-    count = sum(map(len, maxima))
-    mean, lags = float(np.mean(np.concatenate(maxima))), max(map(len, maxima)) // 2
-    sums = np.zeros(lags + 1)
-    for part in maxima:
-        own = np.correlate(part - mean, part - mean, "full")[len(part) - 1 :][: lags + 1]
-        sums[: len(own)] += own
-    if not sums[0] > 0:
-        return 1.0
-    squares = (sums[1:] / sums[0]) ** 2
-    return count / (1.0 + 2.0 * float(squares[squares > 4.0 / count].sum()))
-
-
 def compute_contact_forces(
     robot: Robot, runs: Sequence[Run], detection: ContactDetection
 ) -> tuple[float | None, float | None]:
@@ -357,6 +306,7 @@ def compute_contact_forces(
     moving: list[FloatArray] = []
     slow: list[FloatArray] = []
     total = sum(len(run.q) * period for run, period in runs)
+    hidden = _measure_hiding_friction([run for run, _ in runs])
     for run, period in runs:
         window = max(1, round(detection.within / period))
         if len(run.q) <= window + 1:
@@ -372,13 +322,23 @@ def compute_contact_forces(
         response = compute_step_response(period * np.arange(1.0, window + 1.0), detection.gain)
         for start, unit in zip(starts, torque, strict=True):
             rows = slice(start + 1, start + 1 + window)
-            # The residual is there already, and helps or hinders the force on its way to the threshold.
-            margin = thresholds[rows, None, :] - np.sign(unit) * run.residual[rows, None, :]
+            # The residual of a joint that moves is there already, and helps or hinders the force on its way to the
+            # threshold. One that stands shows nothing before the force has overcome its static friction.
+            helps = np.where(run.slow[rows, None, :], -hidden, np.sign(unit) * run.residual[rows, None, :])
+            margin = thresholds[rows, None, :] - helps
             with np.errstate(divide="ignore", invalid="ignore"):
                 needed = np.maximum(margin, 0.0) / (np.abs(unit) * response[:, None, None])
             least = np.nan_to_num(needed, nan=np.inf, posinf=np.inf).min(axis=(0, 2))
             (slow if run.slow[start].all() else moving).append(least)
     return _find_quantile(moving), _find_quantile(slow)
+
+
+def _measure_hiding_friction(runs: Sequence[ObservedContacts]) -> FloatArray:
+    """Return the static friction (n,) that nearly always is enough to explain the residual of slow joints."""
+    residual, slow = (np.concatenate([getattr(run, name) for run in runs]) for name in ("residual", "slow"))
+    return np.array(
+        [np.quantile(np.abs(own[at]), SEEN) if at.any() else 0.0 for own, at in zip(residual.T, slow.T, strict=True)]
+    )
 
 
 def _find_quantile(forces: Sequence[FloatArray]) -> float | None:

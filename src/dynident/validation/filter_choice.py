@@ -215,7 +215,7 @@ def filters_by_simulation(
     noise = sensor_noise(recording)
     motion = read_longest_piece(recording, identification.preprocessing, longest)
     progress(0.0, "simulating the recorded motion")
-    simulator = build_simulator(identification.model, identification.values)
+    simulator = build_simulator(identification.model, identification.values, speeds=identification.estimate.speeds)
     truth = _simulate_truth(simulator, motion, scale_progress(progress, 0.0, 0.3))
     # All choices of filters are tried on the same draws of the noise: their differences then hold no luck of the draw.
     draws = [_draw_recording(identification, truth, motion, noise, seed + k) for k in range(_DRAWS)]

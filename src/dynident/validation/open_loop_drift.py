@@ -14,8 +14,7 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
-from dynident.estimation.parameter_covariance import NORMAL_95
-from dynident.identification import Estimate, Identification
+from dynident.identification import Identification, PhysicalModel, make_physical
 from dynident.identification.estimators.identified_robot_simulator import (
     RecordedMotion,
     Simulator,
@@ -28,7 +27,6 @@ from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import STANDS
-from dynident.simulation.true_effects import may_be_negative
 from dynident.validation.validation_request import HORIZONS
 
 # Step of the integration in s.
@@ -107,6 +105,8 @@ def compute_open_loop_drift(
 ) -> Drift:
     """Simulate a robot with the identified parameters, without a controller, from many states of recorded motions.
 
+    Where no robot can have these, the nearest that one can have are simulated (`identification.make_physical`).
+
     Parameters
     ----------
     identification : Identification
@@ -130,8 +130,9 @@ def compute_open_loop_drift(
         joint, or a horizon is not above 0.
     """
     after = tuple(sorted(set(horizons)))
-    motions = read_driven_motions(identification, recordings)
-    simulator = build_simulator(identification.model, identification.values)
+    possible = make_physical(identification).identification
+    motions = read_driven_motions(possible, recordings)
+    simulator = build_simulator(possible.model, possible.values, speeds=possible.estimate.speeds)
     drift = simulate_from_many_starts(simulator, motions, after, progress)
     if drift is None:
         raise DynidentError(
@@ -359,15 +360,19 @@ def validate_drift(
         Where the recordings have no motion of the shortest horizon.
     """
     # Before the simulation: negative friction or inertia would make it diverge without saying why.
-    impossible = name_impossible_parameters(identification.estimate)
-    if impossible:
-        reason = f"No physical robot can have the identified parameters: {impossible}."
-        return DriftValidation(None, ValidationOutcome("fail", reason))
+    possible = make_physical(identification)
+    if not possible.is_possible:
+        return DriftValidation(None, ValidationOutcome("fail", describe_impossible(possible)))
     unknown = find_unknown_torque(identification, recordings)
     if unknown:
         return DriftValidation(None, ValidationOutcome("not_evaluated", describe_unknown_torque(unknown)))
-    drift = compute_open_loop_drift(identification, recordings, horizons, progress)
-    return DriftValidation(drift, judge_drift(drift))
+    drift = compute_open_loop_drift(possible.identification, recordings, horizons, progress)
+    return DriftValidation(drift, judge_drift(drift).prepend_reason(possible.note))
+
+
+def describe_impossible(possible: PhysicalModel) -> str:
+    """Describe why a model cannot be simulated at all, in a sentence."""
+    return f"No physical robot can have the identified parameters: {'; '.join(possible.impossible)}."
 
 
 def judge_drift(drift: Drift) -> ValidationOutcome:
@@ -383,13 +388,3 @@ def judge_drift(drift: Drift) -> ValidationOutcome:
         )
         return ValidationOutcome("fail", f"{drift.describe()} {complaint}")
     return ValidationOutcome("pass", drift.describe())
-
-
-def name_impossible_parameters(estimate: Estimate) -> str:
-    """Name the parameters that are below zero by more than chance, where nature allows no such sign."""
-    deviations = estimate.statistics.standard_deviations
-    return ", ".join(
-        f"{column.name} is {value:.3g} ± {NORMAL_95 * deviation:.2g} {column.unit}, below zero"
-        for column, value, deviation in zip(estimate.model.kept, estimate.values, deviations, strict=True)
-        if value < -NORMAL_95 * deviation and not may_be_negative(column.effect, column.parameter, column.runs)
-    )

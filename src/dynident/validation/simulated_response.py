@@ -14,7 +14,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
-from dynident.identification import Identification
+from dynident.identification import Identification, make_physical
 from dynident.identification.estimators.identified_robot_simulator import (
     RecordedMotion,
     build_simulator,
@@ -29,10 +29,10 @@ from dynident.recordings.joint_phases import SLOW
 from dynident.schema.fields import check_value
 from dynident.validation.open_loop_drift import (
     Drift,
+    describe_impossible,
     describe_unknown_torque,
     find_unknown_torque,
     judge_drift,
-    name_impossible_parameters,
     simulate_from_many_starts,
 )
 from dynident.validation.validation_request import LONGEST_SIMULATED, Simulation
@@ -117,12 +117,13 @@ def validate_simulation(
     motion = read_longest_piece(recording, identification.preprocessing, longest)
     duration = motion.reference.duration
     # Before the simulation: negative friction or inertia would make it diverge without saying why.
-    impossible = name_impossible_parameters(identification.estimate)
-    if impossible:
-        judged = ValidationOutcome("fail", f"No physical robot can have the identified parameters: {impossible}.")
+    possible = make_physical(identification)
+    identification = possible.identification
+    if not possible.is_possible:
+        judged = ValidationOutcome("fail", describe_impossible(possible))
         return SimulationValidation(recording.name, duration, None, None, None, None, limit, judged)
     try:
-        simulator = build_simulator(identification.model, identification.values)
+        simulator = build_simulator(identification.model, identification.values, speeds=identification.estimate.speeds)
         measured = simulator.follow(motion, scale_progress(progress, 0.05, 0.6))
     except DynidentError as error:
         judged = ValidationOutcome(
@@ -141,7 +142,7 @@ def validate_simulation(
     progress(0.6, "simulating without a controller")
     unknown = find_unknown_torque(identification, [recording])
     drift = None if unknown else simulate_from_many_starts(simulator, [motion])
-    judged = _judge_response(identification, motion, errors, drift, unknown, limit)
+    judged = _judge_response(identification, motion, errors, drift, unknown, limit).prepend_reason(possible.note)
     return SimulationValidation(recording.name, duration, errors, position, share, drift, limit, judged)
 
 

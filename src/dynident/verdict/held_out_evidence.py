@@ -13,6 +13,7 @@ from dynident.diagnosis.comparison.measured_against_predicted import Comparison,
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.estimation.parameter_covariance import NORMAL_95
+from dynident.estimation.residual_correlation import compute_threshold
 from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase
@@ -22,7 +23,6 @@ from dynident.validation.contact_detection import (
     FALSE_ALARMS_AN_HOUR,
     FEWEST_BLOCKS,
     SEEN,
-    compute_threshold,
 )
 
 LONGEST = 600.0

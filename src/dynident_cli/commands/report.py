@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dynident.export.export_request import ENDINGS, FORMATS, ExportChoices
 from dynident.reports.report_request import MEDIA_TYPES, ReportChoices
-from dynident_cli.option_parsers import FILE_IN_FOLDER
+from dynident_cli.option_parsers import FILE_IN_FOLDER, READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
     Json,
@@ -21,7 +22,11 @@ from dynident_cli.shared_options import (
     SomeFiles,
     Validation,
     file_option,
+    repeatable_file_option,
 )
+
+if TYPE_CHECKING:
+    from dynident.recordings import Recording
 
 
 @dataclass(frozen=True)
@@ -75,6 +80,14 @@ def report(
 
 def export(
     model: ModelArgument,
+    validation: Annotated[
+        list[Path],
+        repeatable_file_option(
+            "--validation", "-v", help="Held-out measurement without contacts, for the thresholds in a C or C++ header."
+        ),
+        READABLE_FILE,
+    ],
+    reading: Reading,
     request_options: Annotated[TypedValues, RequestOptions(ExportChoices, but=("format",))],
     out: Annotated[
         Path | None,
@@ -95,7 +108,7 @@ def export(
     from dynident.export import export_model, unpack_files
     from dynident.file_output import write_atomically
     from dynident.verdict import explain_stop
-    from dynident_cli import command_output
+    from dynident_cli import argument_loading, command_output
 
     is_folder = out is not None and (out.is_dir() or not out.suffix)
     # Only one format is a folder; a name without an ending, and without a format, means it.
@@ -104,12 +117,16 @@ def export(
         detail = f"the format is missing; give --format, or --out with one of the endings {', '.join(ENDINGS)}"
         raise DynidentError(detail, pointer="--format", title="No such format")
     choices = request_options.build_request(ExportChoices)
-    identification = load_model(model).identification
-    reason = explain_stop(identification)
+    identified = load_model(model)
+    reason = explain_stop(identified.identification)
     if reason and not choices.anyway:
         raise DynidentError(f"{reason}. To write it anyway, add --anyway", pointer=str(model), title="Not fit for use")
+    held_out: Sequence[Recording] = ()
+    if validation:
+        with argument_loading.read_recordings("export", [], identified.robot, reading, validation) as data:
+            held_out = data[1].recordings
     try:
-        file = export_model(identification, format_name, nearest=choices.nearest)
+        file = export_model(identified.identification, format_name, nearest=choices.nearest, held_out=held_out)
     except DynidentError as error:
         detail = error.detail.replace("(nearest)", "(--nearest)")
         raise DynidentError(detail, pointer="--format", title=error.title) from error

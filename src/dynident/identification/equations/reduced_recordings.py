@@ -15,10 +15,11 @@ from dynident.identification.equations.filtered_energy_power_wrench import build
 from dynident.identification.equations.model_and_data_checks import check_equations
 from dynident.identification.estimation_problem_options import RowOptions
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.recordings import Preprocessing, Recording
+from dynident.recordings import Preprocessing, Recording, filtered_blocks
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.row_cache import CachedRows, reduce_and_cache
+from dynident.simulation.true_effects import has_bent_friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,8 @@ class Data:
         The filtered rows of `torque`, where they are few.
     friction : tuple of Recording
         Tests of single joints' friction, which the strategy separate_friction alone uses.
+    speeds : (n,), optional
+        Largest speed of each joint in the recordings, in rad/s or m/s, where friction bends with the speed.
     """
 
     equations: Reduction
@@ -51,6 +54,7 @@ class Data:
     reference: ReferenceParameters
     rows: CachedRows | None = None
     friction: tuple[Recording, ...] = ()
+    speeds: FloatArray | None = None
 
     @property
     def inputs(self) -> RegressorInputs:
@@ -137,13 +141,24 @@ def reduce_to_rows(
     # Always reduce the joints' torques as well: errors of all equation types are compared in them.
     inputs = replace(inputs, recordings=ordinary)
     data = reduce_torque(model, inputs, scale_progress(progress, 0.0, share), known)
-    data = replace(data, friction=friction)
+    data = replace(data, friction=friction, speeds=find_largest_speeds(model, inputs))
     if rows.model == "dynamic":
         return data
     equations = build_equations(model, rows, inputs, scale_progress(progress, share, 1.0))
     # Refused here, where it can still be said that the torques would show what these rows do not.
     check_equations(model, rows.model, equations, data.torque)
     return replace(data, equations=equations)
+
+
+def find_largest_speeds(model: Model, inputs: RegressorInputs) -> FloatArray | None:
+    """Return the largest filtered speed (n,) of each joint; None for a model whose friction is a straight line."""
+    if not has_bent_friction(choice.effect for choice in model.effects):
+        return None
+    largest = np.zeros(model.robot.n)
+    for recording in inputs.recordings:
+        for block in filtered_blocks(recording, inputs.preprocessing):
+            largest = np.maximum(largest, np.abs(block.dq[block.used]).max(axis=0, initial=0.0))
+    return largest
 
 
 def reduce_torque(
@@ -195,6 +210,9 @@ class ReducedData:
         Held-out recordings that hold samples of the fit, so that the held-out error is none.
     digests : tuple of str
         Digests of the samples of the fit, one a recording.
+    speeds : (n,), optional
+        Largest speed of each joint in the recordings of the fit, in rad/s or m/s, where friction bends with the speed;
+        None for other models, and those of earlier files.
     """
 
     equations: Reduction
@@ -206,6 +224,7 @@ class ReducedData:
     validation_names: tuple[str, ...] = ()
     copied: tuple[str, ...] = ()
     digests: tuple[str, ...] = ()
+    speeds: FloatArray | None = None
 
     def __repr__(self) -> str:
         held_out = ", ".join(self.validation_names) or "nothing"
@@ -264,4 +283,4 @@ class ReducedData:
         Data
             The same equations, with what some estimators need beside them.
         """
-        return Data(self.equations, self.training, recordings, self.preprocessing, reference)
+        return Data(self.equations, self.training, recordings, self.preprocessing, reference, speeds=self.speeds)

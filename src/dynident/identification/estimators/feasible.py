@@ -77,7 +77,7 @@ def solve_feasible(request: Problem) -> Fit:
     model, data, known = request.model, request.data, request.known
     unconstrained = solve_weighted(data.equations, known)
     believed = build_standard_prior(model, request.trust, unconstrained)
-    problem = build_problem(model, data.equations, known, believed.approximate_at(believed.belief.mean))
+    problem = build_problem(model, data.equations, known, believed.approximate_at(believed.belief.mean), data.speeds)
     # Beside a prior rows count as information: correlated ones must not count as independent samples.
     levels = compute_noise_levels if known is None else compute_correlated_noise
     noise = unconstrained.noise
@@ -86,7 +86,7 @@ def solve_feasible(request: Problem) -> Fit:
         if believed.entropic is None:
             constrained = problem.solve(noise)
         else:
-            problem, constrained = minimise_entropic_cost(model, problem, believed, noise)
+            problem, constrained = minimise_entropic_cost(model, problem, believed, noise, data.speeds)
         # The noise depends on the residual, and that on the weights by the noise: iterate until both agree.
         before, noise = noise, levels(data.equations, problem.to_base_parameters(constrained))
         if converged := are_weights_settled(data.equations, before, noise):
@@ -130,7 +130,12 @@ class NearestFeasible:
 
 
 def find_nearest_feasible(
-    model: Model, equations: Reduction, solution: Solution, trust: DescriptionTrust, weak: float = _TO_COMPARE
+    model: Model,
+    equations: Reduction,
+    solution: Solution,
+    trust: DescriptionTrust,
+    weak: float = _TO_COMPARE,
+    speeds: FloatArray | None = None,
 ) -> NearestFeasible:
     """Find the parameters of a robot that can exist nearest to those of a solution, whatever estimated it.
 
@@ -146,6 +151,8 @@ def find_nearest_feasible(
         Prior from the description, if any, and how far it is trusted.
     weak : float
         What a usual error of the description counts for in what the data leave open, in standard deviations.
+    speeds : (n,), optional
+        Largest recorded speeds in rad/s or m/s, up to which all friction together must resist.
 
     Returns
     -------
@@ -159,14 +166,14 @@ def find_nearest_feasible(
     """
     # Without the prior: the distance shall be one from what the data say, and the description only fills in the rest.
     believed = build_standard_prior(model, replace(trust, prior=None), solution)
-    problem = build_problem(model, equations, solution.known, believed.approximate_at(believed.belief.mean))
+    problem = build_problem(model, equations, solution.known, believed.approximate_at(believed.belief.mean), speeds)
     constrained = problem.solve_nearest_to(solution, weak)
     values = problem.to_base_parameters(constrained)
     # The factor is the root of the information matrix, so this is the distance in standard deviations.
     distance = float(np.linalg.norm(solution.factor @ (values - solution.values)))
-    limits = [model.columns[k].name for k in constrained.zeros] + [
-        problem.bodies[place].name for place in constrained.edges
-    ]
+    names = problem.bound_names
+    limits = [model.columns[k].name for k in constrained.zeros]
+    limits += dict.fromkeys(names[place] for place in constrained.edges)
     return NearestFeasible(values, problem.to_standard_parameters(constrained), distance, tuple(limits))
 
 
@@ -208,7 +215,11 @@ def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: Desc
 
 
 def minimise_entropic_cost(
-    model: Model, problem: FeasibleProblem, believed: StandardPrior, noise: FloatArray
+    model: Model,
+    problem: FeasibleProblem,
+    believed: StandardPrior,
+    noise: FloatArray,
+    speeds: FloatArray | None = None,
 ) -> tuple[FeasibleProblem, ConstrainedSolution]:
     """Minimise the cost with the entropic prior by Newton's method.
 
@@ -233,7 +244,7 @@ def minimise_entropic_cost(
     values = problem.solve(noise).values
     values[prior.columns] = believed.belief.mean[prior.columns] / unit[prior.columns]
     for _ in range(_MOST_STEPS):
-        problem = build_problem(model, problem.equations, problem.known, believed.approximate_at(unit * values))
+        problem = build_problem(model, problem.equations, problem.known, believed.approximate_at(unit * values), speeds)
         constrained = problem.solve(noise)
         # The minimiser of the normal approximation is Newton's step, as the approximation has the slope and curvature
         # of the cost.
@@ -270,11 +281,14 @@ def _list_warnings(
     at_zero = [model.columns[k].name for k in constrained.zeros]
     if at_zero:
         sentences.append(f"Held at zero, because negative values are not physically possible: {', '.join(at_zero)}.")
-    at_edge = [problem.bodies[place].name for place in constrained.edges]
+    at_edge = [problem.bound_names[place] for place in constrained.edges if place < len(problem.bodies)]
+    pushed = dict.fromkeys(problem.bound_names[p] for p in constrained.edges if p >= len(problem.bodies))
     if at_edge:
         sentences.append(
             f"Held at the limit of physical feasibility (no part of a body has negative mass): {', '.join(at_edge)}."
         )
+    if pushed:
+        sentences.append(f"Held where it would drive the motion at some speed: {', '.join(pushed)}.")
     if sentences:
         sentences.append("The standard deviations assume that these limits are exact.")
     # A constraint that costs much says that the data contradict the model, or do not determine it.

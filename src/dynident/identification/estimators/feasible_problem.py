@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.effects import Column, Role, get_effect, get_role, get_spec
+from dynident.effects import Column, get_effect, get_spec, is_plain_friction
 from dynident.errors import DynidentError
 from dynident.estimation import PriorInformation, Reduction, Solution
 from dynident.estimation.constrained_least_squares import (
@@ -29,6 +31,7 @@ from dynident.identification.estimation_problem_options import DescriptionTrust
 from dynident.identification.standard_parameters import Body, StandardParameters, find_bodies
 from dynident.regressors.model_structure import Model
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
+from dynident.simulation.true_effects import has_bent_friction
 
 # Smallest eigenvalue of a pseudo-inertia, in units of the usual error of a description: exported bodies must not be
 # flat.
@@ -97,6 +100,8 @@ class FeasibleProblem:
         Bodies whose pseudo-inertia must have no negative eigenvalue.
     not_negative : (k,)
         Numbers of the parameters that cannot be negative.
+    friction : tuple of FrictionBound
+        Sums of friction that must resist.
     """
 
     equations: Reduction
@@ -109,6 +114,12 @@ class FeasibleProblem:
     open: FloatArray
     bodies: tuple[Body, ...]
     not_negative: IndexArray
+    friction: tuple[FrictionBound, ...] = ()
+
+    @property
+    def bound_names(self) -> list[str]:
+        """Names of what the matrix bounds hold, in their order."""
+        return [body.name for body in self.bodies] + [bound.name for bound in self.friction]
 
     def to_base_parameters(self, constrained: ConstrainedSolution) -> FloatArray:
         """Return the base parameters (b,) of a solution."""
@@ -164,6 +175,26 @@ class FeasibleProblem:
         # One matrix inequality for each body: its pseudo-inertia, in units of its usual error, at least a small
         # multiple of the identity.
         bounds = [MatrixBound(body.columns, PSEUDO_INERTIA_PARTS, -_LEAST * np.eye(4)) for body in self.bodies]
+        # A sum of friction that must not be negative is a matrix of one entry.
+        sums = [
+            MatrixBound(bound.columns, (self.unit[bound.columns] * bound.weights)[:, None, None], np.zeros((1, 1)))
+            for bound in self.friction
+        ]
+        held: list[int] = []
+        # Few sums are ever below zero. Only those are given to the solver, which is the more exact the fewer there are.
+        while True:
+            constrained = self._solve_with_bounds(rows, right, [*bounds, *(sums[place] for place in held)])
+            below = [k for k, bound in enumerate(sums) if k not in held and _is_below_zero(bound, constrained.values)]
+            if not below:
+                break
+            held += below
+        # Numbers of the matrices as in `bound_names`.
+        places = [*range(len(bounds)), *(len(bounds) + place for place in held)]
+        return replace(constrained, edges=tuple(places[place] for place in constrained.edges))
+
+    def _solve_with_bounds(
+        self, rows: FloatArray, right: FloatArray, bounds: Sequence[MatrixBound]
+    ) -> ConstrainedSolution:
         try:
             constrained = solve_constrained(rows, right, bounds, self.not_negative)
         except InfeasibleError as error:
@@ -227,7 +258,11 @@ def build_standard_prior(model: Model, trust: DescriptionTrust, unconstrained: S
 
 
 def build_problem(
-    model: Model, equations: Reduction, known: PriorInformation | None, believed: StandardPrior
+    model: Model,
+    equations: Reduction,
+    known: PriorInformation | None,
+    believed: StandardPrior,
+    speeds: FloatArray | None = None,
 ) -> FeasibleProblem:
     """Build the problem with a normal prior; an entropic one replaces what is known.
 
@@ -241,6 +276,8 @@ def build_problem(
         What is known of the base parameters.
     believed : StandardPrior
         Prior on the standard parameters, with its normal approximation.
+    speeds : (n,), optional
+        Largest recorded speed of each joint, in rad/s or m/s, up to which all friction together must resist.
 
     Returns
     -------
@@ -272,6 +309,7 @@ def build_problem(
             b for b in find_bodies(model.columns) if int(b.columns[0]) not in believed.first_columns_without_bound
         ),
         not_negative=_list_not_negative(model),
+        friction=() if speeds is None else list_friction_bounds(model, speeds),
     )
 
 
@@ -295,15 +333,13 @@ def _list_not_negative(model: Model) -> IndexArray:
 
     Beside other friction effects Coulomb and viscous friction are only parts of a sum, which alone has a sign.
     """
-    others = any(
-        get_effect(c.effect).is_friction and not get_effect(c.effect).fits_roles(_PLAIN_FRICTION) for c in model.effects
-    )
+    others = has_bent_friction(choice.effect for choice in model.effects)
     return np.array(
         [
             k
             for k, column in enumerate(model.columns)
             # Friction of some runs alone is the difference from the other runs, and may have any sign.
-            if _is_positive(column) and not (get_role(column) in _PLAIN_FRICTION and (column.runs or others))
+            if _is_positive(column) and not (is_plain_friction(column.effect) and (column.runs or others))
         ],
         dtype=np.intp,
     )
@@ -314,4 +350,78 @@ def _is_positive(column: Column) -> bool:
     return spec is not None and (spec.positive or spec.resists)
 
 
-_PLAIN_FRICTION: tuple[Role, ...] = ("dry", "damping")
+# Speeds, as shares of the largest recorded one, at which friction must resist: close where laws bend. Few rows of
+# motion are slower, so that what a law says below is little more than its continuation.
+_SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
+
+
+# Share of a sum's terms by which rounding leaves it below zero.
+_BELOW = 1e-8
+
+
+def _is_below_zero(bound: MatrixBound, values: FloatArray) -> bool:
+    terms = bound.parts[:, 0, 0] * values[bound.columns]
+    return bool(terms.sum() < -_BELOW * np.abs(terms).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionBound:
+    """A sum of friction that must resist the motion: Σ weights φ ≥ 0.
+
+    Parameters
+    ----------
+    name : str
+        What it is of, such as "friction of joint2".
+    columns : (k,)
+        Numbers of the parameters in it.
+    weights : (k,)
+        Torque for a unit of each, against the motion.
+    """
+
+    name: str
+    columns: IndexArray
+    weights: FloatArray
+
+
+def list_friction_bounds(model: Model, speeds: FloatArray) -> tuple[FrictionBound, ...]:
+    """Return the sums of friction, one a joint, direction and speed, that nature does not let be negative.
+
+    Effects by load, position, temperature or time count with none of it, and those of some runs do not count: each
+    sum is that of a joint alone, unloaded, which slides steadily.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its columns.
+    speeds : (n,)
+        Largest recorded speed of each joint, in rad/s or m/s.
+    """
+    robot, signals = model.robot, model.signals
+    if robot.linkage is not None or not has_bent_friction(choice.effect for choice in model.effects):
+        return ()
+    moves = (signals.dq, signals.memory_symbols)
+    own = [
+        (k, robot.joint_names.index(column.link))
+        for k, column in enumerate(model.columns)
+        if get_effect(column.effect).is_friction
+        and not column.runs
+        and column.link in robot.joint_names
+        and set(map(str, ca.symvar(column.torque))) <= set(map(str, ca.symvar(ca.vertcat(*moves))))
+    ]
+    torque = ca.vertcat(*(model.columns[k].torque[j] for k, j in own)) if own else ca.SX(0, 1)
+    # The columns' own signs are of the velocity; hysteresis that slides steadily has the sign of its joint.
+    evaluate = ca.Function("friction", list(moves), [ca.densify(torque)])
+    joints = [item.joint for item in signals.memory_signals]
+    bounds = []
+    for joint, name in enumerate(robot.joint_names):
+        members = [place for place, (_, j) in enumerate(own) if j == joint]
+        if not members or not speeds[joint] > 0:
+            continue
+        columns = np.array([own[place][0] for place in members], dtype=np.intp)
+        for speed in (*_SPEEDS, *(-share for share in _SPEEDS)):
+            dq = np.zeros(robot.n)
+            dq[joint] = speed * speeds[joint]
+            sliding = np.array([np.sign(dq[j]) for j in joints])
+            weights = np.sign(speed) * np.asarray(ca.DM(evaluate(dq, sliding))).ravel()[members]
+            bounds.append(FrictionBound(f"friction of {name}", columns, weights))
+    return tuple(bounds)

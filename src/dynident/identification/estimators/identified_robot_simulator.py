@@ -99,7 +99,6 @@ def align_commanded_motion(recording: Recording, smooth: Preprocessing) -> Comma
     late = tuple(_delay_motion(motion, delay) for motion in ahead)
     gap = np.concatenate([m.reference.q - c.reference.q for m, c in zip(measured, late, strict=True)])
     size = np.std(np.concatenate([m.reference.q for m in measured]), axis=0)
-    # A joint that hardly moves has no motion that the difference could be compared with.
     moving = size > 1e-3 * size.max()
     rest = np.sqrt(np.mean(gap**2, axis=0))[moving] / size[moving]
     return CommandedMotion(late, delay, float(rest.max(initial=0.0)))
@@ -222,12 +221,11 @@ def _iterate_pieces(recording: Recording, preprocessing: Preprocessing) -> Itera
     piece: list[_Rows] = []
     segment = 0
     for block in filtered_blocks(recording, preprocessing):
-        # A new segment is a new motion: time and positions jump.
         if block.starts_segment and piece:
             yield segment, piece
             piece = []
         segment = block.segment
-        # Samples come in blocks, and a piece may go on from one block to the next.
+        # A piece may go on from one block to the next.
         borders = np.flatnonzero(np.diff(block.used)) + 1
         for first, last in zip([0, *borders], [*borders, len(block.t)], strict=True):
             if first < last and block.used[first]:
@@ -396,6 +394,7 @@ def build_simulator(
     links: FloatArray | None = None,
     controller: Controller | None = None,
     longest_step: float = LONGEST_STEP,
+    speeds: FloatArray | None = None,
 ) -> Simulator:
     """Build the virtual robot with these base parameters.
 
@@ -411,6 +410,8 @@ def build_simulator(
         Joint control; that of the virtual robot by default.
     longest_step : float
         Longest internal step in s.
+    speeds : (n,), optional
+        Largest recorded speeds in rad/s or m/s, beyond which friction does not fall.
 
     Raises
     ------
@@ -419,7 +420,6 @@ def build_simulator(
     """
     robot = model.robot
     standard = compute_possible_standard(model, values)
-    # Links that the model leaves out keep the inertia of the description.
     inertias, rotors = model.compute_standard_inertia(values).reshape(-1, 10).copy(), np.zeros(robot.n)
     for k, column in enumerate(model.columns):
         if get_role(column) == "link":
@@ -428,7 +428,6 @@ def build_simulator(
         elif get_role(column) == "rotor":
             standard[k] = standard[k] if links is None else 0.0
             rotors[robot.joint_names.index(column.link)] = standard[k]
-    # A rotor without inertia would only cost time.
     turning = [rotor for rotor in spread_over_joints(robot, *ROTOR_INERTIA, rotors) if rotor.values[0][1] > 0]
     virtual = VirtualRobot(
         _remove_effort_limits(robot),
@@ -436,6 +435,7 @@ def build_simulator(
         inertias=inertias if links is None else links,
         controller=controller,
         longest_step=longest_step,
+        speeds=speeds,
     )
     return Simulator(virtual, model.base.grouping @ standard)
 
@@ -464,12 +464,12 @@ def compute_possible_standard(model: Model, values: FloatArray) -> FloatArray:
             standard[k] = rotors[model.robot.joint_names.index(column.link)]
         else:
             standard[k] = own.get(k, 0.0)
-    impossible = [
-        k for k, c in enumerate(model.columns) if standard[k] < 0 and not may_be_negative(c.effect, c.parameter, c.runs)
-    ]
+    effects = [choice.effect for choice in model.effects]
+    may_be = [may_be_negative(c.effect, c.parameter, c.runs, effects) for c in model.columns]
+    impossible = np.flatnonzero((standard < 0) & ~np.array(may_be, dtype=bool))
     standard[impossible] = 0.0
     links = [k for k, column in enumerate(model.columns) if get_role(column) == "link"]
-    if impossible and links:
+    if len(impossible) and links:
         # The smallest change of the links that gives the base parameters back, now that some parameters were set to
         # zero.
         gap = values - model.base.grouping @ standard

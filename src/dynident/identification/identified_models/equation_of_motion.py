@@ -12,8 +12,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from dynident.array_types import FloatArray
 from dynident.effects import Column, RunSignal, Signals, get_effect, get_role
 from dynident.effects.dependent_joint_dynamics import build_all_positions
+from dynident.effects.friction import bound_friction
 from dynident.effects.hysteresis_states import build_step_expression
 from dynident.effects.newton_euler import build_inverse_dynamics
 from dynident.effects.rigid_body_rows import build_frames, cross_product, to_constant
@@ -182,13 +184,7 @@ def build_equation_of_motion(estimate: Estimate) -> EquationOfMotion:
     else:
         coriolis, momentum = moving - gravity, ca.mtimes(mass, signals.dq)
     energy = ca.dot(signals.dq, momentum) / 2
-    friction, effects = ca.SX.zeros(n, 1), ca.SX.zeros(n, 1)
-    for k, column in enumerate(observation.columns):
-        if inertial[k]:
-            continue
-        effects += column.torque * base[k]
-        if get_effect(column.effect).is_friction:
-            friction += column.torque * base[k]
+    friction, effects = sum_effects(observation.columns, base, inertial, signals.dq, get_known_speeds(estimate))
     fixed = ca.SX(ca.DM(estimate.reference.vector))
     effects, friction = (ca.substitute(ca.densify(part), signals.reference, fixed) for part in (effects, friction))
     states, before = [signals.memory(item) for item in observation.memory], ca.SX.sym("q_before", n)
@@ -221,6 +217,46 @@ def build_equation_of_motion(estimate: Estimate) -> EquationOfMotion:
         z_next=z_next,
         q_before=before,
     )
+
+
+def get_known_speeds(estimate: Estimate) -> FloatArray | None:
+    """Return the largest recorded speeds (n,), beyond which friction must not fall; None if unknown."""
+    # Friction of joints that follow others depends on the speeds of several.
+    return None if estimate.model.robot.linkage is not None else estimate.speeds
+
+
+def sum_effects(
+    columns: Sequence[Column], base: ca.SX, left_out: Sequence[bool], dq: ca.SX, speeds: FloatArray | None
+) -> tuple[ca.SX, ca.SX]:
+    """Return the torque (n, 1) of the effects that are friction, and of all effects.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+        Columns of the base parameters.
+    base : SX (b, 1)
+        Base parameters.
+    left_out : sequence of bool
+        Columns that are no effects: those of links and rotors.
+    dq : SX (n, 1)
+        Velocities.
+    speeds : (n,), optional
+        Largest recorded speeds, beyond which friction does not fall.
+    """
+    of_speed, of_load, others = (ca.SX.zeros(dq.numel(), 1) for _ in range(3))
+    for k, column in enumerate(columns):
+        if left_out[k]:
+            continue
+        effect = get_effect(column.effect)
+        # The load depends on the speed, too, but friction by the load does not grow with it.
+        if effect.is_friction and not effect.needs_load:
+            of_speed += column.torque * base[k]
+        elif effect.is_friction:
+            of_load += column.torque * base[k]
+        else:
+            others += column.torque * base[k]
+    friction = of_load + (of_speed if speeds is None else bound_friction(of_speed, dq, speeds))
+    return friction, friction + others
 
 
 def list_motion_arguments(signals: Signals) -> tuple[Argument, ...]:

@@ -421,6 +421,7 @@ def identify_model(
         preprocessing,
         tuple(recording.name for recording in recordings),
         tuple(recording.name for recording in validation),
+        speeds=training.speeds,
     )
     identified = finalise_identification(model, choices, training, data, shaped=reduce_shapes)
     return replace(identified, in_memory=RowsInMemory(training.rows, None if held_out is None else held_out.rows))

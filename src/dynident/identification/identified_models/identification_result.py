@@ -132,6 +132,8 @@ class Estimate:
         Numbers of the parameters that were set to zero as not essential.
     shape_constants : tuple of ShapeConstant
         Shape constants of the effects, with what the joints' torques say of them.
+    speeds : (n,), optional
+        Largest recorded speeds, in rad/s or m/s, beyond which friction does not fall in programs.
     """
 
     model: Model
@@ -143,6 +145,7 @@ class Estimate:
     standard: StandardParameters | None = None
     not_essential: tuple[int, ...] = ()
     shape_constants: tuple[ShapeConstant, ...] = ()
+    speeds: FloatArray | None = None
 
     @classmethod
     def from_solution(
@@ -188,7 +191,9 @@ class Estimate:
         # A joint without rows has no residual, and what is divided by its noise must stay a number.
         noise = floor_noise(noise)
         owed = find_prior_dominated(data.equations, solution)
-        return cls(model, reference, solution, statistics, noise, owed, standard, not_essential, shape_constants)
+        return cls(
+            model, reference, solution, statistics, noise, owed, standard, not_essential, shape_constants, data.speeds
+        )
 
     def __repr__(self) -> str:
         return f"Estimate({self.model.robot.name}: {self.model.n_parameters} base parameters)"

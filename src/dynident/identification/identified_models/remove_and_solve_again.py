@@ -6,7 +6,7 @@ Effects are removed by algebra on the reduced data.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,15 +16,18 @@ from dynident.effects.effect_columns import find_joints
 from dynident.effects.effect_text_format import format_constant
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
+from dynident.identification.estimators.feasible_problem import list_friction_bounds
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.identified_models.fit_model import SubmodelRelation, finalise_identification
 from dynident.identification.identified_models.identification_result import NONE_IN_MEMORY, Identification, LadderStep
 from dynident.identification.methods.base_classes import ESTIMATORS, STRATEGIES
 from dynident.identification.shape_refinement import list_shape_variables
+from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.regressors.base_parameters import find_base_parameters_among
 from dynident.regressors.model_structure import Model, build_model, check_columns
 from dynident.robot import Robot
+from dynident.simulation.true_effects import may_be_negative
 
 _RECORDINGS_NEEDED = "Recordings needed"
 
@@ -69,6 +72,104 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
     )
     # Rows in memory belong to the columns of the larger model, so a smaller one starts without any.
     return replace(identified, in_memory=identification.in_memory if part is None else NONE_IN_MEMORY)
+
+
+@dataclass(frozen=True, eq=False)
+class PhysicalModel:
+    """A model that can be simulated: a robot that can exist, whose friction resists.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model itself, or the nearest one to its data that a robot can be.
+    impossible : tuple of str
+        What no robot has of the identified one, a few words each; none where it can be simulated as it is.
+    note : str
+        The same with what the change costs, a sentence; empty where nothing was changed.
+    """
+
+    identification: Identification
+    impossible: tuple[str, ...] = ()
+    note: str = ""
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether `identification` can be simulated."""
+        return not self.impossible or bool(self.note)
+
+
+@single_threaded
+def make_physical(identification: Identification) -> PhysicalModel:
+    """Return a model that can be simulated, solved again from the same data where the identified one cannot be.
+
+    Least squares may give a rotor, a mass matrix or friction that no robot has, where that fits the data better. It
+    predicts torque near the recorded motion, but a simulation with it gains energy from nowhere.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model, with its reduced data.
+
+    Returns
+    -------
+    PhysicalModel
+        The model, and what had to be changed. It is the identified one, with what is impossible in it, where its data
+        cannot be solved again.
+    """
+    impossible = tuple(list_impossible(identification))
+    if not impossible or identification.model.is_at_rest:
+        return PhysicalModel(identification)
+    try:
+        choices = replace(identification.choices, estimator="feasible", strategy="global")
+        possible = reidentify(identification, choices)
+    except DynidentError:
+        return PhysicalModel(identification, impossible)
+    if list_impossible(possible):
+        return PhysicalModel(identification, impossible)
+    before, after = (
+        model.fit_judged if model.held_out_judged is None else model.held_out_judged
+        for model in (identification, possible)
+    )
+    data = "the data of the fit" if identification.held_out_judged is None else "held-out data"
+    note = (
+        f"The identified parameters are not those of a robot that can exist ({'; '.join(impossible)}), and would gain "
+        "energy in a simulation. These are the feasible ones that fit the same data best: the error on "
+        f"{data} is {format_percent(after.relative_total)} instead of {format_percent(before.relative_total)}."
+    )
+    return PhysicalModel(possible, impossible, note)
+
+
+def list_impossible(identification: Identification) -> list[str]:
+    """Return what makes a simulation of a model impossible, a few words each."""
+    model, values = identification.model, identification.values
+    effects = [choice.effect for choice in model.effects]
+    rounding = _ROUNDING * float(np.abs(values).max(initial=0.0))
+    reasons = [
+        f"{column.name} = {value:.3g} {column.unit}"
+        for column, value in zip(model.kept, values, strict=True)
+        if value < -rounding and not may_be_negative(column.effect, column.parameter, column.runs, effects)
+    ]
+    if identification.worst_inertia_eigenvalue <= 0:
+        reasons.append("an inertia matrix that is not positive definite in every posture")
+    if identification.estimate.speeds is not None:
+        reasons += _list_driving_friction(model, values, identification.estimate.speeds)
+    return reasons
+
+
+def _list_driving_friction(model: Model, values: FloatArray, speeds: FloatArray) -> list[str]:
+    # Columns that others absorbed are zero here, and in the others.
+    standard = np.zeros(len(model.columns))
+    standard[list(model.base.kept)] = values
+    names = [
+        bound.name
+        for bound in list_friction_bounds(model, speeds)
+        if bound.weights @ standard[bound.columns] < -_ROUNDING * np.abs(bound.weights * standard[bound.columns]).sum()
+    ]
+    return [f"{name} that drives it" for name in dict.fromkeys(names)]
+
+
+# Share of the largest parameter that the solver of feasible parameters leaves by rounding.
+_ROUNDING = 1e-7
 
 
 def check_reduced_data(identification: Identification, choices: IdentificationChoices) -> None:
