@@ -60,8 +60,7 @@ from dynident.identification.recording_faults.unexplained_torque import (
 from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot
 
-MOST_JOINTS = 12
-"""Longer chains have too many pairs to be tried while somebody waits."""
+MOST_JOINTS = 12  # longer chains have too many pairs to be tried while somebody waits
 
 _CERTAIN, _CERTAIN_OF_JOINTS, SOUND = 1.2, 2.4, 0.2
 """Sum over the joints of the logarithm of what is left that falls without a fault, from which on nothing else is
@@ -152,11 +151,10 @@ def search_bands(
     bands : sequence of Motion and float
         Rows of the recording by cut-offs, from `filter_for_search`.
     judges : HeldOutFits
-        Fits of the robot.
 
     Returns
     -------
-    tuple of int, faults and UnexplainedTorque, or None
+    tuple or None
         Number of the band, the first where none shows a fault, and what `search_faults` returns of it.
     """
     first = None
@@ -210,9 +208,8 @@ def search_faults(
         # several joints at once this is not so. The zero of a joint may be what the description has wrong.
         may_be_sure = step.fault.kind not in ("torque scaled", "joint zero") or len(step.fault.joints) > 1
         certain = may_be_sure and summed >= least and step.unexplained.average_share <= SOUND
-        findings.append(
-            DetectedFault(step.fault, step.alike, now.average_share, step.unexplained.average_share, certain)
-        )
+        left = (now.average_share, step.unexplained.average_share)
+        findings.append(DetectedFault(step.fault, step.alike, *left, certain))
         motion, now = mended, step.unexplained
     return tuple(findings), now
 
@@ -253,12 +250,12 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         *list_angle_faults(robot, motion, judge, now),
     ]
     off = find_drives_off(sizes.frictions)
-    possible = [fault for fault in among if _is_possible_fault(fault, robot, motion, sizes)]
-    # Little friction may be that of a small joint: turned, its torque is explained much better.
     possible = [
         fault
-        for fault in possible
-        if fault.own_joints not in off or now.is_turned(fault, judge.measure_unexplained(fault.mend(motion)))
+        for fault in among
+        if _is_possible_fault(fault, robot, motion, sizes)
+        # Little friction may be that of a small joint: turned, its torque is explained much better.
+        and (fault.own_joints not in off or now.is_turned(fault, judge.measure_unexplained(fault.mend(motion))))
     ]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)
