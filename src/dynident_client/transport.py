@@ -29,16 +29,16 @@ PATIENCE = 60.0
 
 @dataclass(frozen=True)
 class Event:
-    """One event of a job.
+    """One event of a job, or of a recording under way.
 
     Parameters
     ----------
     id : str
         Number of the event, from which a lost stream continues.
     event : str
-        Kind of the event: "progress" or "state".
+        Kind of the event: "progress" or "state" of a job, "estimate" or "finished" of a recording.
     data : mapping
-        Fraction and message of a progress, or the state.
+        Fraction and message of a progress, the state, or the estimate.
     """
 
     id: str

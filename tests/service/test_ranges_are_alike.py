@@ -143,8 +143,11 @@ def test_the_walk_through_the_bodies_sees_every_number() -> None:
     seen = list(operations())
     texts = {leaf.body for _, _, leaf in seen}
     assert len(seen) > 100
-    for path in CONTRACT["paths"].values():
-        for operation in path.values():
+    # What a recording measured may be any number.
+    measured = {"/v1/measurements/{measurement_id}/rows"}
+    assert measured <= set(CONTRACT["paths"])
+    for path in set(CONTRACT["paths"]) - measured:
+        for operation in CONTRACT["paths"][path].values():
             content = operation.get("requestBody", {}).get("content", {}).get("application/json", {"schema": {}})
             assert {text.replace(" ", "") for text in _bodies(content["schema"])} <= {
                 one.replace(" ", "") for one in texts

@@ -183,7 +183,17 @@ def recorded(bench: Bench, robot: Robot) -> list[Measurement]:
     taken = client.measurements.of_import(looked_at)
     shorter = client.measurements.revise(taken, windows=[[1.0, 9.0]])
     assert shorter["parent_id"] == taken.id
+    recorded_while_the_robot_moves(client, robot, content)
     return runs
+
+
+def recorded_while_the_robot_moves(client: Client, robot: Robot, content: bytes) -> None:
+    live = client.measurements.begin(robot, "live")
+    client.measurements.append_rows(live, content, offset=0, media_type="application/vnd.apache.parquet")
+    first = next(event for event in client.measurements.follow(live) if event.event == "estimate")
+    assert first.data["rows"] > 100
+    done = client.measurements.append_rows(live, b"", offset=first.data["rows"], finished=True)
+    assert done["n_samples"] == first.data["rows"]
 
 
 def identified(client: Client, robot: Robot, runs: list[Measurement]) -> tuple[Record, Record]:

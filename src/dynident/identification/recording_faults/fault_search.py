@@ -187,8 +187,7 @@ def search_faults(
         return None
     findings: list[DetectedFault] = []
     now = judge.measure_unexplained(motion)
-    # Mend the clearest fault, then look again: several faults hide each other, and the first one's cure changes the
-    # rest.
+    # Mend the clearest fault, then look again: several hide each other, and the first one's cure changes the rest.
     while len(findings) < _MOST_FAULTS:
         step = _find_best_fault(judge, robot, motion, now)
         if step is None:
