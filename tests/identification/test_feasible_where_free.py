@@ -71,12 +71,30 @@ def test_estimates_of_a_robot_stay_to_the_last_digit() -> None:
 
 
 def test_estimates_stay_where_a_robot_that_can_exist_would_fit_worse() -> None:
-    # The links of this description cannot exist, and its torque is known well.
+    # With all torques turned round, masses would have to be negative.
+    motion = fourier_motion(ROBOT, 20.0, 200.0, 3)
+    turned = record(ROBOT, motion, -pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq))
+    plain, same = identify(ROBOT, [turned], choices=PLAIN), identify(ROBOT, [turned], choices=AUTO)
+    np.testing.assert_array_equal(same.values, plain.values)
+    assert same.estimate.standard is None
+
+
+def test_links_of_a_description_that_cannot_exist_may_have_the_parameters_of_others_that_can() -> None:
     crooked = arm("crooked")
     recording = run(1, 1e-3, crooked)
     plain, same = identify(crooked, [recording], choices=PLAIN), identify(crooked, [recording], choices=AUTO)
     np.testing.assert_array_equal(same.values, plain.values)
-    assert same.estimate.standard is None
+    np.testing.assert_allclose(
+        same.model.base.grouping @ same.estimate.standard.values, same.values, atol=1e-6 * np.abs(same.values).max()
+    )
+
+
+def test_a_fit_of_bodies_that_can_exist_is_known_as_one_however_small_its_deviations_are() -> None:
+    # With hardly any noise rounding is many standard deviations.
+    recording = run(1, 1e-6)
+    plain, same = identify(ROBOT, [recording], choices=PLAIN), identify(ROBOT, [recording], choices=AUTO)
+    np.testing.assert_array_equal(same.values, plain.values)
+    assert same.estimate.standard is not None
 
 
 def test_what_sits_in_some_runs_alone_is_not_held_to_bodies_that_can_exist() -> None:

@@ -208,9 +208,11 @@ def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: Desc
     except DynidentError:
         return fitted
     before, after = (compute_errors(equations, values).rms_total for values in (fitted.solution.values, nearest.values))
-    # Without an active limit the fit was feasible already, and stays exactly as it is.
-    if not nearest.limits or after > FREE * before:
+    if after > FREE * before:
         return fitted
+    # Without an active limit the fit stays exactly as it is; where bodies that can exist fit as well, they are known.
+    if not nearest.limits:
+        return replace(fitted, standard=nearest.standard) if nearest.is_feasible else fitted
     return replace(fitted, solution=replace(fitted.solution, values=nearest.values), standard=nearest.standard)
 
 
