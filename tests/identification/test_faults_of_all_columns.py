@@ -18,7 +18,6 @@ from dynident.identification.recording_faults import (
     check_recording_faults,
     find_recording_faults,
 )
-from dynident.identification.recording_faults.description_fit import find_description_units
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
 from dynident.identification.recording_faults.joint_angle_faults import report_zeros_from_start
 from dynident.identification.recording_faults.rows_for_fault_search import (
@@ -31,6 +30,7 @@ from dynident.identification.recording_faults.torque_scale import refine_factor_
 from dynident.identification.recording_faults.tree_fit import find_parallel_axes
 from dynident.recordings import Check, Recording, Revision
 from dynident.robot import Robot, robot_from_urdf
+from dynident.robot.pseudo_inertia import find_description_units
 from dynident.verdict import verdict
 
 pytestmark = pytest.mark.sweep

@@ -109,3 +109,12 @@ def test_strategies_of_several_steps_keep_what_every_step_says(strategy: str) ->
     recording = run(1, 0.05)
     found = [identify(ROBOT, [recording], choices=replace(one, strategy=strategy)) for one in (AUTO, PLAIN)]
     np.testing.assert_array_equal(found[0].values, found[1].values)
+
+
+def test_a_description_in_grams_and_millimetres_is_no_obstacle_to_bodies_that_can_exist() -> None:
+    factors = np.array([1e9] * 6 + [1e3] * 3 + [1e3])
+    grams = replace(ROBOT, inertias=ROBOT.inertias * factors)
+    found = identify(grams, [run(1, 0.05)], choices=replace(AUTO, estimator="feasible"))
+    masses = found.estimate.standard.values[[c.parameter == "M" for c in found.model.columns]]
+    assert masses.sum() == pytest.approx(ROBOT.inertias[:, 9].sum(), rel=0.5)
+    assert export_model(found, "urdf").content

@@ -33,6 +33,7 @@ from dynident.regressors.model_structure import Model
 from dynident.robot.pseudo_inertia import (
     estimate_inertia_errors,
     estimate_rotor_inertias,
+    find_description_units,
     inertial_parameters,
     pseudo_inertia,
     smallest_pseudo_inertia,
@@ -362,6 +363,9 @@ def build_normal_prior(model: Model, trust: DescriptionTrust) -> NormalPrior:
         Mean and standard deviation of all standard parameters, and which are stated.
     """
     robot = model.robot.tree
+    # Numbers in grams would be far from everything that the data say.
+    units = find_description_units(robot)
+    robot = robot if units is None else units.to_si(robot)
     nominal = np.zeros((robot.n, 10)) if robot.inertias is None else robot.inertias
     errors, rotors = estimate_inertia_errors(robot, trust.error), estimate_rotor_inertias(robot)
     mean, size = np.zeros(len(model.columns)), np.ones(len(model.columns))

@@ -63,12 +63,12 @@ from dynident.identification.column_inference.unnamed_columns import (
     select_whole_signals,
     sort_by_number,
 )
-from dynident.identification.recording_faults.description_fit import find_description_units
 from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.recording_metadata import EffortKind
 from dynident.recordings.units import MOMENTS, find_conversion
 from dynident.robot import Robot
 from dynident.robot.description_and_json import set_base
+from dynident.robot.pseudo_inertia import find_description_units
 
 _FEWEST_ROWS = 3
 """Rows with a time, below which that column is not the time."""

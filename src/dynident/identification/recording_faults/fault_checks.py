@@ -14,7 +14,7 @@ from dynident.identification.recording_faults.column_faults import (
     Motion,
     is_possible_delay,
 )
-from dynident.identification.recording_faults.description_fit import find_description_units, report_description_units
+from dynident.identification.recording_faults.description_fit import report_description_units
 from dynident.identification.recording_faults.fault_search import (
     ALIKE,
     CURED,
@@ -50,6 +50,7 @@ from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.recordings.recording import ModelChecks, Recording
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Check, Revision
+from dynident.robot.pseudo_inertia import find_description_units
 from dynident.robot.robot_model import Robot
 
 _CHECK: dict[FaultKind, str] = {
