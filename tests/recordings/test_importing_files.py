@@ -127,6 +127,17 @@ def test_with_torque_and_current_the_torque_is_taken_and_the_user_told(tmp_path)
     assert "current2" in next(check.detail for check in checks if check.name == "torque_source")
 
 
+def test_columns_called_torques_that_the_user_says_are_currents_need_drive_gains(tmp_path):
+    columns = motion()
+    given = columns | {f"tau{number}": columns[f"tau{number}"] / gain for number, gain in enumerate(GAINS, start=1)}
+    path = write_parquet(tmp_path / "run.parquet", given)
+    metadata = RecordingMetadata(effort_kind="motor_current")
+    recording, _ = imported(path, gains=GAINS, metadata=metadata)
+    np.testing.assert_allclose(stored(recording)["tau_elbow"], columns["tau2"], rtol=1e-12)
+    with pytest.raises(RecordingError, match="elbow has no drive gain"):
+        imported(path, gains=(50.0, None, 20.0), metadata=metadata)
+
+
 def test_columns_are_found_by_joint_name_by_number_and_by_mapping(tmp_path):
     columns = motion()
     given = {"t": columns["t"], "q_shoulder": columns["q1"], "Q2": columns["q2"], "wrist angle": columns["q3"]}

@@ -152,6 +152,9 @@ def find_columns(
             without_torque.append(joint)
             continue
         torque, current = finder.find("tau", joint), finder.find("current", joint)
+        if metadata.effort_kind == "motor_current":
+            # The user knows better than the name of a column what is in it.
+            torque, current = None, current or torque
         # A torque that the file holds goes before one that is computed from the current.
         if torque is not None:
             tau.append(torque)
