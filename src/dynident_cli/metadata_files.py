@@ -99,13 +99,15 @@ _ANSWERS = {
 def describe_answer(question: Question) -> str:
     """Return the options that answer a question, as they are typed; "" where no option does."""
     about, _, key = question.field.partition("/")
-    if question.field == "units/tau" and question.check:
-        return (
-            "--units tau=UNIT, --drive-gains G1,… in N m per unit of these numbers (of motors' torques: the gear "
-            f"ratios), or --accept {question.check} if the recording is right as it is"
-        )
     if question.check:
-        return f"--accept {question.check} if the recording is right as it is"
+        mends = [write_option(remedy) for remedy in question.remedies]
+        if question.field == "units/tau":
+            mends += [
+                "--units tau=UNIT",
+                "--drive-gains G1,… in N m per unit of these numbers (of motors' torques: the gear ratios)",
+            ]
+        # What mends it comes first: to accept it is right only where nothing is wrong.
+        return ", or ".join([*mends, f"--accept {question.check} if the recording is right as it is"])
     if about == "units" and key and question.choices:
         options = [f"--units {key}={choice!r}" if " " in choice else f"--units {key}={choice}"
                    for choice in question.choices[:3]]  # fmt: skip

@@ -11,6 +11,7 @@ from support.running_commands import dynident, write_run
 
 from dynident.identification.column_inference import Question
 from dynident.recordings import RecordingMetadata
+from dynident.recordings.recording_metadata import Remedy
 from dynident_cli.metadata_files import StatedAnswers, describe_answer
 
 
@@ -164,6 +165,10 @@ def test_without_a_robot_the_columns_are_listed(foreign):
         (Question("columns/base_qx", "?", ("a", "b")), "--columns base_qx=COLUMN"),
         (Question("effort_kind", "they are commanded"), '{"effort_kind": "joint_torque"}'),
         (Question("columns/t", "?", ("a", "b")), "--rate HZ"),
+        (
+            Question("gravity", "?", check="gravity_direction", remedies=(Remedy("gravity", (0.0, 0.0, 9.81)),)),
+            "--gravity 0,0,9.81, or --accept gravity_direction",
+        ),
     ],
 )
 def test_a_question_names_the_option_that_answers_it(question, option):
