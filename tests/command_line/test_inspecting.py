@@ -9,9 +9,9 @@ import pyarrow.csv as pacsv
 import pytest
 from support.running_commands import dynident, write_run
 
+from dynident.errors import Remedy
 from dynident.identification.column_inference import Question
 from dynident.recordings import RecordingMetadata
-from dynident.recordings.recording_metadata import Remedy
 from dynident_cli.metadata_files import StatedAnswers, describe_answer
 
 

@@ -198,7 +198,7 @@ class _ColumnInference(WorkingProposal):
                 continue
             raw[:, column] = self.values[:, column] = 0.0
             name = self.robot.joint_names[joint]
-            reason = f"{name} has no torque: its equation is left out, its motion used (only if it is a finger: --lock {name})"
+            reason = f"{name} has no torque: its equation is left out (only a finger: --lock {name})"
             self.add_guess(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason)
             self.silent.append(joint)
         self.sample = replace(self.sample, values=raw)
