@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from support.measured_arm import BAND, EFFECTS, FC, IA, NOISE, ROBOT, recorded, with_values
 from support.oracles import pinocchio_torque
 
 from dynident.effects import EffectChoice
+from dynident.effects.friction import bound_friction
 from dynident.errors import DynidentError
 from dynident.identification import (
     IdentificationChoices,
@@ -21,7 +23,7 @@ from dynident.identification import (
     to_bytes,
 )
 from dynident.identification.estimators.feasible import find_nearest_feasible
-from dynident.identification.estimators.feasible_problem import list_friction_bounds
+from dynident.identification.estimators.feasible_problem import _list_not_negative, list_friction_bounds
 from dynident.identification.estimators.identified_robot_simulator import build_simulator, read_longest_piece
 from dynident.identification.identified_models import remove_and_solve_again
 from dynident.identification.identified_models.remove_and_solve_again import list_impossible
@@ -250,3 +252,30 @@ def test_cutoffs_beyond_nyquist_are_refused(identified, training):
     with pytest.raises(DynidentError) as refused:
         filters_by_simulation(identified, training, cutoffs=[5.0, 60.0], longest=2.0)
     assert refused.value.pointer == "/cutoffs/1"
+
+
+def test_bent_friction_of_one_joint_lets_the_friction_of_no_other_be_negative(identified, training):
+    bent = extend(identified, [EffectChoice("stribeck", ("shoulder_pan_joint",))], [training])
+    values, names = bent.values.copy(), [column.name for column in bent.model.kept]
+    values[names.index("Fv3")] = -0.7
+    driving = with_values(bent, values)
+    assert any(reason.startswith("Fv3 = -0.7 ") for reason in list_impossible(driving))
+    assert list_impossible(make_physical(driving).identification) == []
+    not_negative = {bent.model.columns[k].name for k in _list_not_negative(bent.model)}
+    assert {"Fc3", "Fv3"} <= not_negative
+    assert not {"Fc1", "Fv1"} & not_negative
+    own = bent.model.compute_standard_inertia(bent.values).reshape(-1, 10)
+    friction = [TrueEffect("stribeck", ROBOT.joint_names[0], (("Fst", 1.0),))]
+    VirtualRobot(ROBOT, (*friction, TrueEffect("viscous", ROBOT.joint_names[0], (("Fv", -0.1),))), inertias=own)
+    with pytest.raises(DynidentError, match="zero or above"):
+        VirtualRobot(ROBOT, (*friction, TrueEffect("viscous", ROBOT.joint_names[2], (("Fv", -0.1),))), inertias=own)
+
+
+def test_a_falling_straight_line_of_friction_does_not_fall_beyond_the_recorded_speed():
+    dq = ca.SX.sym("dq", 1)
+    line = ca.Function("line", [dq], [bound_friction(2 * ca.sign(dq) - 0.5 * dq, dq, np.array([3.0]))])
+    for speed, expected in ((1.0, 1.5), (3.0, 0.5), (9.0, 0.5)):
+        assert float(line(speed)) == pytest.approx(expected)
+        assert float(line(-speed)) == pytest.approx(-expected)
+    growing = ca.Function("line", [dq], [bound_friction(2 * ca.sign(dq) + 0.5 * dq, dq, np.array([3.0]))])
+    assert float(growing(9.0)) == pytest.approx(6.5)

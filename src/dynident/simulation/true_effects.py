@@ -224,7 +224,7 @@ def may_be_negative(effect: str, parameter: str, runs: Sequence[str], beside: It
     """Return whether physics allows a parameter below zero.
 
     The parameter of an effect in some runs alone is a difference from the other runs, and may have either sign. So may
-    Coulomb and viscous friction beside other friction: they are parts of a sum, which alone resists.
+    Coulomb and viscous friction beside other friction of the same joint: they are parts of a sum, which alone resists.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def may_be_negative(effect: str, parameter: str, runs: Sequence[str], beside: It
     runs : sequence of str
         Labels of the runs in which the effect acts; none for all.
     beside : iterable of str
-        Ids of all effects on the robot.
+        Ids of all effects on the same joint.
 
     Returns
     -------
@@ -245,6 +245,14 @@ def may_be_negative(effect: str, parameter: str, runs: Sequence[str], beside: It
     if runs or (is_plain_friction(effect) and has_bent_friction(beside)):
         return True
     return not any(spec.resists for spec in get_effect(effect).parameters if spec.name == parameter)
+
+
+def list_possibly_negative(columns: Sequence[Column]) -> list[bool]:
+    """Return for each column of a model whether physics allows its parameter below zero."""
+    by_link: dict[str, set[str]] = {}
+    for column in columns:
+        by_link.setdefault(column.link, set()).add(column.effect)
+    return [may_be_negative(c.effect, c.parameter, c.runs, by_link[c.link]) for c in columns]
 
 
 def has_bent_friction(effects: Iterable[str]) -> bool:
@@ -378,7 +386,7 @@ def build_true_columns(
     columns: list[Column] = []
     parameters: list[float] = []
     keys: set[tuple[object, ...]] = set()
-    known = [effect.effect for effect in (*effects, *beside) if effect.effect in CATALOGUE]
+    known = [effect for effect in (*effects, *beside) if effect.effect in CATALOGUE]
     for index, effect in enumerate(effects):
         pointer = f"/effects/{index}"
         _check_effect(effect, signals.robot, pointer, known)
@@ -403,7 +411,13 @@ def build_true_columns(
     return TrueColumns(tuple(columns), np.array(parameters, dtype=np.float64))
 
 
-def _check_effect(effect: TrueEffect, robot: Robot, pointer: str, beside: Sequence[str]) -> None:
+def _find_joint(effect: TrueEffect, robot: Robot) -> str:
+    """Return the joint of an effect, which need not be named where there is only one; "" for the whole robot."""
+    joints = get_effect(effect.effect).get_default_joints(robot)
+    return effect.joint or (robot.joint_names[joints[0]] if len(joints) == 1 else "")
+
+
+def _check_effect(effect: TrueEffect, robot: Robot, pointer: str, beside: Sequence[TrueEffect]) -> None:
     described = get_effect(effect.effect, pointer)
     if effect.effect == LINKS.effect:
         raise DynidentError(
@@ -418,13 +432,15 @@ def _check_effect(effect: TrueEffect, robot: Robot, pointer: str, beside: Sequen
             title=_TITLE,
         )
     known = [spec.name for spec in described.parameters]
+    joint = _find_joint(effect, robot)
+    on_joint = [other.effect for other in beside if _find_joint(other, robot) == joint]
     for name, value in effect.values:
         where = f"{pointer}/values/{name}"
         if name not in known:
             raise DynidentError(
                 f"{effect.effect} has no parameter {name!r}; it has: {', '.join(known)}", pointer=where, title=_TITLE
             )
-        signed = may_be_negative(effect.effect, name, effect.runs, beside)
+        signed = may_be_negative(effect.effect, name, effect.runs, on_joint)
         if not math.isfinite(value) or (value < 0 and not signed):
             raise DynidentError(
                 f"{name} of {effect.effect} on {effect.joint or 'the robot'} is {value}; expected a finite number"

@@ -331,15 +331,16 @@ def _estimate_sizes(model: Model, belief: NormalPrior, unconstrained: Solution) 
 def _list_not_negative(model: Model) -> IndexArray:
     """Return the parameters that cannot be negative.
 
-    Beside other friction effects Coulomb and viscous friction are only parts of a sum, which alone has a sign.
+    Beside other friction effects of their joint Coulomb and viscous friction are only parts of a sum, which alone has a
+    sign.
     """
-    others = has_bent_friction(choice.effect for choice in model.effects)
+    bent = {column.link for column in model.columns if has_bent_friction([column.effect])}
     return np.array(
         [
             k
             for k, column in enumerate(model.columns)
             # Friction of some runs alone is the difference from the other runs, and may have any sign.
-            if _is_positive(column) and not (is_plain_friction(column.effect) and (column.runs or others))
+            if _is_positive(column) and not (is_plain_friction(column.effect) and (column.runs or column.link in bent))
         ],
         dtype=np.intp,
     )

@@ -34,7 +34,7 @@ from dynident.simulation import (
     VirtualRobot,
     spread_over_joints,
 )
-from dynident.simulation.true_effects import may_be_negative
+from dynident.simulation.true_effects import list_possibly_negative
 from dynident.simulation.virtual_robot import LONGEST_STEP
 
 # Share of the motion by which it may differ from the delayed command; above it the robot did not follow.
@@ -464,9 +464,7 @@ def compute_possible_standard(model: Model, values: FloatArray) -> FloatArray:
             standard[k] = rotors[model.robot.joint_names.index(column.link)]
         else:
             standard[k] = own.get(k, 0.0)
-    effects = [choice.effect for choice in model.effects]
-    may_be = [may_be_negative(c.effect, c.parameter, c.runs, effects) for c in model.columns]
-    impossible = np.flatnonzero((standard < 0) & ~np.array(may_be, dtype=bool))
+    impossible = np.flatnonzero((standard < 0) & ~np.array(list_possibly_negative(model.columns), dtype=bool))
     standard[impossible] = 0.0
     links = [k for k, column in enumerate(model.columns) if get_role(column) == "link"]
     if len(impossible) and links:

@@ -27,7 +27,7 @@ from dynident.parallel import single_threaded
 from dynident.regressors.base_parameters import find_base_parameters_among
 from dynident.regressors.model_structure import Model, build_model, check_columns
 from dynident.robot import Robot
-from dynident.simulation.true_effects import may_be_negative
+from dynident.simulation.true_effects import list_possibly_negative
 
 _RECORDINGS_NEEDED = "Recordings needed"
 
@@ -142,12 +142,12 @@ def make_physical(identification: Identification) -> PhysicalModel:
 def list_impossible(identification: Identification) -> list[str]:
     """Return what makes a simulation of a model impossible, a few words each."""
     model, values = identification.model, identification.values
-    effects = [choice.effect for choice in model.effects]
+    signed = list_possibly_negative(model.columns)
     rounding = _ROUNDING * float(np.abs(values).max(initial=0.0))
     reasons = [
         f"{column.name} = {value:.3g} {column.unit}"
-        for column, value in zip(model.kept, values, strict=True)
-        if value < -rounding and not may_be_negative(column.effect, column.parameter, column.runs, effects)
+        for k, column, value in zip(model.base.kept, model.kept, values, strict=True)
+        if value < -rounding and not signed[k]
     ]
     if identification.worst_inertia_eigenvalue <= 0:
         reasons.append("an inertia matrix that is not positive definite in every posture")
