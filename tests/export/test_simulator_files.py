@@ -12,6 +12,7 @@ import subprocess
 import zipfile
 from dataclasses import replace
 from functools import cache
+from io import BytesIO
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -42,6 +43,7 @@ from dynident.export import (
 from dynident.export.casadi_function import build_torque_formula
 from dynident.export.urdf import ROTOR_TAG
 from dynident.identification import Identification, IdentificationChoices, identify, make_physical
+from dynident.identification.identified_models import remove_and_solve_again
 from dynident.identification.identified_models.equation_of_motion import build_equation_of_motion
 from dynident.recordings import Preprocessing
 from dynident.robot import Robot, robot_from_urdf
@@ -510,12 +512,101 @@ def test_programs_have_parameters_of_a_robot_and_say_what_that_costs() -> None:
     assert b"-0.5" in export_model(model, "json").content
 
 
-def test_friction_in_programs_does_not_fall_beyond_the_recorded_speeds() -> None:
+def written_at_head(file: ExportedFile) -> str:
+    """The text of a file with its comment marks and line breaks taken out."""
+    return " ".join(file.content.decode().replace("\n *", " ").split())
+
+
+@pytest.mark.parametrize("format", ["c", "c_header", "cpp_header"])
+def test_a_text_says_at_its_head_that_parameters_were_changed(format: str) -> None:
+    file = export_model(impossible_model(), format)
+    [note] = [note for note in file.notes if "would gain energy" in note]
+    assert " ".join(note.split()) in written_at_head(file)
+
+
+def test_other_programs_say_it_where_they_have_documentation() -> None:
+    for format, part in (("ros2", ".hpp"), ("fmu", "index.html")):
+        file = export_model(impossible_model(), format)
+        with zipfile.ZipFile(BytesIO(file.content)) as archive:
+            texts = [archive.read(name).decode() for name in archive.namelist() if name.endswith(part)]
+        assert any("would gain energy" in " ".join(text.replace("\n *", " ").split()) for text in texts)
+        assert any("would gain energy" in note for note in file.notes)
+
+
+def test_a_program_says_that_it_could_gain_energy_where_nothing_better_is_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*_: object) -> Identification:
+        raise DynidentError("no")
+
+    model = impossible_model()
+    with pytest.warns(UserWarning, match="would gain energy in a simulation"):
+        simulated = to_mujoco(model)
+    with pytest.warns(UserWarning, match="would gain energy in a simulation"):
+        MissingTorque(simulated, model)
+    monkeypatch.setattr(remove_and_solve_again, "reidentify", refuse)
+    for format in ("c", "casadi"):
+        assert (
+            "A simulation with these parameters could gain energy: Ia2 = -0.5 kg m²."
+            in export_model(model, format).notes
+        )
+    monkeypatch.setattr(remove_and_solve_again, "reidentify", lambda identification, _: identification)
+    assert any("could gain energy: Ia2" in note for note in export_model(model, "c").notes)
+    with pytest.warns(UserWarning, match="could gain energy: Ia2"):
+        MissingTorque(simulated, model)
+
+
+def with_falling_friction(joint: int = 0) -> Identification:
+    """The measured model with friction of a joint that falls at higher speeds."""
     model = measured_model()
     values = model.values.copy()
+    values[[column.name for column in model.model.kept].index(f"Fvn{joint + 1}")] = -1.0
+    return replace(model, estimate=replace(model.estimate, solution=replace(model.estimate.solution, values=values)))
+
+
+def test_programs_say_where_their_friction_is_not_the_identified_one() -> None:
+    model = with_falling_friction()
+    values = model.values.copy()
+    values[[column.name for column in model.model.kept].index("Fc1")] = 30.0
+    model = replace(model, estimate=replace(model.estimate, solution=replace(model.estimate.solution, values=values)))
+    speed = f"{ARM.joint_names[0]} {model.estimate.speeds[0]:.3g} rad/s"
+    [note] = [note for note in export_model(model, "casadi").notes if "falls" in note]
+    assert f"at these speeds: {speed}. The error on held-out data is that of the identified friction" in note
+    assert ARM.joint_names[1] not in note
+    assert not any("falls" in note for note in export_model(measured_model(), "casadi").notes)
+
+
+def test_mujoco_has_the_friction_of_other_programs_beyond_the_recorded_speeds() -> None:
+    model = with_falling_friction()
+    values, speed = model.values.copy(), float(model.estimate.speeds[0])
     names = [column.name for column in model.model.kept]
-    values[names.index("Fvn1")] = -1.0
-    estimate = replace(model.estimate, solution=replace(model.estimate.solution, values=values))
+    # A sum that rises up to the recorded speed, and falls behind it.
+    values[[names.index(name) for name in ("Fc1", "Fv1", "Fvn1")]] = 1.0, 9.0 / speed, -3.0 / speed**2
+    model = replace(model, estimate=replace(model.estimate, solution=replace(model.estimate.solution, values=values)))
+    assert make_physical(model).identification is model
+    simulated = to_mujoco(model)
+    data = mujoco.MjData(simulated)
+
+    def friction(factor: float) -> float:
+        torque = []
+        for dq in (factor * speed, -factor * speed):
+            data.qpos, data.qacc, data.qvel = 0.0, 0.0, 0.0
+            data.qvel[0] = dq
+            mujoco.mj_inverse(simulated, data)
+            torque.append(data.qfrc_inverse[0])
+        return float(torque[0] - torque[1]) / 2
+
+    with MissingTorque(simulated, model):
+        for factor in (0.5, 1.0, 1.2, 2.0, 3.0):
+            law = 1.0 + 9.0 * factor - 3.0 * factor**2
+            expected = law if factor <= 1.0 else max(law, 7.0)
+            assert friction(factor) == pytest.approx(expected, rel=2e-3), factor
+
+
+def test_friction_in_programs_does_not_fall_beyond_the_recorded_speeds() -> None:
+    model = with_falling_friction()
+    values, estimate = model.values, model.estimate
+    names = [column.name for column in model.model.kept]
     equation, speed = build_equation_of_motion(estimate), float(estimate.speeds[0])
     friction = ca.Function("friction", [equation.get_symbol("dq"), equation.base], [equation.friction])
     formula = build_torque_formula(estimate)

@@ -11,9 +11,10 @@ from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice
 from dynident.effects.effect_choices import DEFAULT_EFFECTS, OFFSETS
 from dynident.errors import DynidentError
-from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
+from dynident.identification import IdentificationChoices, extend, from_bytes, identify, make_physical, to_bytes
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.infer_columns import propose
+from dynident.identification.identified_models import remove_and_solve_again
 from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import Recording, RecordingMetadata, recording_from_arrays
 from dynident.recordings.joint_phases import phase_shares
@@ -62,6 +63,15 @@ def test_parameters_of_poses_are_those_of_the_description_at_rest(name):
         pinocchio_torque(robot, q, still, still),
     )
     np.testing.assert_allclose(predicted, expected, atol=2e-3 * np.abs(expected).max())
+
+
+def test_what_is_impossible_in_a_model_of_poses_is_said_too(monkeypatch):
+    found = identify(arm("ur10"), [recorded("ur10", 3)], [], CHOICES)
+    assert make_physical(found).warning == ""
+    monkeypatch.setattr(remove_and_solve_again, "list_impossible", lambda _: ["Fc1 = -2 N m"])
+    possible = make_physical(found)
+    assert not possible.is_possible
+    assert possible.warning == "A simulation with these parameters could gain energy: Fc1 = -2 N m."
 
 
 @pytest.mark.parametrize("name", ["ur10", "crooked"])

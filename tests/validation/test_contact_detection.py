@@ -20,6 +20,7 @@ from dynident.validation import MomentumObserver, contact_detection, validate_co
 from dynident.validation.contact_detection import (
     ContactDetection,
     compute_contact_forces,
+    explain_no_detection,
     fit_contact_detection,
 )
 from dynident.validation.momentum_observer import Run, observe_recording
@@ -85,7 +86,37 @@ def test_a_header_says_whether_it_has_thresholds() -> None:
     assert any("100 false alarms an hour" in note for note in file.notes)
     file = export_model(known(), "c_header", held_out=short)
     assert b"_find_contacts(" not in file.content
-    assert any("no thresholds for contacts" in note for note in file.notes)
+    assert any("no thresholds for contacts" in note and "less than 15 s" in note for note in file.notes)
+    mute = [replace(recording, joints_without_torque=(ROBOT.joint_names[2],)) for recording in long]
+    [note] = export_model(known(), "c_header", held_out=mute).notes
+    assert f"No recording has the torque of {ROBOT.joint_names[2]}" in note
+    with pytest.raises(DynidentError, match="false_alarms_per_hour"):
+        export_model(known(), "c_header", held_out=long, false_alarms_per_hour=0.0)
+
+
+@pytest.mark.parametrize("effect", ["temperature_friction", "warm_up_friction"])
+def test_a_model_that_no_observer_can_use_has_a_header_all_the_same(effect: str) -> None:
+    model = made_up(ROBOT, ("rigid_body", "coulomb", effect))
+    for format in ("c_header", "cpp_header"):
+        file = export_model(model, format, held_out=[move(1, 1.0)])
+        assert [note for note in file.notes if "contacts" in note] == [file.notes[-1]]
+        assert file.notes[-1].startswith("There is no observer of contacts: effects of this model depend on ")
+
+
+def test_a_recording_that_cannot_be_observed_is_no_reason_to_have_no_header() -> None:
+    other = arm("scara")
+    motion = fourier_motion(other, 20.0, RATE, 1)
+    file = export_model(known(), "c_header", held_out=[record(other, motion, np.zeros_like(motion.q))])
+    assert file.notes[-1].startswith("There are no thresholds for contacts: ")
+
+
+def test_what_keeps_thresholds_from_being_found_is_named() -> None:
+    recordings = [move(1, 1.0)]
+    assert "15 s of unbroken motion" in explain_no_detection(known(), [move(1, 1.0, 5.0)])
+    mute = replace(recordings[0], joints_without_torque=(ROBOT.joint_names[0],))
+    assert f"torque of {ROBOT.joint_names[0]}" in explain_no_detection(known(), [mute])
+    assert f"torque of {ROBOT.joint_names[0]}" in validate_collision(known(), [mute]).judged.reason
+    assert "does not show at the joints" in explain_no_detection(known(), recordings)
 
 
 def test_a_recording_that_the_others_do_not_speak_for_disproves_the_rate() -> None:

@@ -13,8 +13,9 @@ from support.oracles import pinocchio_torque
 
 from dynident.effects import EffectChoice
 from dynident.effects.friction import bound_friction
-from dynident.errors import DynidentError
+from dynident.errors import Cancelled, DynidentError
 from dynident.identification import (
+    Identification,
     IdentificationChoices,
     extend,
     from_bytes,
@@ -22,12 +23,14 @@ from dynident.identification import (
     make_physical,
     to_bytes,
 )
+from dynident.identification.equations.reduced_recordings import find_largest_speeds, reduce_to_rows
 from dynident.identification.estimators.feasible import find_nearest_feasible
 from dynident.identification.estimators.feasible_problem import _list_not_negative, list_friction_bounds
 from dynident.identification.estimators.identified_robot_simulator import build_simulator, read_longest_piece
 from dynident.identification.identified_models import remove_and_solve_again
 from dynident.identification.identified_models.remove_and_solve_again import list_impossible
 from dynident.recordings import filtered_blocks
+from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.simulation import TrueEffect, VirtualRobot
 from dynident.validation import filters_by_simulation, sensor_noise, validate_drift, validate_simulation
 
@@ -269,6 +272,50 @@ def test_bent_friction_of_one_joint_lets_the_friction_of_no_other_be_negative(id
     VirtualRobot(ROBOT, (*friction, TrueEffect("viscous", ROBOT.joint_names[0], (("Fv", -0.1),))), inertias=own)
     with pytest.raises(DynidentError, match="zero or above"):
         VirtualRobot(ROBOT, (*friction, TrueEffect("viscous", ROBOT.joint_names[2], (("Fv", -0.1),))), inertias=own)
+
+
+def test_friction_of_a_model_without_stored_speeds_resists_up_to_the_joints_limits(identified, training):
+    bent = extend(identified, [EffectChoice("viscous_nonlinear", ("elbow_joint",), (("p", 2.0),))], [training])
+
+    def make_old(viscous: float, limited: bool) -> Identification:
+        robot = bent.model.robot
+        joints = [j if limited else replace(j, limits=replace(j.limits, velocity=None)) for j in robot.joints]
+        model = replace(bent.model, robot=replace(robot, joints=tuple(joints)))
+        values = bent.values.copy()
+        values[[column.name for column in model.kept].index("Fv3")] = viscous
+        estimate = replace(bent.estimate, model=model, speeds=None)
+        estimate = replace(estimate, solution=replace(estimate.solution, values=values))
+        return replace(bent, estimate=estimate, data=replace(bent.data, speeds=None))
+
+    assert list_impossible(make_old(-0.01, limited=True)) == []
+    driving = make_old(-40.0, limited=True)
+    assert list_impossible(driving) == ["friction of elbow_joint that drives it"]
+    assert list_impossible(make_physical(driving).identification) == []
+    # Without any speed no sum can be looked at, so that each part has to resist.
+    assert [reason.split(" = ")[0] for reason in list_impossible(make_old(-0.01, limited=False))] == ["Fv3"]
+    assert list_impossible(make_physical(make_old(-40.0, limited=False)).identification) == []
+
+
+def test_speeds_of_friction_tests_count_as_recorded_and_the_search_for_them_can_be_stopped(identified, training):
+    bent = extend(identified, [EffectChoice("stribeck", ("elbow_joint",))], [training])
+    slow = replace(training, windows=((0.0, 4.0),))
+    rows = bent.choices.row_options
+    inputs = RegressorInputs((slow, replace(training, role="friction")), BAND, bent.estimate.reference)
+    reported: list[tuple[float, str]] = []
+    reduced = reduce_to_rows(bent.model, rows, inputs, lambda *report: reported.append(report))
+    assert reduced.speeds == pytest.approx(bent.estimate.speeds)
+    alone = find_largest_speeds(bent.model, replace(inputs, recordings=(slow,)))
+    assert np.any(alone < 0.99 * bent.estimate.speeds)
+    fractions = [fraction for fraction, _ in reported]
+    assert fractions == sorted(fractions)
+    assert "finding the largest speeds" in [message for _, message in reported]
+
+    def stop(_fraction: float, message: str) -> None:
+        if message == "finding the largest speeds":
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        reduce_to_rows(bent.model, rows, inputs, stop)
 
 
 def test_a_falling_straight_line_of_friction_does_not_fall_beyond_the_recorded_speed():

@@ -225,7 +225,7 @@ def _show_stop(stop: Stop, measurement: OpenedMeasurement | None) -> wire.StopVi
 
 
 NOTES_HEADER = "Dynident-Notes"
-# Many proxies refuse headers above 4 or 8 kB in total. The file itself has all notes.
+# Many proxies refuse headers above 4 or 8 kB in total. Files of text have all notes at their head; JSON has none.
 _LONGEST = 3000
 
 

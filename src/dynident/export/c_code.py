@@ -156,13 +156,15 @@ def make_c_name(identification: Identification) -> str:
     return f"dynident_{make_slug(identification.model.robot.name)}"
 
 
-def to_c(identification: Identification) -> str:
+def to_c(identification: Identification, notes: Sequence[str] = ()) -> str:
     """Return the C99 source of the identified inverse dynamic model.
 
     Parameters
     ----------
     identification : Identification
         The identified model, with the data of its fit.
+    notes : sequence of str
+        Sentences that users must know, for the head of the file.
 
     Returns
     -------
@@ -178,7 +180,7 @@ def to_c(identification: Identification) -> str:
     # One file serves as header and as source: the guard lets others include its declarations alone.
     guard = name.upper()
     parts = [
-        write_c_comment(_write_header(identification, formula, name)),
+        write_c_comment(_write_header(identification, formula, name, notes)),
         f"#ifndef {guard}_H\n#define {guard}_H\n",
         f"#define {guard}_JOINTS {formula.robot.n}\n",
         _write_declarations(formula, name),
@@ -190,9 +192,9 @@ def to_c(identification: Identification) -> str:
     return "\n".join(parts)
 
 
-def _write_header(identification: Identification, formula: TorqueFormula, name: str) -> list[str]:
+def _write_header(identification: Identification, formula: TorqueFormula, name: str, notes: Sequence[str]) -> list[str]:
     lines = [f"{name}.c: inverse dynamic model of a robot, {describe_origin()}.", ""]
-    lines += [*describe_identification(identification), "", SIGNS, "", "Joints, in the order of every array:"]
+    lines += [*describe_identification(identification), "", SIGNS, *notes, "", "Joints, in the order of every array:"]
     lines += [f"  [{j.number - 1}] {j.name}: {j.kind}, torque in {j.unit}" for j in list_joints(identification)]
     lines += ["", f"Arguments of {name}_torque:"]
     lines += [f"  {argument.name}: {argument.meaning}" for argument in formula.arguments if argument.name not in _STATE]
@@ -358,8 +360,9 @@ static inline void PREFIX_observe(
 
 _CONTACTS = """\
 /* After every PREFIX_observe with a gain of GAIN: contacts[j] is 1 where the residual of joint j is beyond its
-   threshold, in N m or N; returns how many are. The first threshold holds while a joint is slow or has just been, the
-   others for classes of its speed, up to the speeds in rad/s or m/s */
+   threshold, in N m or N; returns how many are. A residual that is not a number counts as beyond, and stays so until
+   PREFIX_observer_start: after such a sample no contact would show. The first threshold holds while a joint is slow or
+   has just been, the others for classes of its speed, up to the speeds in rad/s or m/s */
 static inline int PREFIX_find_contacts(const PREFIX_observer *o, int contacts[N])
 {
     static const double speeds[N][CLASSES] = SPEEDS;
@@ -371,7 +374,7 @@ static inline int PREFIX_find_contacts(const PREFIX_observer *o, int contacts[N]
             class_of_speed = 1;
             for (k = 0; k < CLASSES; k++) class_of_speed += fabs(o->dq[j]) > speeds[j][k];
         }
-        contacts[j] = fabs(o->residual[j]) > thresholds[j][class_of_speed];
+        contacts[j] = !(fabs(o->residual[j]) <= thresholds[j][class_of_speed]);
         found += contacts[j];
     }
     return found;

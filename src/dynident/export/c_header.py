@@ -68,7 +68,9 @@ class HeaderFunction:
         return any(argument.name == "z" for argument in self.inputs)
 
 
-def to_c_header(identification: Identification, contact: ContactDetection | None = None) -> ExportedFile:
+def to_c_header(
+    identification: Identification, contact: ContactDetection | None = None, notes: Sequence[str] = ()
+) -> ExportedFile:
     """Return the equation of motion of the identified model as a C99 header.
 
     Parameters
@@ -77,6 +79,8 @@ def to_c_header(identification: Identification, contact: ContactDetection | None
         The identified model, with the data of its fit.
     contact : ContactDetection, optional
         Thresholds for the observer of contacts, of the same model.
+    notes : sequence of str
+        Further sentences that users must know, for the head of the file and its notes.
 
     Returns
     -------
@@ -88,11 +92,13 @@ def to_c_header(identification: Identification, contact: ContactDetection | None
     DynidentError
         For an effect of another distribution whose columns use an operation that C code is not written for.
     """
-    header = Header.from_identification(identification, contact)
+    header = Header.from_identification(identification, contact, notes)
     return ExportedFile(f"{header.name}.h", "text/x-c", encode_text(header.write_c()), header.notes)
 
 
-def to_cpp_header(identification: Identification, contact: ContactDetection | None = None) -> ExportedFile:
+def to_cpp_header(
+    identification: Identification, contact: ContactDetection | None = None, notes: Sequence[str] = ()
+) -> ExportedFile:
     """Return the equation of motion of the identified model as a C++17 header: the C header and a class around it.
 
     Parameters
@@ -101,6 +107,8 @@ def to_cpp_header(identification: Identification, contact: ContactDetection | No
         The identified model, with the data of its fit.
     contact : ContactDetection, optional
         Thresholds for the observer of contacts, of the same model.
+    notes : sequence of str
+        Further sentences that users must know, for the head of the file and its notes.
 
     Returns
     -------
@@ -112,7 +120,7 @@ def to_cpp_header(identification: Identification, contact: ContactDetection | No
     DynidentError
         As `to_c_header` does.
     """
-    header = Header.from_identification(identification, contact)
+    header = Header.from_identification(identification, contact, notes)
     return ExportedFile(f"{header.name}.hpp", "text/x-c++", encode_text(header.write_cpp()), header.notes)
 
 
@@ -128,10 +136,12 @@ class Header:
     contact: ContactDetection | None = None
 
     @classmethod
-    def from_identification(cls, identification: Identification, contact: ContactDetection | None = None) -> Header:
+    def from_identification(
+        cls, identification: Identification, contact: ContactDetection | None = None, notes: Sequence[str] = ()
+    ) -> Header:
         """Return the header of an identified model, with all functions."""
         equation = build_equation_of_motion(identification.estimate)
-        functions, notes = list_functions(equation), []
+        functions, notes = list_functions(equation), list(notes)
         if equation.acceleration_obstacle:
             notes.append(f"There is no forward_dynamics: {equation.acceleration_obstacle}.")
         if equation.observer_obstacle:

@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import tempfile
 import zipfile
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -54,13 +55,15 @@ _TAU, _Q, _DQ, _DDQ, _PAYLOAD, _TEMPERATURE, _RUNS, _STEP_REFERENCE = 1000, 2000
 _DATE = (2000, 1, 1, 0, 0, 0)
 
 
-def to_fmu(identification: Identification) -> ExportedFile:
+def to_fmu(identification: Identification, notes: Sequence[str] = ()) -> ExportedFile:
     """Return the identified model as an FMU for co-simulation: torques in, motion out.
 
     Parameters
     ----------
     identification : Identification
         The identified model, with the data of its fit.
+    notes : sequence of str
+        Further sentences that users must know, for its documentation and the file's notes.
 
     Returns
     -------
@@ -86,7 +89,7 @@ def to_fmu(identification: Identification) -> ExportedFile:
             title="Not expressible as an FMU",
         )
     name = make_c_name(identification)
-    notes = _write_notes(identification, equation)
+    notes = (*notes, *_write_notes(identification, equation))
     header = Header(identification, equation, name, (_build_terms(identification, equation),), notes)
     model = header.write_c() + _write_configuration(identification, equation, header)
     interface = files("dynident.export").joinpath("fmu_interface.c").read_text(encoding="utf-8")

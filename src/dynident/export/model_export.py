@@ -1,10 +1,11 @@
-"""`export_model`: the table of writers, one for each format."""
+"""`export_model`: the tables of writers, one for each format."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
+from typing import get_args
 
 from dynident.errors import DynidentError
 from dynident.export.actuator_files import to_isaac_lab_actuators, to_mjlab_actuators
@@ -23,11 +24,18 @@ from dynident.export.ros2_package import to_ros2_package
 from dynident.export.sdf import to_sdf
 from dynident.export.urdf import to_urdf
 from dynident.export.usd import to_usd
-from dynident.identification import Identification, PhysicalModel, make_physical
+from dynident.identification import Identification, make_physical
+from dynident.identification.identified_models.equation_of_motion import build_equation_of_motion
+from dynident.identification.identified_models.remove_and_solve_again import list_held_friction
 from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.text_encoding import encode_text
-from dynident.validation.contact_detection import FALSE_ALARMS_AN_HOUR, calibrate_contact_detection
+from dynident.validation.contact_detection import (
+    FALSE_ALARMS_AN_HOUR,
+    ContactDetection,
+    calibrate_contact_detection,
+    explain_no_detection,
+)
 
 
 def export_model(
@@ -71,30 +79,61 @@ def export_model(
     DynidentError
         For an unknown format, or where the format cannot hold the model.
     """
-    if format not in WRITERS:
+    if format not in get_args(ExportFormat):
         raise DynidentError(
-            f"there is no format {format!r}; choose from: {', '.join(WRITERS)}",
+            f"there is no format {format!r}; choose from: {', '.join(get_args(ExportFormat))}",
             pointer="/format",
             title="No such format",
         )
     if format not in _WITHOUT_BASE:
         identification.model.robot.require_fixed_base(f"export as {format}")
-    possible = make_physical(identification) if format in _PROGRAMS else PhysicalModel(identification)
-    if format in _HEADERS:
-        contact = calibrate_contact_detection(
-            possible.identification, held_out, false_alarms_per_hour=false_alarms_per_hour
-        ) if held_out else None  # fmt: skip
-        file = _HEADERS[format](possible.identification, contact)
-        if held_out and contact is None:
-            note = "There are no thresholds for contacts: the recordings have less than 15 s of motion."
-            file = replace(file, notes=(*file.notes, note))
-    else:
-        file = WRITERS[format](possible.identification, nearest)
-    if format in WHOLE_FORMATS:
-        file = replace(file, held_out_error=compute_held_out_error(possible.identification))
-    if possible.note:
-        file = replace(file, notes=(possible.note, *file.notes))
-    return _add_notes(file, identification)
+    if format not in _PROGRAMS:
+        file = WRITERS[format](identification, nearest)
+        if format in WHOLE_FORMATS:
+            file = replace(file, held_out_error=compute_held_out_error(identification))
+        return replace(file, notes=(*file.notes, *_list_missing_torque(identification)))
+    possible = make_physical(identification)
+    identification = possible.identification
+    notes = [*filter(None, [possible.warning, _describe_held_friction(identification)])]
+    notes += _list_missing_torque(identification)
+    contact = None
+    if format in _HEADERS and held_out:
+        contact, reason = _calibrate_contacts(identification, held_out, false_alarms_per_hour)
+        notes += [f"There are no thresholds for contacts: {reason}"] if reason else []
+    file = _PROGRAMS[format](identification, contact, notes)
+    return replace(file, held_out_error=compute_held_out_error(identification))
+
+
+def _calibrate_contacts(
+    identification: Identification, held_out: Sequence[Recording], false_alarms_per_hour: float
+) -> tuple[ContactDetection | None, str]:
+    """Return the thresholds for contacts, or why there are none, a sentence."""
+    # The header says itself why it has no observer.
+    if build_equation_of_motion(identification.estimate).observer_obstacle:
+        return None, ""
+    try:
+        contact = calibrate_contact_detection(identification, held_out, false_alarms_per_hour=false_alarms_per_hour)
+        return contact, "" if contact is not None else explain_no_detection(identification, held_out)
+    except DynidentError as error:
+        # A rate that the caller has to mend. All else is no reason to have no header.
+        if error.pointer == "/false_alarms_per_hour":
+            raise
+        return None, f"{error.detail}."
+
+
+def _describe_held_friction(identification: Identification) -> str:
+    """Describe where friction in programs differs from the identified one; empty where it does nowhere."""
+    units = {joint.name: "rad/s" if joint.kind == "revolute" else "m/s" for joint in identification.model.robot.joints}
+    held = [f"{name} {speed:.3g} {units[name]}" for name, speed in list_held_friction(identification)]
+    if not held:
+        return ""
+    note = (
+        "Beyond the largest speeds of the recordings of the fit the identified friction of some joints falls; here it "
+        f"stays as it is at these speeds: {', '.join(held)}."
+    )
+    if identification.data.held_out is None:
+        return note
+    return f"{note} The error on held-out data is that of the identified friction, also where the motion is faster."
 
 
 def compute_held_out_error(identification: Identification) -> float | None:
@@ -111,24 +150,19 @@ def compute_held_out_error(identification: Identification) -> float | None:
     return compute_moving_errors(held_out, identification.values).relative_total
 
 
-_HEADERS = {"c_header": to_c_header, "cpp_header": to_cpp_header}
-# Programs that compute a motion or its torque. A robot must be able to have their parameters; JSON is a record of those
-# that were identified.
-_PROGRAMS = WHOLE_FORMATS - {"json"}
 # Formats that do not state how the base is mounted.
 _WITHOUT_BASE = {"json", "c", "casadi"} | LOAD_FORMATS
 
 
-def _add_notes(file: ExportedFile, identification: Identification) -> ExportedFile:
-    """Add the notes that apply to the model in every format."""
+def _list_missing_torque(identification: Identification) -> list[str]:
+    """Return the note on joints without torque, where there are any."""
     joints = identification.model.robot.joints_without_torque
     if not joints:
-        return file
-    note = (
+        return []
+    return [
         f"No recording contains the torque of {', '.join(joints)}: the model has neither its friction nor its drive, "
         "and its torque is that of the links alone."
-    )
-    return replace(file, notes=(*file.notes, note))
+    ]
 
 
 def _export_json(identification: Identification, _nearest: bool) -> ExportedFile:
@@ -136,14 +170,30 @@ def _export_json(identification: Identification, _nearest: bool) -> ExportedFile
     return ExportedFile(f"{make_slug(identification.model.robot.name)}.json", "application/json", content)
 
 
-def _export_c(identification: Identification, _nearest: bool) -> ExportedFile:
-    return ExportedFile(f"{make_c_name(identification)}.c", "text/x-c", encode_text(to_c(identification)))
+def _export_c(identification: Identification, _: ContactDetection | None, notes: Sequence[str]) -> ExportedFile:
+    content = encode_text(to_c(identification, notes))
+    return ExportedFile(f"{make_c_name(identification)}.c", "text/x-c", content, tuple(notes))
 
 
-def _export_casadi(identification: Identification, _nearest: bool) -> ExportedFile:
+def _export_casadi(identification: Identification, _: ContactDetection | None, notes: Sequence[str]) -> ExportedFile:
     name = f"{make_slug(identification.model.robot.name)}.casadi"
-    return ExportedFile(name, "application/octet-stream", to_casadi_bytes(identification))
+    return ExportedFile(name, "application/octet-stream", to_casadi_bytes(identification), tuple(notes))
 
+
+_HEADERS = {"c_header": to_c_header, "cpp_header": to_cpp_header}
+# Programs that compute a motion or its torque. A robot must be able to have their parameters; JSON is a record of those
+# that were identified.
+_PROGRAMS: Mapping[str, Callable[[Identification, ContactDetection | None, Sequence[str]], ExportedFile]] = (
+    MappingProxyType(
+        {
+            **_HEADERS,
+            "c": _export_c,
+            "casadi": _export_casadi,
+            "fmu": lambda identification, _, notes: to_fmu(identification, notes),
+            "ros2": lambda identification, _, notes: to_ros2_package(identification, notes),
+        }
+    )
+)
 
 WRITERS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingProxyType(
     {
@@ -152,14 +202,8 @@ WRITERS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingP
         "sdf": lambda identification, nearest: to_sdf(identification, nearest=nearest),
         "mjcf": lambda identification, nearest: to_mjcf(identification, nearest=nearest),
         "usd": lambda identification, nearest: to_usd(identification, nearest=nearest),
-        "fmu": lambda identification, _: to_fmu(identification),
         "mjlab": lambda identification, nearest: to_mjlab_actuators(identification, nearest=nearest),
         "isaac_lab": lambda identification, nearest: to_isaac_lab_actuators(identification, nearest=nearest),
-        "c": _export_c,
-        "c_header": lambda identification, _: to_c_header(identification),
-        "cpp_header": lambda identification, _: to_cpp_header(identification),
-        "casadi": _export_casadi,
-        "ros2": lambda identification, _: to_ros2_package(identification),
         "randomisation": lambda identification, nearest: to_randomisation(identification, nearest=nearest),
         "urscript": lambda identification, _: to_urscript(identification),
         "franka_load": lambda identification, _: to_franka_load(identification),

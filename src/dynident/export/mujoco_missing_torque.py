@@ -6,6 +6,7 @@ is held, and does not tremble about zero velocity. All other effects are passive
 
 from __future__ import annotations
 
+import warnings
 from typing import Self
 
 import casadi as ca
@@ -33,7 +34,8 @@ _KNOWN = ("q", "dq", "ddq", "time", "period", "temperature", "z", "runs")
 def to_mujoco(identification: Identification, *, nearest: bool = False) -> mujoco.MjModel:
     """Return the links, rotors, friction and springs of a model as a MuJoCo model, for use with `MissingTorque`.
 
-    The parameters are those of the whole model. `to_mjcf` differs: it fits them again without the other effects.
+    The parameters are those of the whole model. `to_mjcf` differs: it fits them again without the other effects. Where
+    no robot can have them, those of the nearest that can are taken, and a Python warning says what that costs.
 
     Parameters
     ----------
@@ -54,7 +56,10 @@ def to_mujoco(identification: Identification, *, nearest: bool = False) -> mujoc
     """
     check_base(identification)
     check_is_tree(identification, "MuJoCo with all effects")
-    identification = make_physical(identification).identification
+    possible = make_physical(identification)
+    if possible.warning:
+        warnings.warn(possible.warning, stacklevel=2)
+    identification = possible.identification
     standard = complete_parameters(identification, nearest=nearest)
     links = FeasibleLinks(identification, identification, standard, HELD_ROLES)
     spec = mujoco.MjSpec.from_string(write_mjcf(links))
@@ -109,7 +114,10 @@ class MissingTorque:
         temperature: FloatArray | None = None,
         runs: FloatArray | None = None,
     ) -> None:
-        identification = make_physical(identification).identification
+        possible = make_physical(identification)
+        if possible.warning:
+            warnings.warn(possible.warning, stacklevel=2)
+        identification = possible.identification
         equation = build_equation_of_motion(identification.estimate)
         foreign = [argument.name for argument in equation.arguments if argument.name not in _KNOWN]
         if foreign:
@@ -235,17 +243,24 @@ def _build_missing_effects(identification: Identification, equation: EquationOfM
     arguments = {argument.name: argument.symbol for argument in equation.arguments}
     states = arguments.pop("z", ca.SX(0, 1))
     values, friction = np.zeros(len(columns)), np.zeros(len(columns), dtype=bool)
+    memory = identification.model.signals.memory_symbols
+    held = {is_friction: ca.SX.zeros(equation.robot.n, 1) for is_friction in (True, False)}
     for k, (column, value) in enumerate(zip(columns, identification.values, strict=True)):
         effect = get_effect(column.effect)
-        # The MuJoCo model has these already.
-        if not column.runs and (effect.is_inertia or get_role(column) in HELD_ROLES):
+        if effect.is_inertia and not column.runs:
             continue
         values[k] = value
-        friction[k] = effect.is_friction and not ca.depends_on(ca.jacobian(equation.effects, equation.base[k]), states)
-    parts = [
-        ca.substitute(equation.effects, equation.base, ca.DM(np.where(chosen, values, 0.0)))
-        for chosen in (friction, ~friction)
-    ]
+        friction[k] = effect.is_friction and not ca.depends_on(column.torque, memory)
+        # The MuJoCo model has these already.
+        if not column.runs and get_role(column) in HELD_ROLES:
+            held[bool(friction[k])] += column.torque * value
+    # All friction of a joint together does not fall beyond the recorded speeds. What MuJoCo holds of it does not know
+    # that, so what is missing is the difference.
+    sliding, whole = (
+        ca.substitute(equation.effects, equation.base, ca.DM(chosen))
+        for chosen in (np.where(friction, values, 0.0), values)
+    )
+    parts = [sliding - held[True], whole - sliding - held[False]]
     if states.numel():
         parts = [ca.substitute(part, states, equation.z_next) for part in parts]
     return Program([*arguments.values(), states, equation.q_before], ca.densify(ca.vertcat(*parts, equation.z_next)))

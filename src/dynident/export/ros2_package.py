@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
 
 from dynident.errors import DynidentError
@@ -32,13 +32,15 @@ _GIVEN = frozenset({"q", "dq", "ddq", "z"})
 _DATE = (2020, 1, 1, 0, 0, 0)
 
 
-def to_ros2_package(identification: Identification) -> ExportedFile:
+def to_ros2_package(identification: Identification, notes: Sequence[str] = ()) -> ExportedFile:
     """Return the identified model as a ROS 2 package, in a zip file.
 
     Parameters
     ----------
     identification : Identification
         The identified model, with the data of its fit.
+    notes : sequence of str
+        Further sentences that users must know, for the head of the header and the file's notes.
 
     Returns
     -------
@@ -50,7 +52,7 @@ def to_ros2_package(identification: Identification) -> ExportedFile:
     DynidentError
         Where an effect needs more than positions, velocities and accelerations, such as a temperature.
     """
-    header = to_cpp_header(identification)
+    header = to_cpp_header(identification, notes=notes)
     model = PurePosixPath(header.name).stem
     package = f"{model}_solver"
     equation = build_equation_of_motion(identification.estimate)

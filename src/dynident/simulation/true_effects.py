@@ -247,12 +247,26 @@ def may_be_negative(effect: str, parameter: str, runs: Sequence[str], beside: It
     return not any(spec.resists for spec in get_effect(effect).parameters if spec.name == parameter)
 
 
-def list_possibly_negative(columns: Sequence[Column]) -> list[bool]:
-    """Return for each column of a model whether physics allows its parameter below zero."""
+def list_possibly_negative(columns: Sequence[Column], unbounded: Iterable[str] = ()) -> list[bool]:
+    """Return for each column of a model whether physics allows its parameter below zero.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+        The columns.
+    unbounded : iterable of str
+        Joints at whose speeds the sum of friction cannot be looked at: each part of it must resist by itself.
+
+    Returns
+    -------
+    list of bool
+        One a column.
+    """
+    apart = set(unbounded)
     by_link: dict[str, set[str]] = {}
     for column in columns:
         by_link.setdefault(column.link, set()).add(column.effect)
-    return [may_be_negative(c.effect, c.parameter, c.runs, by_link[c.link]) for c in columns]
+    return [may_be_negative(c.effect, c.parameter, c.runs, () if c.link in apart else by_link[c.link]) for c in columns]
 
 
 def has_bent_friction(effects: Iterable[str]) -> bool:

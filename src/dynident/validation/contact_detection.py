@@ -112,8 +112,9 @@ class ContactDetection:
         return np.take_along_axis(self.thresholds.T, _find_classes(observed, self.speeds), axis=0)
 
     def find_contacts(self, observed: ObservedContacts) -> BoolArray:
-        """Return whether each joint's residual is beyond its threshold (m, n)."""
-        return np.asarray(np.abs(observed.residual) > self.compute_thresholds(observed))
+        """Return whether each joint's residual is beyond its threshold, or not a number (m, n)."""
+        # After a sample that is not a number the residual stays none: that must not look like no contact.
+        return ~np.asarray(np.abs(observed.residual) <= self.compute_thresholds(observed))
 
     def count_alarms(self, observed: ObservedContacts, period: float) -> int:
         """Count the alarms of a motion, sampled every `period` s; the second after an alarm belongs to it."""
@@ -186,6 +187,29 @@ def calibrate_contact_detection(
     _check_rate(false_alarms_per_hour)
     runs = [run for recording in recordings for run in observe_recording(identification, recording, gain)]
     return fit_contact_detection(identification.model.robot, runs, false_alarms_per_hour, gain)
+
+
+def explain_no_detection(identification: Identification, recordings: Sequence[Recording]) -> str:
+    """Return why recordings give no thresholds, or no force that these detect, in a sentence.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    recordings : sequence of Recording
+        Held-out recordings of which `calibrate_contact_detection` has made nothing.
+    """
+    robot = identification.model.robot
+    silent = set(robot.joints_without_torque)
+    lacking = [sorted(set(recording.joints_without_torque) - silent) for recording in recordings]
+    if lacking and all(lacking):
+        fewest = min(lacking, key=len)
+        return f"No recording has the torque of {', '.join(fewest)}, which the observer needs."
+    runs = [run for recording in recordings for run in observe_recording(identification, recording)]
+    detection = _fit_thresholds(robot, runs, FALSE_ALARMS_AN_HOUR)
+    if detection is None or not np.isfinite(detection.thresholds).any():
+        return f"The recordings have less than {FEWEST_BLOCKS} s of unbroken motion for thresholds."
+    return "A force at the tool does not show at the joints in nearly all directions and postures."
 
 
 def _check_rate(false_alarms_per_hour: float) -> None:
@@ -421,12 +445,6 @@ def validate_collision(
     _check_rate(false_alarms_per_hour)
     robot = identification.model.robot
     runs: list[list[Run]] = []
-    silent = set(robot.joints_without_torque)
-    lacking = [sorted(set(recording.joints_without_torque) - silent) for recording in recordings]
-    if lacking and all(lacking):
-        fewest = min(lacking, key=len)
-        reason = f"No recording has the torque of {', '.join(fewest)}, which the observer needs."
-        return CollisionValidation(None, 0, 0.0, ValidationOutcome("not_evaluated", reason))
     for k, recording in enumerate(recordings):
         progress(k / (2 * len(recordings)), "observing the momentum")
         runs.append(observe_recording(identification, recording))
@@ -441,20 +459,18 @@ def validate_collision(
             seconds = sum(len(run.residual) * period for run, period in left_out)
             expected += detection.false_alarms_an_hour * seconds / 3600.0
     validation = CollisionValidation(contact, alarms, expected, ValidationOutcome("pass", ""))
-    return replace(validation, judged=_judge_detection(validation))
+    if contact is None:
+        judged = ValidationOutcome("not_evaluated", explain_no_detection(identification, recordings))
+    else:
+        judged = _judge_detection(validation, contact)
+    return replace(validation, judged=judged)
 
 
-def _judge_detection(validation: CollisionValidation) -> ValidationOutcome:
-    if validation.contact is None:
-        reason = (
-            f"The recordings have less than {FEWEST_BLOCKS} s of motion for thresholds, or no joint feels a force at "
-            "the tool."
-        )
-        return ValidationOutcome("not_evaluated", reason)
+def _judge_detection(validation: CollisionValidation, contact: ContactDetection) -> ValidationOutcome:
     text = validation.describe()
     if validation.is_disproved:
         return ValidationOutcome("fail", f"{text} {WRONG_IN_SOME_MOTIONS}")
-    if validation.contact.force > HAND_CONTACT_FORCE_LIMIT:
+    if contact.force > HAND_CONTACT_FORCE_LIMIT:
         limit = f"{HAND_CONTACT_FORCE_LIMIT:g} N, an example of what a clamped hand can bear"
         return ValidationOutcome("fail", f"{text} This is above {limit}.")
     return ValidationOutcome("pass", text)

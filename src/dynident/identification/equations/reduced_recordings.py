@@ -140,8 +140,13 @@ def reduce_to_rows(
     share = 1.0 if rows.model == "dynamic" else 0.5
     # Always reduce the joints' torques as well: errors of all equation types are compared in them.
     inputs = replace(inputs, recordings=ordinary)
-    data = reduce_torque(model, inputs, scale_progress(progress, 0.0, share), known)
-    data = replace(data, friction=friction, speeds=find_largest_speeds(model, inputs))
+    # Speeds of bent friction take a pass over the positions alone.
+    start = 0.1 * share if has_bent_friction(choice.effect for choice in model.effects) else 0.0
+    # The joints' fastest motion may be in tests of their friction.
+    whole = replace(inputs, recordings=(*ordinary, *friction))
+    speeds = find_largest_speeds(model, whole, scale_progress(progress, 0.0, start))
+    data = reduce_torque(model, inputs, scale_progress(progress, start, share), known)
+    data = replace(data, friction=friction, speeds=speeds)
     if rows.model == "dynamic":
         return data
     equations = build_equations(model, rows, inputs, scale_progress(progress, share, 1.0))
@@ -150,13 +155,16 @@ def reduce_to_rows(
     return replace(data, equations=equations)
 
 
-def find_largest_speeds(model: Model, inputs: RegressorInputs) -> FloatArray | None:
+def find_largest_speeds(
+    model: Model, inputs: RegressorInputs, progress: Progress = ignore_progress
+) -> FloatArray | None:
     """Return the largest filtered speed (n,) of each joint; None for a model whose friction is a straight line."""
     if not has_bent_friction(choice.effect for choice in model.effects):
         return None
     largest = np.zeros(model.robot.n)
-    for recording in inputs.recordings:
+    for k, recording in enumerate(inputs.recordings):
         for block in filtered_blocks(recording, inputs.preprocessing):
+            progress(k / len(inputs.recordings), "finding the largest speeds")
             largest = np.maximum(largest, np.abs(block.dq[block.used]).max(axis=0, initial=0.0))
     return largest
 

@@ -29,6 +29,7 @@ from dynident.identification.estimators.feasible_problem import (
     StandardPrior,
     build_problem,
     build_standard_prior,
+    find_resisting_speeds,
 )
 from dynident.identification.standard_parameters import StandardParameters, find_bodies
 from dynident.number_format import format_percent
@@ -77,7 +78,8 @@ def solve_feasible(request: Problem) -> Fit:
     model, data, known = request.model, request.data, request.known
     unconstrained = solve_weighted(data.equations, known)
     believed = build_standard_prior(model, request.trust, unconstrained)
-    problem = build_problem(model, data.equations, known, believed.approximate_at(believed.belief.mean), data.speeds)
+    speeds = find_resisting_speeds(model, data.speeds)
+    problem = build_problem(model, data.equations, known, believed.approximate_at(believed.belief.mean), speeds)
     # Beside a prior rows count as information: correlated ones must not count as independent samples.
     levels = compute_noise_levels if known is None else compute_correlated_noise
     noise = unconstrained.noise
@@ -86,7 +88,7 @@ def solve_feasible(request: Problem) -> Fit:
         if believed.entropic is None:
             constrained = problem.solve(noise)
         else:
-            problem, constrained = minimise_entropic_cost(model, problem, believed, noise, data.speeds)
+            problem, constrained = minimise_entropic_cost(model, problem, believed, noise, speeds)
         # The noise depends on the residual, and that on the weights by the noise: iterate until both agree.
         before, noise = noise, levels(data.equations, problem.to_base_parameters(constrained))
         if converged := are_weights_settled(data.equations, before, noise):

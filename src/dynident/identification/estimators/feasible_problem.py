@@ -308,7 +308,7 @@ def build_problem(
         bodies=tuple(
             b for b in find_bodies(model.columns) if int(b.columns[0]) not in believed.first_columns_without_bound
         ),
-        not_negative=_list_not_negative(model),
+        not_negative=_list_not_negative(model, speeds),
         friction=() if speeds is None else list_friction_bounds(model, speeds),
     )
 
@@ -328,13 +328,14 @@ def _estimate_sizes(model: Model, belief: NormalPrior, unconstrained: Solution) 
     )
 
 
-def _list_not_negative(model: Model) -> IndexArray:
+def _list_not_negative(model: Model, speeds: FloatArray | None = None) -> IndexArray:
     """Return the parameters that cannot be negative.
 
     Beside other friction effects of their joint Coulomb and viscous friction are only parts of a sum, which alone has a
     sign.
     """
     bent = {column.link for column in model.columns if has_bent_friction([column.effect])}
+    bent -= set() if speeds is None else list_unbounded_joints(model, speeds)
     return np.array(
         [
             k
@@ -377,11 +378,36 @@ class FrictionBound:
         Numbers of the parameters in it.
     weights : (k,)
         Torque for a unit of each, against the motion.
+    share : float
+        Speed as a share of the largest recorded one, below zero backward.
     """
 
     name: str
     columns: IndexArray
     weights: FloatArray
+    share: float
+
+
+def find_resisting_speeds(model: Model, speeds: FloatArray | None) -> FloatArray:
+    """Return the speeds (n,) up to which all friction of a joint together must resist.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its columns.
+    speeds : (n,) or None
+        Largest recorded speeds, in rad/s or m/s. Where they are not known the joints' limits stand for them; 0 where
+        there is no limit either.
+    """
+    if speeds is not None:
+        return speeds
+    limits = [joint.limits.velocity for joint in model.robot.joints]
+    return np.array([limit if limit is not None and np.isfinite(limit) else 0.0 for limit in limits])
+
+
+def list_unbounded_joints(model: Model, speeds: FloatArray) -> set[str]:
+    """Return the joints without a speed up to which friction must resist, so that no sum of it can be bounded."""
+    return {name for name, speed in zip(model.robot.joint_names, speeds, strict=True) if not speed > 0}
 
 
 def list_friction_bounds(model: Model, speeds: FloatArray) -> tuple[FrictionBound, ...]:
@@ -424,5 +450,5 @@ def list_friction_bounds(model: Model, speeds: FloatArray) -> tuple[FrictionBoun
             dq[joint] = speed * speeds[joint]
             sliding = np.array([np.sign(dq[j]) for j in joints])
             weights = np.sign(speed) * np.asarray(ca.DM(evaluate(dq, sliding))).ravel()[members]
-            bounds.append(FrictionBound(f"friction of {name}", columns, weights))
+            bounds.append(FrictionBound(f"friction of {name}", columns, weights, speed))
     return tuple(bounds)

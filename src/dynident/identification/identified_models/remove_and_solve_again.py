@@ -16,7 +16,11 @@ from dynident.effects.effect_columns import find_joints
 from dynident.effects.effect_text_format import format_constant
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
-from dynident.identification.estimators.feasible_problem import list_friction_bounds
+from dynident.identification.estimators.feasible_problem import (
+    find_resisting_speeds,
+    list_friction_bounds,
+    list_unbounded_joints,
+)
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.identified_models.fit_model import SubmodelRelation, finalise_identification
 from dynident.identification.identified_models.identification_result import NONE_IN_MEMORY, Identification, LadderStep
@@ -97,6 +101,13 @@ class PhysicalModel:
         """Whether `identification` can be simulated."""
         return not self.impossible or bool(self.note)
 
+    @property
+    def warning(self) -> str:
+        """What users of `identification` must know of it, a sentence; empty where nothing was or is impossible."""
+        if self.is_possible:
+            return self.note
+        return f"A simulation with these parameters could gain energy: {'; '.join(self.impossible)}."
+
 
 @single_threaded
 def make_physical(identification: Identification) -> PhysicalModel:
@@ -117,8 +128,9 @@ def make_physical(identification: Identification) -> PhysicalModel:
         cannot be solved again.
     """
     impossible = tuple(list_impossible(identification))
+    # Poses at rest determine no inertia, so that there is nothing to solve again for.
     if not impossible or identification.model.is_at_rest:
-        return PhysicalModel(identification)
+        return PhysicalModel(identification, impossible)
     try:
         choices = replace(identification.choices, estimator="feasible", strategy="global")
         possible = reidentify(identification, choices)
@@ -142,7 +154,8 @@ def make_physical(identification: Identification) -> PhysicalModel:
 def list_impossible(identification: Identification) -> list[str]:
     """Return what makes a simulation of a model impossible, a few words each."""
     model, values = identification.model, identification.values
-    signed = list_possibly_negative(model.columns)
+    speeds = find_resisting_speeds(model, identification.estimate.speeds)
+    signed = list_possibly_negative(model.columns, list_unbounded_joints(model, speeds))
     rounding = _ROUNDING * float(np.abs(values).max(initial=0.0))
     reasons = [
         f"{column.name} = {value:.3g} {column.unit}"
@@ -151,15 +164,51 @@ def list_impossible(identification: Identification) -> list[str]:
     ]
     if identification.worst_inertia_eigenvalue <= 0:
         reasons.append("an inertia matrix that is not positive definite in every posture")
-    if identification.estimate.speeds is not None:
-        reasons += _list_driving_friction(model, values, identification.estimate.speeds)
-    return reasons
+    return reasons + _list_driving_friction(model, values, speeds)
 
 
-def _list_driving_friction(model: Model, values: FloatArray, speeds: FloatArray) -> list[str]:
+def list_held_friction(identification: Identification) -> list[tuple[str, float]]:
+    """Return the joints whose identified friction falls beyond the recorded speeds, with these, in rad/s or m/s.
+
+    Programs hold it there (`effects.friction.bound_friction`).
+    """
+    speeds = identification.estimate.speeds
+    if speeds is None:
+        return []
+    model, standard = identification.model, _spread_over_columns(identification.model, identification.values)
+
+    def sum_friction(factor: float) -> dict[tuple[str, float], float]:
+        return {
+            (bound.name, bound.share): float(bound.weights @ standard[bound.columns])
+            for bound in list_friction_bounds(model, factor * speeds)
+            if abs(bound.share) == 1.0
+        }
+
+    at_speeds, beyond = sum_friction(1.0), sum_friction(_BEYOND)
+    falling = {
+        name for (name, share), torque in at_speeds.items() if beyond[name, share] < (1 - _NOTABLE_FALL) * torque
+    }
+    return [
+        (joint, float(speed))
+        for joint, speed in zip(model.robot.joint_names, speeds, strict=True)
+        if f"friction of {joint}" in falling
+    ]
+
+
+# How far beyond the recorded speeds friction is looked at, as a multiple of them, and the share of it whose loss
+# counts: the end of a curve that has nearly settled is none.
+_BEYOND, _NOTABLE_FALL = 1.5, 0.01
+
+
+def _spread_over_columns(model: Model, values: FloatArray) -> FloatArray:
     # Columns that others absorbed are zero here, and in the others.
     standard = np.zeros(len(model.columns))
     standard[list(model.base.kept)] = values
+    return standard
+
+
+def _list_driving_friction(model: Model, values: FloatArray, speeds: FloatArray) -> list[str]:
+    standard = _spread_over_columns(model, values)
     names = [
         bound.name
         for bound in list_friction_bounds(model, speeds)
