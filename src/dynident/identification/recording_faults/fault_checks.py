@@ -140,8 +140,7 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         Without checks where the recording is too short, or the robot has too many joints.
     """
     units = find_description_units(robot)
-    # Masses in grams would make every torque look a thousand times too small, so the description is brought to SI
-    # first.
+    # Masses in grams would make every torque look a thousand times too small: the description is brought to SI first.
     machine = robot if units is None else units.to_si(robot)
     described = () if units is None else (report_description_units(units),)
     judges = HeldOutFits(machine)
