@@ -290,6 +290,8 @@ def _texts() -> list[_Made]:
     wide = json.dumps({f"c{k}": 0.0 for k in range(10_500)}).encode()
     zipped = {"t.csv": "\n".join(map(str, range(1000))).encode(), "q.csv": b"0 0\n" * 1000, "tau.csv": b"0 0\n" * 1000}
     row = b"0.0," + b"[" * 6_000_000
+    names = [f"a {{\n  n{k}: 1\n}}\n".encode() for k in range(6000)]
+    begin = b"h {\n  t: 1\n}\n"
     dates = b"t,q1,q2,tau1,tau2\n" + b"9999-99-99 99:99:99,0,0,0,0\n" * 50
     return [
         ("gzip bomb", "run.csv.gz", zlib.compress(bomb, 1, wbits=31), "unpacks to"),
@@ -312,6 +314,11 @@ def _texts() -> list[_Made]:
         ("archive in an archive", "run.zip", _archive({"a.zip": _archive(zipped)}), "neither Parquet nor text"),
         ("workbook", "run.xlsx", _archive({"[Content_Types].xml": b"<a/>"}), "save the sheet as CSV"),
         ("pickle", "run.pkl", pickle.dumps({"t": [0.0]}, protocol=4), "never opened"),
+        ("remarks before a table", "run.csv", b"-- a\n\n" * 40 + lines, "only 2000 rows"),
+        ("empty lines in a message", "run.txt", b"a {" + b"\n" * 60_000 + lines, "only 2000 rows"),
+        ("long word in an object", "run.log", b"State(t=0.1, q=" + b"a" * 1_000_000 + b")\nState(t=0.2)\n", "no column tau_shoulder"),
+        ("names that grow", "run.txt", begin + b"".join(names), "A message is longer than"),
+        ("names that grow in records", "run.txt", begin + begin.join(names), "numbers of the messages are missing"),
     ]
 
 

@@ -15,6 +15,9 @@ from dynident.recordings.recording import Recording
 LONGEST = 20.0
 """Seconds under one window: resolves a motion of 0.1 Hz."""
 
+FEWEST_ROWS = 8
+"""Rows of a window with frequencies above the three that the taper spoils, and some for the noise."""
+
 MAX_WINDOWS = 128
 
 
@@ -82,6 +85,12 @@ def estimate_spectra(recording: Recording) -> Spectra:
         )
     # A length of small prime factors: the Fourier transform is many times faster.
     length = fft.prev_fast_len(min(longest, int(LONGEST * recording.sampling_rate) + 1), real=True)
+    if length < FEWEST_ROWS:
+        raise DynidentError(
+            f"Recording {recording.name} has {recording.sampling_rate:.3g} rows a second: too few to choose the "
+            "filters. Check whether the time is in seconds.",
+            pointer="/preprocessing",
+        )
     starts = [first + offset for first, run in runs for offset in range(0, run - length + 1, max(1, length // 2))]
     if len(starts) > MAX_WINDOWS:
         starts = [starts[index] for index in np.linspace(0, len(starts) - 1, MAX_WINDOWS).astype(int)]

@@ -427,7 +427,11 @@ def _find_milliseconds(source: FileSource) -> dict[str, tuple[str, str, float]]:
         return {}
     whole, part = (to_float_column(first, name, 0) for name in (*times, *parts))
     is_part = bool(((part >= 0.0) & (part < 1e3)).all() and (whole == np.round(whole)).all())
-    return {_TIME: (times[0], parts[0], 1e-3)} if is_part and len(np.unique(whole)) > 1 else {}
+    # The milliseconds begin anew with each second; beside a stamp that has them already they do not.
+    steps = np.diff(whole)
+    is_next = steps == 1.0
+    is_clock = bool(is_next.any() and (is_next | (steps == 0.0)).all() and (np.diff(part)[is_next] < 0.0).all())
+    return {_TIME: (times[0], parts[0], 1e-3)} if is_part and is_clock else {}
 
 
 class SplitStampSource(FileSource):

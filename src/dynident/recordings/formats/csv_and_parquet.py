@@ -169,10 +169,16 @@ def _check_parquet(metadata: pq.FileMetaData, size: int) -> None:
     check_unpacked(max(values, metadata.num_rows) * _VALUE_BYTES, size)
 
 
-_RATE = re.compile(r"(?:rate|freq\w*|\bfs)\b\W{0,4}(?:\[?k?hz\W{1,4})?(\d+(?:\.\d+)?)\s*(k?hz)\b", re.IGNORECASE)
+_NO_THOUSANDS = r"(?![1-9]\d{0,2}\.\d{3}(?!\d))"
+"""Not before 1.000, which is a thousand to some and one to others."""
+_RATE = re.compile(
+    r"\b(?:(?:sampl|abtast|log|record|control|cycle)\w*[ _-]?(?:rate|freq\w*)|fs)\b\W{0,4}(?:\[?k?hz\W{1,4})?"
+    rf"{_NO_THOUSANDS}(\d+(?:\.\d+)?)\s*(k?hz)\b",
+    re.IGNORECASE,
+)
 _PERIOD = re.compile(
-    r"(?:(?:sampl\w*|cycle)[ _-]?(?:time|period|interval)|time[ _-]?step|abtastzeit|\bd?ts?)\b\W{0,4}"
-    r"(\d+(?:\.\d+)?(?:e-?\d+)?)\s*(s|ms|us|µs)\b",
+    r"\b(?:(?:sampl\w*|cycle)[ _-]?(?:time|period|interval)|time[ _-]?step|abtastzeit|(?-i:dt|Ts))\b\W{0,4}"
+    rf"{_NO_THOUSANDS}(\d+(?:\.\d+)?(?:e-?\d+)?)\s*(s|ms|us|µs)\b",
     re.IGNORECASE,
 )
 _UNITS_OF_RATES = {"hz": 1.0, "khz": 1e3, "s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6}

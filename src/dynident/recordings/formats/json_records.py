@@ -168,9 +168,10 @@ def open_json(content: TextContent) -> FileSource:
         is_list = content.read_start(_LOOKED_AT_BYTES).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"[")
         are_objects = all(isinstance(record, dict) for record in records)
         whole = records[0] if len(records) == 1 else {"run": records} if is_list and are_objects else None
-        is_table = isinstance(whole, dict) and bool(_find_table(whole))
-        arrays = list(_find_arrays(whole, "", 0)) if isinstance(whole, dict) and not is_table else []
-        if arrays:
+        arrays = list(_find_arrays(whole, "", 0)) if isinstance(whole, dict) else []
+        holder = _find_table_holder(whole) if arrays else None
+        # A small table beside arrays that are none of it says something about them.
+        if len(arrays) > len(list(_find_arrays(holder, "", 0)) if holder else []):
             return ArrayFileSource(arrays)
     return RecordSource(content)
 
@@ -180,16 +181,14 @@ def _read_records(content: TextContent) -> Iterator[object]:
     objects = (value for value, _ in _read_objects(content))
     first, second = next(objects, None), next(objects, None)
     if second is None and isinstance(first, dict):
-        if table := _find_table(first):
-            columns, rows = table
-            yield from (dict(zip(columns, row, strict=True)) for row in rows if len(row) == len(columns))
-            return
         if _has_times(first):
             yield from ({"time": float(key), **value} for key, value in first.items())
             return
         inner = [value for value in first.values() if isinstance(value, list) and value and isinstance(value[0], dict)]
-        if inner:
-            yield from max(inner, key=len)
+        longest = max(inner, key=len, default=[])
+        holder = _find_table_holder(first) if _find_rows(first) or len(longest) < FEWEST_ROWS else None
+        if holder or longest:
+            yield from _name_cells(holder["columns"], _find_rows(holder)) if holder else longest
             return
     yield from (record for record in (first, second) if record is not None)
     yield from objects
@@ -206,23 +205,41 @@ def _has_times(record: dict[str, Any]) -> bool:
     return bool(np.isfinite(times).all() and (np.diff(times) > 0.0).all())
 
 
-def _find_table(value: object, depth: int = 0) -> tuple[list[str], list[list[Any]]] | None:
-    """Return the names of columns and the rows of a table that an object holds, as data bases answer."""
+def _find_table_holder(value: object, depth: int = 0) -> dict[str, Any] | None:
+    """Return the object, or one inside it, that holds the rows of a table and the names of its columns."""
     if depth > DEEPEST:
         return None
     if isinstance(value, list):
-        return _find_table(value[0], depth + 1) if len(value) == 1 else None
-    if not isinstance(value, dict):
-        return None
+        return _find_table_holder(value[0], depth + 1) if len(value) == 1 else None
+    if not isinstance(value, dict) or _find_rows(value):
+        return value if isinstance(value, dict) else None
+    holders = (_find_table_holder(inner, depth + 1) for inner in value.values())
+    return next((holder for holder in holders if holder is not None), None)
+
+
+def _find_rows(value: dict[str, Any]) -> list[Any]:
+    """Return the rows of the table that an object is, as data bases answer; none where it holds other lists as long."""
     columns = value.get("columns")
-    if isinstance(columns, list) and all(isinstance(name, str) for name in columns):
-        for inner in value.values():
-            if inner is not columns and isinstance(inner, list) and len(inner) >= FEWEST_ROWS:
-                rows = [row for row in inner if isinstance(row, list)]
-                if sum(len(row) == len(columns) for row in rows) > len(inner) // 2:
-                    return columns, rows
-    tables = (_find_table(inner, depth + 1) for inner in value.values() if isinstance(inner, (dict, list)))
-    return next((table for table in tables if table is not None), None)
+    if not isinstance(columns, list) or not all(isinstance(name, str) for name in columns):
+        return []
+    lists = [inner for key, inner in value.items() if isinstance(inner, list) and key not in ("columns", "index")]
+    tables = [
+        rows
+        for rows in lists
+        if len(rows) >= FEWEST_ROWS
+        and sum(isinstance(row, list) and len(row) == len(columns) for row in rows) > len(rows) // 2
+    ]
+    is_alone = len(tables) == 1 and sum(len(other) == len(tables[0]) for other in lists) == 1
+    return tables[0] if is_alone else []
+
+
+def _name_cells(columns: list[str], rows: list[Any]) -> Iterator[dict[str, Any]]:
+    for number, row in enumerate(rows, 1):
+        if not isinstance(row, list) or len(row) != len(columns):
+            n_cells = len(row) if isinstance(row, list) else "no"
+            reason = f"Row {number} of the table has {n_cells} values, but {len(columns)} columns have names."
+            raise RecordingError(reason, title=TITLE, row=number)
+        yield dict(zip(columns, row, strict=True))
 
 
 def _read_objects(content: TextContent) -> Iterator[tuple[object, int]]:

@@ -95,11 +95,12 @@ _TEXTS_NOT_READ = (
     ),
     (rb"^\s*\{\s*\{\s*[-+]?\d+\.", 'a list of Mathematica: write it anew with Export["run.csv", data].'),
     (
-        rb"^(?:[^\n]*\n){0,9}?\[\[[A-Za-z_][\w.]*\]\]\s*\n\s*\w+ *=",
+        rb"^(?:[^\n]*\n){0,9}?\[\[[A-Za-z_][\w.]*\]\][^\S\n]*\n\s*+\w+ *=",
         "TOML: write an object of JSON a line instead, or a table as CSV.",
     ),
     (
-        rb"(?i)^(?:\s*(?:--|/\*)[^\n]*\n|\s)*(?:drop|create|insert|set|begin|copy)\s[^\n]*\b(?:table|into|from|transaction)\b",
+        rb"(?i)^\s*+(?:(?:--|/\*)[^\n]*\n\s*+)*+"
+        rb"(?:(?:drop|create)\s+table\s|insert\s+into\s|begin(?:\s+transaction)?\s*;|copy\s[^\n]*\sfrom\s+stdin\b)",
         "a dump of SQL: select the rows from the data base, and write the answer as CSV.",
     ),
     (
@@ -160,7 +161,7 @@ def format_of(path: Path) -> str:
 
 def _refuse_foreign(start: bytes) -> None:
     """Refuse files of formats that are known but not read, and say what to do."""
-    if re.match(rb"\s*(?:\xef\xbb\xbf)?\s*<", start) and re.search(rb"<table\b", start, re.IGNORECASE):
+    if re.match(rb"\s*+(?:\xef\xbb\xbf\s*+)?<(?!\?xml)", start) and re.search(rb"<table\b", start, re.IGNORECASE):
         raise RecordingError(
             "The file is a table in HTML, which some programs write with the ending .xls: open it in a spreadsheet and "
             "save the sheet as CSV.",

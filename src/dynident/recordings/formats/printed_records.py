@@ -7,12 +7,13 @@ YAML), lines of names with values that begin again with the same name, and messa
 from __future__ import annotations
 
 import io
+import itertools
 import json
 import re
 from collections.abc import Iterator, Sequence
 from typing import IO, Any, Literal
 
-from dynident.recordings.file_size_limits import DEEPEST, LARGEST_MESSAGE, TITLE
+from dynident.recordings.file_size_limits import DEEPEST, LARGEST_MESSAGE, MOST_TIMES, TITLE
 from dynident.recordings.formats.text_streams import ProducedStream, TextContent, has_labelled_numbers
 from dynident.recordings.recording_metadata import RecordingError
 
@@ -23,9 +24,15 @@ _PYTHON = re.compile(
     r"^\s*(?:\{\s*'|(?:\(|\[)\s*[-+.\d]+\s*,\s*(?:array)?[(\[]|[A-Za-z_][\w.:]*(?:\(\w+=|\s?\{\s*\w+\s?:\s?\S[^\n]*\}))"
 )
 """How dictionaries begin, tuples of numbers and lists, and objects on one line: State(t=0.1), State { t: 0.1 }."""
-_PROTOBUF = re.compile(r"^\s*(?:\w+\s*:[^\n]*\n\s*){0,9}\w+\s*\{\s*\n\s*(?:\w+\s*:\s*[^\s{]|\w+\s*\{\s*\n)")
+_PROTOBUF = re.compile(
+    r"^\s*+(?:\w++\s*+:[^\n]*+\n\s*+){0,9}\w++\s*+\{"
+    r"(?:[^\S\n]*+\n\s*+(?:\w++\s*+:\s*+[^\s{]|\w++\s*+\{[^\S\n]*+\n)"
+    r"|\s*+(?:\w++\s*+\{\s*+)*+\w++\s*+:\s*+(?:\"[^\"\n]*+\"|[^\s,{}\"]++)\s++\w[^\n]*\}[^\S\n]*+\n\s*+\w++\s*+[:{])"
+)
+"""Messages with a field a line, or with several fields on one line and no commas between them."""
 _ENTRY = re.compile(r"^(?P<name>[A-Za-z_][\w./ ]{0,63}?)\s?:(?:\s+(?P<value>\S.*))?$")
 """A name, and behind the colon its value, if it does not stand in the lines below."""
+_NAME = re.compile(r"[A-Za-z_][\w.:]*")
 _SEPARATOR = "---"
 _ITEM = "- "
 
@@ -45,10 +52,10 @@ def find_printed_kind(content: TextContent) -> Kind | None:
         "protobuf" for messages as `gz topic --echo` prints them.
     """
     text = content.read_start(_LOOKED_AT).decode("utf-8-sig", errors="replace")
-    if _PYTHON.match(text):
-        return "python"
     if _PROTOBUF.match(text):
         return "protobuf"
+    if _PYTHON.match(text) and _goes_on(text):
+        return "python"
     # The last line may be cut off.
     whole = text.splitlines()[:-1]
     # A table whose numbers have words before them may begin with the level of the log: INFO: t=0.1 q=0.2.
@@ -58,6 +65,15 @@ def find_printed_kind(content: TextContent) -> Kind | None:
     if lines and lines[0].startswith(_SEPARATOR):
         lines = lines[1:]
     return _find_kind(lines) or _find_kind(list(_find_items(iter(lines))))
+
+
+def _goes_on(text: str) -> bool:
+    """Return whether a printed object goes on, or its name comes again, below its first line: a title's does not."""
+    first, *others = itertools.islice((line for line in text.splitlines() if line.strip()), 2)
+    name = _NAME.match(first.lstrip())
+    if name is None or not others:
+        return True
+    return others[0].lstrip().startswith(name[0]) if first.rstrip()[-1] in ")}" else others[0][0].isspace()
 
 
 def _find_kind(lines: Sequence[str]) -> Kind | None:
@@ -184,7 +200,7 @@ def _join_dictionaries(lines: Iterator[str]) -> Iterator[str]:
     yield " ".join(parts)
 
 
-_OBJECT = re.compile(r"[A-Za-z_][\w.:]*(?:(?P<call>\()(?=\s*\w+\s*=)|\s?(?=\{))|[()]")
+_OBJECT = re.compile(r"(?<![\w.:])[A-Za-z_][\w.:]*+(?:(?P<call>\()(?=\s*\w+\s*=)|\s?(?=\{))|[()]")
 """The name of an object, with its bracket if that is round; and every other round bracket."""
 _KEY = re.compile(r"([{,]\s*)([A-Za-z_]\w*)\s*(?:=|:(?!:))")
 
@@ -192,8 +208,15 @@ _VARIANT = re.compile(r":\s+(?!(?:true|false|null|True|False|None|nan|NaN|inf|In
 """A value that is a bare word, such as a variant of an enumeration."""
 
 
-def _rewrite_objects(text: str) -> str:
-    """Return objects that are printed with their names, State(t=0.1) or State { t: 0.1 }, as those of JSON."""
+_TEXT = re.compile(r"""('(?:[^'\\]|\\.?)*+(?:'|\Z)|"(?:[^"\\]|\\.?)*+(?:"|\Z))""")
+"""A text in quotes, within which nothing else is rewritten."""
+
+
+def _rewrite_objects(parts: Sequence[str]) -> list[str]:
+    """Return objects that are printed with their names, State(t=0.1) or State { t: 0.1 }, as those of JSON.
+
+    The parts are those between texts.
+    """
     is_object: list[bool] = []
 
     def replace_bracket(match: re.Match[str]) -> str:
@@ -204,16 +227,20 @@ def _rewrite_objects(text: str) -> str:
             return "{" if is_object[-1] else "("
         return ""
 
-    return _VARIANT.sub(r': "\1"', _KEY.sub(r'\1"\2": ', _OBJECT.sub(replace_bracket, text)))
+    return [_VARIANT.sub(r': "\1"', _KEY.sub(r'\1"\2": ', _OBJECT.sub(replace_bracket, part))) for part in parts]
 
 
 def _rewrite_python(line: str) -> str:
     """Return a printed dictionary or object as JSON; what is none stays, and its reader says so."""
     text = _CALL.sub(r"\1", line)
-    if text.lstrip()[:1].isalpha() or text.lstrip().startswith("_"):
-        text = _rewrite_objects(text)
-    text = _POINT_AT_END.sub(r"\1", _WORD.sub(lambda word: _WORDS[word[0]], text))
-    text = _STRING.sub(r'"\1"', text).replace("(", "[").replace(")", "]").strip()
+    parts = _TEXT.split(text)
+    if _NAME.match(text.lstrip()):
+        parts[::2] = _rewrite_objects(parts[::2])
+    for k in range(0, len(parts), 2):
+        part = _POINT_AT_END.sub(r"\1", _WORD.sub(lambda word: _WORDS[word[0]], parts[k]))
+        parts[k] = part.replace("(", "[").replace(")", "]")
+    parts[1::2] = [_STRING.sub(r'"\1"', part) for part in parts[1::2]]
+    text = "".join(parts).strip()
     # What has no names is counted.
     return f'{{"column": {text}}}' if text.startswith("[") else text
 
@@ -222,50 +249,62 @@ _OMITTED = ("sec", "nsec")
 """Numbers of a time, which protobuf does not print where they are 0."""
 
 
+_FIELD = re.compile(
+    r"(?<!\w)(?P<name>\w++)\s*+(?::?\s*+(?P<opens>\{)"
+    r"|:\s*+(?P<text>\"(?:[^\"\\]|\\.?)*+(?:\"|\Z)|'(?:[^'\\]|\\.?)*+(?:'|\Z)|\[[^\[\]]*+\]|[^\s{},;]++))|\}"
+)
+"""A field of a message with its value, the beginning of a message, or the end of one."""
+
+
 def _rewrite_protobuf(lines: Iterator[str]) -> Iterator[str]:
     """Yield the messages of protobuf that are printed as text; each begins with the name of the first."""
     numbers: dict[tuple[str, ...], set[str]] = {}
     first = before = ""
     stack: list[tuple[str, dict[str, Any]]] = [("", {})]
-    size = 0
+    size = n_read = n_filled = 0
     for line in lines:
-        entry = line.strip()
         size += len(line)
-        if size > LARGEST_MESSAGE:
-            raise RecordingError(f"A message is longer than {LARGEST_MESSAGE >> 20} MB.", title=TITLE)
-        name, opens, _ = entry.partition("{")
-        key, colon, text = entry.partition(":")
-        if not opens and not colon and entry != "}":
-            continue
-        name = (name if opens else key).strip(" :")
-        if len(stack) == 1 and entry != "}":
-            if name == first and before != first:
-                yield json.dumps(stack[0][1])
-                stack, size = [("", {})], 0
-            first, before = first or name, name
-        if entry == "}":
-            _close_message(stack, numbers)
-        elif opens:
-            if len(stack) > DEEPEST:
-                raise RecordingError(f"A message is nested deeper than {DEEPEST} levels.", title=TITLE)
-            stack.append((name, {}))
-        elif text.strip():
-            _add_field(stack[-1][1], name, _parse_scalar(text.strip()))
+        n_read += len(line)
+        for field in _FIELD.finditer(line):
+            name = field["name"]
+            if name is None:
+                n_new = _close_message(stack, numbers)
+                size, n_filled = size + n_new, n_filled + n_new
+                if n_filled > max(LARGEST_MESSAGE, MOST_TIMES * n_read):
+                    raise RecordingError("Nearly all numbers of the messages are missing.", title=TITLE)
+                continue
+            if size > LARGEST_MESSAGE:
+                raise RecordingError(f"A message is longer than {LARGEST_MESSAGE >> 20} MB.", title=TITLE)
+            if len(stack) == 1:
+                if name == first and before != first:
+                    yield json.dumps(stack[0][1])
+                    stack, size = [("", {})], len(line)
+                first, before = first or name, name
+            if field["opens"]:
+                if len(stack) > DEEPEST:
+                    raise RecordingError(f"A message is nested deeper than {DEEPEST} levels.", title=TITLE)
+                stack.append((name, {}))
+            else:
+                _add_field(stack[-1][1], name, _parse_scalar(field["text"]))
     if stack[0][1]:
         yield json.dumps(stack[0][1])
 
 
-def _close_message(stack: list[tuple[str, dict[str, Any]]], numbers: dict[tuple[str, ...], set[str]]) -> None:
-    """Put the innermost message into the one around it; numbers that others of its kind have are 0 where they miss."""
+def _close_message(stack: list[tuple[str, dict[str, Any]]], numbers: dict[tuple[str, ...], set[str]]) -> int:
+    """Put the innermost message into the one around it; numbers that others of its kind have are 0 where they miss.
+
+    Returns how many characters these take.
+    """
     if len(stack) < 2:
-        return
+        return 0
     path = tuple(name for name, _ in stack)
     name, message = stack.pop()
     known = numbers.setdefault(path, set(_OMITTED) if name == "stamp" else set())
     known |= {key for key, value in message.items() if isinstance(value, (int, float))}
-    for key in known:
-        message.setdefault(key, 0)
+    missing = known - message.keys()
+    message.update(dict.fromkeys(missing, 0))
     _add_field(stack[-1][1], name, message)
+    return sum(map(len, missing)) + len(missing)
 
 
 def _add_field(message: dict[str, Any], name: str, value: object) -> None:
