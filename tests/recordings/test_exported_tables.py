@@ -291,3 +291,126 @@ def test_the_number_that_differs_says_whether_files_are_runs(tmp_path, names, ar
             values = np.column_stack([run.t, run.q[:, k], run.tau[:, k]])
             archive.writestr(f"{name}.csv", table(["t", "q", "tau"], cells(values)))
     assert ("segment" in open_source(tmp_path / "files.zip", None).names) == are_runs
+
+
+def read_columns(path: Path) -> dict[str, np.ndarray]:
+    source = open_source(path, None)
+    return dict(zip(source.names, np.concatenate(list(source.blocks())).T, strict=True))
+
+
+NUMBERS = np.column_stack([0.01 * np.arange(50), np.sin(np.arange(50)), np.cos(np.arange(50))])
+ROWS = "\n".join([",".join(f"{cell:.6f}" for cell in row) for row in NUMBERS]) + "\n"
+
+
+@pytest.mark.parametrize(
+    "title",
+    [
+        "# Set 1 of 3 from robot A",
+        "Copy of the data from Monday",
+        "Insert of row 3 into this table",
+        "-- a remark",
+        "Log {robot: ur5, run: 3}",
+        "State(t=1)",
+    ],
+)
+def test_a_title_above_a_table_is_no_statement_and_no_object(tmp_path, title):
+    columns = read_columns(written(tmp_path / "run.csv", f"{title}\nt,q1,tau1\n{ROWS}"))
+    np.testing.assert_allclose(np.column_stack([columns[name] for name in ("t", "q1", "tau1")]), NUMBERS, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "begin", ["begin transaction;", "BEGIN;", "COPY log (t, q) FROM stdin;", "create table log (\n"]
+)
+def test_statements_of_sql_are_called_that(tmp_path, begin):
+    with pytest.raises(RecordingError, match="a dump of SQL"):
+        read_sample(written(tmp_path / "log.sql", f"-- a dump\n\n{begin}\n{ROWS}"))
+
+
+def test_a_workbook_of_xml_is_no_page(tmp_path):
+    text = "<?xml version='1.0'?>\n<Workbook><Worksheet><Table><Row/></Table></Worksheet></Workbook>\n"
+    with pytest.raises(RecordingError, match="The file is XML"):
+        read_sample(written(tmp_path / "run.xml", text))
+
+
+def test_names_with_brackets_are_a_header(tmp_path):
+    text = f"position(joint=1),position(joint=2),torque(joint=1)\n{ROWS}"
+    assert len(read_columns(written(tmp_path / "run.csv", text))) == 3
+
+
+def test_nothing_is_rewritten_within_a_text_of_a_printed_object(tmp_path):
+    rows = [f"State(t={k}, note='a, b: (None) 1. nan', q=[{k}, 1.], ok=True)" for k in range(20)]
+    source = open_source(written(tmp_path / "run.log", "\n".join([*rows, ""])), None)
+    assert (source.names, source.texts["note"][0]) == (["t", "note", "q1", "q2", "ok"], "a, b: (None) 1. nan")
+    np.testing.assert_array_equal(next(source.batches(["q1"])).column("q1").to_numpy(), np.arange(20))
+
+
+@pytest.mark.parametrize("first", ["header { stamp { sec: 7 nsec: 5 } }", "header {\n  stamp { sec: 7 nsec: 5 }\n}"])
+def test_messages_of_protobuf_may_stand_on_one_line_and_texts_hold_braces(tmp_path, first):
+    rows = [f'{first}\nname: "a{{b}}: }}"\njoint {{ name: "j{{" position: {k} torque: {-k}.5 }}\n' for k in range(20)]
+    columns = read_columns(written(tmp_path / "echo.txt", "".join(rows)))
+    np.testing.assert_array_equal(columns["joint.position"], np.arange(20))
+    np.testing.assert_array_equal(columns["joint.torque"], [float(f"{-k}.5") for k in range(20)])
+    assert {"header.stamp.sec", "header.stamp.nsec"} < set(columns) or "header.stamp.time" in columns
+
+
+@pytest.mark.parametrize(
+    ("remark", "rate"),
+    [
+        ("Sampling rate: 250 Hz", 250.0),
+        ("logging frequency [Hz]: 125 Hz", 125.0),
+        ("Abtastfrequenz = 1 kHz", 1000.0),
+        ("Control frequency: 500 Hz, cut-off frequency: 20 Hz", 500.0),
+        ("fs = 100 Hz", 100.0),
+        ("dt = 0.008 s", 125.0),
+        ("cut-off frequency: 20 Hz", None),
+        ("PWM frequency: 20 kHz", None),
+        ("Baud rate 9600 Hz", None),
+        ("payload attached at t = 0.5 s", None),
+        ("Sampling rate: 1,000 Hz", None),
+    ],
+)
+def test_only_a_rate_of_rows_in_a_remark_is_their_rate(tmp_path, remark, rate):
+    text = f"# {remark}\nq1,q2,tau1\n{ROWS}"
+    assert open_source(written(tmp_path / "run.csv", text), None).stated_rate in (None, rate)
+    columns = read_columns(written(tmp_path / "run.csv", text))
+    assert ("t" in columns) == (rate is not None)
+    if rate is not None:
+        np.testing.assert_allclose(columns["t"], np.arange(50) / rate)
+
+
+@pytest.mark.parametrize(("unit", "name"), [(1e3, "stamp_ms"), (1e9, "stamp_ns")])
+def test_milliseconds_beside_a_whole_stamp_are_no_part_of_it(tmp_path, unit, name):
+    t = 0.01 * np.arange(300)
+    whole, part = np.rint(unit * t), np.rint(1e3 * t) % 1000
+    stamps = [f"{a:.0f},{b:.0f},{np.sin(a):.4f}" for a, b in zip(whole, part, strict=True)]
+    path = written(tmp_path / "run.csv", "\n".join([f"{name},msec,q1", *stamps, ""]))
+    assert open_source(path, None).names == [name, "msec", "q1"]
+    seconds = [f"{np.floor(a + 1e-9):.0f},{b:.0f},{np.sin(a):.4f}" for a, b in zip(t, part, strict=True)]
+    columns = read_columns(written(tmp_path / "s.csv", "\n".join(["time,msec,q1", *seconds, ""])))
+    np.testing.assert_allclose(columns["t"], t)
+
+
+LISTS = {"t": NUMBERS[:, 0].tolist(), "q": NUMBERS[:, 1:].tolist(), "tau": NUMBERS[:, 1:].tolist()}
+SMALL = {"columns": ["axis", "gain"], "data": [[k, 2.0 * k] for k in range(10)]}
+
+
+@pytest.mark.parametrize("beside", [{"columns": ["a", "b"]}, {"meta": SMALL}, {"columns": ["a", "b"], "meta": SMALL}])
+def test_signals_beside_names_or_a_small_table_are_read(tmp_path, beside):
+    columns = read_columns(written(tmp_path / "run.json", json.dumps({**beside, **LISTS})))
+    np.testing.assert_array_equal(np.column_stack([columns[name] for name in ("t", "q1", "tau2")]), NUMBERS)
+
+
+def test_records_beside_a_small_table_are_read(tmp_path):
+    records = [{"t": t, "q": q, "tau": tau} for t, q, tau in NUMBERS.tolist()]
+    columns = read_columns(written(tmp_path / "run.json", json.dumps({"meta": SMALL, "samples": records})))
+    np.testing.assert_array_equal(np.column_stack(list(columns.values())), NUMBERS)
+
+
+@pytest.mark.parametrize("around", [lambda table: table, lambda table: {"data": table, "id": 1}])
+def test_a_table_of_json_with_a_row_of_another_length_says_so(tmp_path, around):
+    answer = {"columns": ["t", "q1", "tau1"], "index": list(range(50)), "data": NUMBERS.tolist()}
+    columns = read_columns(written(tmp_path / "run.json", json.dumps(around(answer))))
+    np.testing.assert_array_equal(np.column_stack([columns[name] for name in ("t", "q1", "tau1")]), NUMBERS)
+    answer["data"][30] = [1.0, 2.0]
+    with pytest.raises(RecordingError, match=r"Row 31 of the table has 2 values, but 3 columns"):
+        read_columns(written(tmp_path / "run.json", json.dumps(around(answer))))

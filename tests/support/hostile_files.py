@@ -316,7 +316,12 @@ def _texts() -> list[_Made]:
         ("pickle", "run.pkl", pickle.dumps({"t": [0.0]}, protocol=4), "never opened"),
         ("remarks before a table", "run.csv", b"-- a\n\n" * 40 + lines, "only 2000 rows"),
         ("empty lines in a message", "run.txt", b"a {" + b"\n" * 60_000 + lines, "only 2000 rows"),
-        ("long word in an object", "run.log", b"State(t=0.1, q=" + b"a" * 1_000_000 + b")\nState(t=0.2)\n", "no column tau_shoulder"),
+        (
+            "long word in an object",
+            "run.log",
+            b"State(t=0.1, q=" + b"a" * 1_000_000 + b")\nState(t=0.2)\n",
+            "no column tau_shoulder",
+        ),
         ("names that grow", "run.txt", begin + b"".join(names), "A message is longer than"),
         ("names that grow in records", "run.txt", begin + begin.join(names), "numbers of the messages are missing"),
     ]

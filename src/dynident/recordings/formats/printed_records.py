@@ -27,7 +27,8 @@ _PYTHON = re.compile(
 _PROTOBUF = re.compile(
     r"^\s*+(?:\w++\s*+:[^\n]*+\n\s*+){0,9}\w++\s*+\{"
     r"(?:[^\S\n]*+\n\s*+(?:\w++\s*+:\s*+[^\s{]|\w++\s*+\{[^\S\n]*+\n)"
-    r"|\s*+(?:\w++\s*+\{\s*+)*+\w++\s*+:\s*+(?:\"[^\"\n]*+\"|[^\s,{}\"]++)\s++\w[^\n]*\}[^\S\n]*+\n\s*+\w++\s*+[:{])"
+    r"|\s*+(?:\w++\s*+\{\s*+)*+\w++\s*+:\s*+(?:\"[^\"\n]*+\"|[^\s,{}\"]++)\s++\w[^\n]*\}"
+    r"[^\S\n]*+\n\s*+(?:\}|\w++\s*+[:{]))"
 )
 """Messages with a field a line, or with several fields on one line and no commas between them."""
 _ENTRY = re.compile(r"^(?P<name>[A-Za-z_][\w./ ]{0,63}?)\s?:(?:\s+(?P<value>\S.*))?$")
