@@ -7,7 +7,6 @@ import pytest
 from scipy import signal
 from support.recording_data import JOINTS, motion
 
-from dynident.errors import DynidentError
 from dynident.recordings import (
     Preprocessing,
     RecordingError,
@@ -173,10 +172,3 @@ def test_a_hum_far_from_the_lines_is_not_the_motion() -> None:
         t, q + hum + 1e-5 * rng.normal(size=q.shape), rng.normal(size=q.shape), joint_names=JOINTS
     )
     assert find_motion_band([run]) < 2.7
-
-
-@pytest.mark.parametrize("rate", [0.1, 0.3])
-def test_too_few_rows_a_second_are_the_reason_given(rate):
-    with pytest.raises(DynidentError, match=r"rows a second: too few to choose the filters"):
-        choose_preprocessing([recorded(n_rows=500, rate=rate)])
-    assert choose_preprocessing([recorded(n_rows=500, rate=1.0)]).position_cutoff < 0.5

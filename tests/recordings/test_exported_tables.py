@@ -21,9 +21,10 @@ from test_layouts_of_loggers import CASES, check_signals, machine, read_as_propo
 
 import dynident.recordings
 from dynident.api.recording_files import read_recordings
+from dynident.errors import DynidentError
 from dynident.identification.column_inference.file_inspection import inspect_file, read_sample
 from dynident.identification.column_inference.infer_columns import propose
-from dynident.recordings import RecordingError
+from dynident.recordings import RecordingError, RecordingMetadata, choose_preprocessing
 from dynident.recordings.formats import csv_and_parquet, json_records, open_source
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.robot import robot_from_urdf
@@ -414,3 +415,15 @@ def test_a_table_of_json_with_a_row_of_another_length_says_so(tmp_path, around):
     answer["data"][30] = [1.0, 2.0]
     with pytest.raises(RecordingError, match=r"Row 31 of the table has 2 values, but 3 columns"):
         read_columns(written(tmp_path / "run.json", json.dumps(around(answer))))
+
+
+@pytest.mark.parametrize("rate", [0.1, 0.3])
+def test_too_few_rows_a_second_are_the_reason_given(tmp_path, rate):
+    run = recorded(*CASES[0])
+    values = np.column_stack([np.arange(len(run.t)) / rate, run.q, run.tau])
+    header = ["t", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    path = written(tmp_path / "slow.csv", table(header, cells(values)))
+    accepted = RecordingMetadata(accept=("sampling_jitter",))
+    (item,) = read_recordings(path, robot=machine("ur10"), metadata=accepted)
+    with pytest.raises(DynidentError, match="rows a second: too few to choose the filters"):
+        choose_preprocessing([item.recording])

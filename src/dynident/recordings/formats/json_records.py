@@ -207,14 +207,12 @@ def _has_times(record: dict[str, Any]) -> bool:
 
 def _find_table_holder(value: object, depth: int = 0) -> dict[str, Any] | None:
     """Return the object, or one inside it, that holds the rows of a table and the names of its columns."""
-    if depth > DEEPEST:
+    if isinstance(value, list) and len(value) == 1 and depth <= DEEPEST:
+        return _find_table_holder(value[0], depth + 1)
+    if not isinstance(value, dict) or depth > DEEPEST:
         return None
-    if isinstance(value, list):
-        return _find_table_holder(value[0], depth + 1) if len(value) == 1 else None
-    if not isinstance(value, dict) or _find_rows(value):
-        return value if isinstance(value, dict) else None
     holders = (_find_table_holder(inner, depth + 1) for inner in value.values())
-    return next((holder for holder in holders if holder is not None), None)
+    return value if _find_rows(value) else next(filter(None, holders), None)
 
 
 def _find_rows(value: dict[str, Any]) -> list[Any]:
@@ -223,20 +221,15 @@ def _find_rows(value: dict[str, Any]) -> list[Any]:
     if not isinstance(columns, list) or not all(isinstance(name, str) for name in columns):
         return []
     lists = [inner for key, inner in value.items() if isinstance(inner, list) and key not in ("columns", "index")]
-    tables = [
-        rows
-        for rows in lists
-        if len(rows) >= FEWEST_ROWS
-        and sum(isinstance(row, list) and len(row) == len(columns) for row in rows) > len(rows) // 2
-    ]
+    counts = [sum(isinstance(row, list) and len(row) == len(columns) for row in rows) for rows in lists]
+    tables = [rows for rows, n in zip(lists, counts, strict=True) if len(rows) >= FEWEST_ROWS and 2 * n > len(rows)]
     is_alone = len(tables) == 1 and sum(len(other) == len(tables[0]) for other in lists) == 1
     return tables[0] if is_alone else []
 
 
 def _name_cells(columns: list[str], rows: list[Any]) -> Iterator[dict[str, Any]]:
     for number, row in enumerate(rows, 1):
-        if not isinstance(row, list) or len(row) != len(columns):
-            n_cells = len(row) if isinstance(row, list) else "no"
+        if (n_cells := len(row) if isinstance(row, list) else 0) != len(columns):
             reason = f"Row {number} of the table has {n_cells} values, but {len(columns)} columns have names."
             raise RecordingError(reason, title=TITLE, row=number)
         yield dict(zip(columns, row, strict=True))
