@@ -264,7 +264,8 @@ class Admission:
         if refusal is not None:
             again = {"retry-after": str(random.randint(1, LONGEST_RETRY)), "connection": "close"}
             return await respond(make_problem(429, refusal, title="Too busy"), again)(scope, receive, send)
-        # Followers keep their connection for minutes and compute nothing: they have places of their own.
+        # Followers keep their connection for minutes: they have places of their own. What those of a recording compute
+        # runs in child processes, which have places of theirs.
         places = self._followers if pace == "following" else self._requests
         short = self._short if pace == "short" else None
         with RequestSlot(party, places, short, None if pace == "long" else self._queue) as turn:

@@ -196,7 +196,7 @@ def cancel_job(job_id: str, services: ServicesDep) -> JobView:
 async def follow_job(
     job: Annotated[Job, Depends(find_job)],
     services: ServicesDep,
-    last_event_id: Annotated[str | None, Header(description="Resume after this event")] = None,
+    last_event_id: Annotated[str | None, Header(max_length=18, description="Resume after this event")] = None,
 ) -> AsyncIterator[ServerSentEvent]:
     """Follow a job: events `progress` and `state`, from the first, until it ends."""
     # Whoever lost the connection continues behind the last event that arrived.

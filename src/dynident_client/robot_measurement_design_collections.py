@@ -286,7 +286,8 @@ class Measurements(LabelledCollection[Measurement]):
         Yields
         ------
         Event
-            `estimate`, and `finished` with the model of all rows.
+            `estimate`, and `finished` with the model of all rows; or `problem`, the last one, where nothing can be
+            computed.
         """
         query = "" if design is None else f"?design_id={get_identifier(design)}"
         return self._transport.events(f"{self.path}/{get_identifier(measurement)}/estimates{query}")

@@ -36,7 +36,7 @@ class Event:
     id : str
         Number of the event, from which a lost stream continues.
     event : str
-        Kind of the event: "progress" or "state" of a job, "estimate" or "finished" of a recording.
+        Kind of the event: "progress" or "state" of a job, "estimate", "finished" or "problem" of a recording.
     data : mapping
         Fraction and message of a progress, the state, or the estimate.
     """

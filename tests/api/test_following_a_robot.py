@@ -141,6 +141,36 @@ def test_what_is_no_block_is_refused(block: dict[str, Any]) -> None:
         list(dy.follow(ROBOT, [block]))
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda rows: {**rows, "temperature": np.full_like(rows["q"], 30.0)},
+        lambda rows: {name: values[::2] for name, values in rows.items()},
+        lambda rows: {**rows, "t": rows["t"][0] + 0.5 * (rows["t"] - rows["t"][0])},
+    ],
+    ids=["other signals", "slower", "faster"],
+)
+@pytest.mark.parametrize("size", [1, 50])
+def test_a_later_block_of_another_kind_is_refused(change: Any, size: int) -> None:
+    rows = splice(EMPTY.recordings[0])
+    first, later = ({name: values[part] for name, values in rows.items()} for part in (slice(200), slice(200, 400)))
+    blocks = [*in_blocks(first), *in_blocks(change(later), size)]
+    assert list(dy.follow(ROBOT, in_blocks(first)))
+    with pytest.raises(dy.DynidentError, match="this is no block"):
+        list(dy.follow(ROBOT, blocks))
+
+
+def test_temperatures_have_to_be_numbers() -> None:
+    with pytest.raises(dy.DynidentError, match="no number"):
+        list(dy.follow(ROBOT, [{**ROWS, "temperature": np.full((20, 3), np.nan)}]))
+
+
+def test_rows_of_a_shaky_clock_are_followed() -> None:
+    rows = splice(*EMPTY.recordings, gap=20.0)
+    shaky = {**rows, "t": rows["t"] + 1e-3 * np.random.default_rng(0).uniform(-1, 1, len(rows["t"]))}
+    assert list(dy.follow(ROBOT, in_blocks(shaky, 11), every=20.0))[-1].identification is not None
+
+
 @pytest.mark.parametrize("options", [{"every": 0.0}, {"memory": -1.0}, {"track": ["teeth"]}, {"track": []}])
 def test_impossible_options_are_refused(model: Model, options: dict[str, Any]) -> None:
     with pytest.raises(dy.DynidentError):

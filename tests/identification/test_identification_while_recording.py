@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from dynident.effects import DEFAULT_EFFECTS, OFFSETS, EffectChoice
@@ -13,7 +15,9 @@ from dynident.estimation import merge_row_groups
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.identified_models import recursive_identification
 from dynident.identification.identified_models.recursive_identification import RecursiveIdentification
-from dynident.recordings import Preprocessing, Recording, recording_from_arrays
+from dynident.identification.robot_recording_import import import_for_robot
+from dynident.recordings import Preprocessing, Recording, RecordingMetadata, recording_from_arrays
+from dynident.recordings.recording import StoredRows
 from dynident.testing.trial_arm import record_trial
 
 FILTERS = Preprocessing(8.0, 6.0, 4)
@@ -130,6 +134,51 @@ def test_rows_that_were_changed_afterwards_count_as_they_are_at_the_end():
     live.push(cut(recording, 1000))
     batch = identify(ROBOT, [other], (), CHOICES).values
     np.testing.assert_allclose(live.finish(other).estimate.values, batch, rtol=0, atol=1e-9 * np.abs(batch).max())
+
+
+@pytest.mark.parametrize("signal", ["temperature", "command"])
+def test_other_signals_that_were_changed_count_as_they_are_at_the_end(signal):
+    recording = TRIAL.recordings[0]
+    q, tau = read(recording)
+
+    class Source:
+        def __init__(self, extra):
+            self.extra = extra
+
+        def rows(self, first, length, block_length):
+            part = slice(first, first + length)
+            yield StoredRows(q[part], tau[part], **({"temperature": None} | {signal: self.extra[part]}))
+
+    t = np.linspace(0, 1, len(q))[:, None] * np.ones((1, ROBOT.n))
+    early, late = (replace(recording, source=Source(20 + 20 * t**k), **{f"has_{signal}": True}) for k in (1, 2))
+    live = RecursiveIdentification(ROBOT, CHOICES)
+    live.push(early)
+    assert live._rows.finish(late) is None
+
+
+@pytest.mark.parametrize(("jitter", "most"), [(1e-5, 1), (1e-3, None)])
+def test_a_shaky_clock_keeps_the_recursion(tmp_path, jitter, most):
+    q, tau = read(TRIAL.recordings[0])
+    t = np.arange(len(q)) / TRIAL.recordings[0].sampling_rate
+    t = t + jitter * np.random.default_rng(0).uniform(-1, 1, len(t))
+    live, made, predicted = RecursiveIdentification(ROBOT, CHOICES), [], []
+    counts = [*range(500, len(q), 250), len(q)]
+    for count in counts:
+        signals = {f"q{j + 1}": q[:count, j] for j in range(ROBOT.n)}
+        signals |= {f"tau{j + 1}": tau[:count, j] for j in range(ROBOT.n)}
+        sent = tmp_path / "sent.parquet"
+        pq.write_table(pa.table({"t": t[:count], **signals}), sent)
+        recording, _ = import_for_robot(ROBOT, sent, tmp_path / f"{count}.parquet", RecordingMetadata())
+        live.push(recording)
+        if not any(rows is live._rows for rows in made):
+            made.append(live._rows)
+        predicted.append(live.estimate().predicted)
+    assert most is None or len(made) <= most
+    assert sum(errors is not None for errors in predicted) > len(counts) // 2
+    assert np.all(predicted[-1] < 0.15)
+    batch = identify(ROBOT, [recording], (), CHOICES).values
+    last = live.finish(recording).estimate.values
+    np.testing.assert_allclose(last, batch, rtol=0, atol=1e-9 * np.abs(batch).max())
 
 
 def test_blocks_of_time_are_joined_without_changing_their_rows(monkeypatch):

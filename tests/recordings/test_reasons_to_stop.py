@@ -47,6 +47,33 @@ def test_a_run_is_too_slow_at_less_than_half_of_its_design(rate: float, slow: bo
     assert (("too_slow", "") in codes(swing(rate=rate), planned=swing())) is slow
 
 
+def test_after_a_gap_a_run_is_not_compared_with_the_beginning_of_its_plan() -> None:
+    fast, slow = swing(rate=0.3, seconds=8.0), swing(rate=0.05, seconds=8.0)
+    planned = np.concatenate([fast, slow])
+    t = np.arange(len(planned)) / RATE + 0.3 * (np.arange(len(planned)) >= len(fast))
+    recording = recording_from_arrays(t, planned, np.zeros_like(planned), joint_names=("a", "b"))
+    assert len(recording.segments) == 2
+    assert find_stop_reasons(recording, (), LIMITS, (np.arange(len(planned)) / RATE, planned)) == ()
+
+
+def test_limits_that_were_exceeded_before_a_gap_count() -> None:
+    q = np.concatenate([swing(size=1.2), swing(size=0.5)])
+    t = np.arange(len(q)) / RATE + 0.3 * (np.arange(len(q)) >= len(q) // 2)
+    recording = recording_from_arrays(t, q, np.zeros_like(q), joint_names=("a", "b"))
+    assert [(reason.code, reason.joint) for reason in find_stop_reasons(recording, (), LIMITS)] == [
+        ("position_limit", "a"),
+        ("velocity_limit", "a"),
+        ("velocity_limit", "b"),
+    ]
+
+
+def test_a_motion_that_has_only_just_begun_is_not_slow() -> None:
+    q = np.zeros((500, 2))
+    q[-1] = 0.05
+    assert codes(q, planned=swing()) == []
+    assert codes(swing(), planned=q) == []
+
+
 def test_waiting_before_the_motion_is_not_slowness() -> None:
     assert codes(swing(wait=2.5), planned=swing()) == []
     # Too little of it has been seen.

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import re
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx2
@@ -15,9 +17,12 @@ from fastapi.testclient import TestClient
 from service_helpers import app_of, serving
 
 from dynident_client import Client, ProblemError
+from dynident_service.measurements import rows_routes
+from dynident_service.problems import ProblemError as ProblemOfService
 from dynident_service.settings import Settings
 
 PIECE = 300
+JSON = {"content-type": "application/json"}
 
 
 def columns(seconds: float = 12.0, rate: float = 100.0, seed: int = 1) -> dict[str, np.ndarray]:
@@ -119,9 +124,11 @@ def test_a_recording_under_way_is_not_used_before_its_end(client: TestClient) ->
     refused = client.post("/v1/identifications", json={"robot_id": robot, "measurement_ids": [measurement]})
     assert refused.status_code == 422
     assert refused.json()["errors"][0]["pointer"] == "/measurement_ids/0"
-    for below in ("raw", "standstills", "content"):
+    for below in ("raw", "standstills"):
         assert client.get(f"/v1/measurements/{measurement}/{below}").status_code == 404
-    assert client.post(f"/v1/measurements/{measurement}/revisions", json={"role": "validation"}).status_code == 404
+    empty = begin(client)
+    assert client.get(f"/v1/measurements/{empty}/content").status_code == 404
+    assert client.post(f"/v1/measurements/{empty}/revisions", json={"role": "validation"}).status_code == 404
     assert measurement in [m["id"] for m in client.get("/v1/measurements").json()["items"]]
     assert client.delete(f"/v1/measurements/{measurement}").status_code == 204
 
@@ -172,6 +179,174 @@ def test_a_recording_that_is_refused_at_its_end_stays_as_it_is(client: TestClien
     empty = begin(client)
     answer = client.patch(f"/v1/measurements/{empty}/rows", params={"offset": 0, "finished": True})
     assert answer.status_code == 422
+
+
+def test_a_recording_that_is_refused_for_its_columns_is_corrected_by_a_revision(client: TestClient) -> None:
+    measurement = begin(client)
+    path = f"/v1/measurements/{measurement}"
+    # Positions in degrees, and a torque under another name.
+    rows = {**part(0, LENGTH), "q1": np.rad2deg(RUN["q1"]).tolist(), "q2": np.rad2deg(RUN["q2"]).tolist()}
+    rows["moment"] = rows.pop("tau2")
+    answer = client.patch(f"{path}/rows", params={"offset": 0, "finished": True}, json=rows)
+    assert answer.status_code == 422
+    content = client.get(f"{path}/content")
+    assert pq.read_table(io.BytesIO(content.content)).column_names == list(rows)
+    change = {"columns": {"tau2": "moment"}, "units": {"q": "deg"}}
+    revised = client.post(f"{path}/revisions", json=change)
+    assert revised.status_code == 201, revised.text
+    view = revised.json()
+    assert (view["under_way"], view["n_samples"], view["parent_id"]) == (False, LENGTH, measurement)
+    # More rows replace those of the parent alone.
+    more = {name: values[-1:] for name, values in rows.items()} | {"t": [LENGTH / 100.0]}
+    assert client.patch(f"{path}/rows", params={"offset": LENGTH}, json=more).status_code == 200
+    stored = client.get(f"/v1/measurements/{view['id']}/content")
+    assert stored.content == content.content
+    assert stored.headers["etag"] == f'"{view["sha256"]}"'
+    assert client.post(f"/v1/measurements/{view['id']}/revisions", json={"role": "validation"}).status_code == 201
+
+
+@pytest.mark.parametrize(
+    ("offset", "content", "status"),
+    [
+        (0, as_csv(0, LENGTH), 200),
+        (LENGTH - 5, as_csv(LENGTH - 5, LENGTH), 200),
+        (LENGTH, b"", 200),
+        (5, b"", 409),
+        (LENGTH, as_csv(0, 100), 409),
+        (LENGTH - 5, as_csv(0, 5), 409),
+        (LENGTH - 5, b"\x00\xff" * 50, 422),
+    ],
+)
+def test_only_the_last_rows_are_sent_again_after_the_end(
+    client: TestClient, offset: int, content: bytes, status: int
+) -> None:
+    measurement = begin(client)
+    assert send(client, measurement, 0, LENGTH, finished=True).status_code == 200
+    media = {"content-type": "text/csv"}
+    query = {"offset": offset, "finished": True}
+    answer = client.patch(f"/v1/measurements/{measurement}/rows", params=query, content=content, headers=media)
+    assert answer.status_code == status, answer.text
+
+
+def test_rows_are_stored_once(client: TestClient, settings: Settings) -> None:
+    def count_objects() -> int:
+        return len([path for path in settings.data_dir.rglob("*") if re.fullmatch("[0-9a-f]{64}", path.name)])
+
+    before = count_objects()
+    measurement = begin(client)
+    path = f"/v1/measurements/{measurement}/rows"
+    for first in range(0, PIECE, 20):
+        # Rows that no other recording has.
+        rows = {**part(first, first + 20), "q1": (0.5 * RUN["q1"][first : first + 20]).tolist()}
+        assert client.patch(path, params={"offset": first}, json=rows).status_code == 200
+    assert count_objects() == before + 1
+    # Rows that another recording has as well stay there.
+    twin, other = begin(client), begin(client)
+    send(client, twin, 0, PIECE)
+    send(client, other, 0, PIECE)
+    send(client, twin, PIECE, PIECE + 20)
+    assert client.get(f"/v1/measurements/{other}/content").status_code == 200
+    assert send(client, other, PIECE, LENGTH, finished=True).status_code == 200
+
+
+def test_equal_rows_that_are_sent_at_once_are_all_accepted(settings: Settings) -> None:
+    with serving(settings.model_copy(update={"port": 0})) as url, Client(url) as live:
+        measurement = live.measurements.begin(live.robots.create("scara", modified_dh=TABLE), "live").id
+
+        def append(finished: bool) -> int:
+            query = {"offset": 0, "finished": finished}
+            path = f"{url}/v1/measurements/{measurement}/rows"
+            return httpx2.patch(path, params=query, json=part(0, LENGTH), timeout=60.0).status_code
+
+        with ThreadPoolExecutor(5) as pool:
+            for finished in (False, True):
+                assert list(pool.map(append, [finished] * 5)) == [200] * 5
+
+
+def test_whole_numbers_that_no_float_holds_are_taken(client: TestClient) -> None:
+    measurement = begin(client)
+    path = f"/v1/measurements/{measurement}/rows"
+    start = 1_700_000_000_000_000_000
+    # Those of the first row are exact as floats as well.
+    ticks = (start + 1 * (np.arange(LENGTH) > 0) + np.arange(LENGTH) * 10_000_000).tolist()
+    for first, last in ((0, 1), (1, PIECE), (1, PIECE), (PIECE, LENGTH)):
+        answer = client.patch(path, params={"offset": first}, json={**part(first, last), "t": ticks[first:last]})
+        assert answer.status_code == 200, answer.text
+    rows = pq.read_table(io.BytesIO(client.get(f"/v1/measurements/{measurement}/content").content))
+    assert rows["t"].to_pylist() == ticks
+    wrong = client.patch(path, params={"offset": LENGTH}, json={**part(0, 1), "t": [0.5]})
+    assert wrong.status_code == 422
+
+
+def test_a_name_is_no_recording_under_way(client: TestClient) -> None:
+    robot = client.post("/v1/robots", json=ROBOT).json()["id"]
+    said = {"metadata": json.dumps({"robot_id": robot})}
+    answer = client.post("/v1/imports", files={"file": ("run.csv", as_csv(0, LENGTH))}, data=said)
+    imported = answer.json()["id"]
+    for name in ("run", "under_way"):
+        body = {"import_id": imported, "metadata": {"robot_id": robot, "name": name}}
+        assert client.post("/v1/measurements", json=body).status_code == 201
+    assert client.post("/v1/measurements", content=b"[" * 100_000, headers=JSON).status_code == 422
+
+
+def test_an_estimate_that_fails_ends_the_stream(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    measurement = begin(client)
+    send(client, measurement, 0, PIECE)
+    problems = [ProblemOfService(429, "wait"), ProblemOfService(507, "The disk is full.", title="Disk full")]
+
+    async def fail(*_: object) -> None:
+        raise problems.pop(0)
+
+    monkeypatch.setattr(rows_routes, "_estimate", fail)
+    answer = client.get(f"/v1/measurements/{measurement}/estimates")
+    (event,) = httpx2.EventSource(answer)
+    assert event.event == "problem"
+    assert (event.json()["status"], event.json()["title"]) == (507, "Disk full")
+    assert not problems
+
+
+@pytest.mark.parametrize("path", ["/v1/measurements/{}/estimates", "/v1/jobs/{}/events"])
+def test_an_endless_event_id_is_refused(client: TestClient, path: str) -> None:
+    measurement = begin(client)
+    send(client, measurement, 0, LENGTH, finished=True)
+    robot = client.get(f"/v1/measurements/{measurement}").json()["robot_id"]
+    body = {"robot_id": robot, "measurement_ids": [measurement]}
+    job = client.post("/v1/identifications", json=body).json()["job_id"]
+    of = measurement if "measurements" in path else job
+    answer = client.get(path.format(of), headers={"Last-Event-ID": "1" * 5000})
+    assert answer.status_code == 422
+
+
+def test_a_design_of_another_robot_is_refused(settings: Settings) -> None:
+    with serving(settings.model_copy(update={"port": 0})) as url, Client(url) as live:
+        other = live.robots.create(
+            "other",
+            modified_dh=TABLE,
+            limits={
+                joint["name"]: {"position": [-2, 2], "velocity": 2, "acceleration": 5} for joint in TABLE["joints"]
+            },
+        )
+        design = live.designs.create(other, kind="random", time_budget=5.0).wait()
+        measurement = live.measurements.begin(live.robots.create("scara", modified_dh=TABLE), "live")
+        with pytest.raises(ProblemError) as caught:
+            list(live.measurements.follow(measurement, design=design))
+        assert caught.value.status == 422
+        same = live.measurements.begin(other, "live")
+        live.measurements.append_rows(same, part(0, 900), offset=0)
+        assert next(iter(live.measurements.follow(same, design=design))).event == "estimate"
+
+
+def test_ids_of_events_count_the_rows_that_were_sent(client: TestClient) -> None:
+    measurement = begin(client)
+    # Every tenth row was lost: the rows are resampled, and are more than were sent.
+    kept = [k for k in range(LENGTH) if k % 10 != 5]
+    rows = {name: values[kept].tolist() for name, values in RUN.items()}
+    path = f"/v1/measurements/{measurement}"
+    done = client.patch(f"{path}/rows", params={"offset": 0, "finished": True}, json=rows)
+    assert done.status_code == 200, done.text
+    assert done.json()["n_samples"] > len(kept)
+    (event,) = httpx2.EventSource(client.get(f"{path}/estimates"))
+    assert (event.event, event.id, event.json()["rows"]) == ("finished", str(len(kept)), len(kept))
 
 
 def test_the_limit_of_a_recording_holds_for_all_its_rows(settings: Settings) -> None:

@@ -11,6 +11,7 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -18,7 +19,8 @@ import pyarrow.parquet as pq
 from pyarrow import csv as arrow_csv
 
 from dynident.errors import DynidentError
-from dynident.identification.identified_models.recursive_identification import LiveEstimate, RecursiveIdentification
+from dynident.identification.identified_models.identification_result import LiveEstimate
+from dynident.identification.identified_models.recursive_identification import RecursiveIdentification
 from dynident.identification.robot_recording_import import build_recorded_joints, import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, StopReason, find_stop_reasons, open_recording
 from dynident.robot import Robot
@@ -125,6 +127,7 @@ def append_rows(stored: str | None, sent: str, media_type: str, first: int, dest
     if first > before.num_rows:
         detail = f"{before.num_rows} rows have arrived, not {first}; send the rows in between first."
         raise ProblemError(409, detail, title="Rows are missing")
+    before, table = _share_types(before, table)
     common = min(before.num_rows - first, table.num_rows)
     # Compared as numbers: a NaN that is sent again is the same.
     for ours, theirs in zip(before.slice(first, common).columns, table.slice(0, common).columns, strict=True):
@@ -138,6 +141,19 @@ def append_rows(stored: str | None, sent: str, media_type: str, first: int, dest
     return int(whole.num_rows)
 
 
+def _share_types(before: pa.Table, table: pa.Table) -> tuple[pa.Table, pa.Table]:
+    """Return both tables with integers in the columns in which one of them has numbers too large for floats."""
+    large = [(a if pa.types.is_int64(a.type) else b) for a, b in zip(before.schema, table.schema, strict=True)]
+    try:
+        return before.cast(pa.schema(large)), table.cast(pa.schema(large))
+    except pa.ArrowInvalid as error:
+        raise make_unusable(
+            f"a column has whole numbers that no fraction can stand beside: {str(error)[:300]}",
+            "/",
+            title="Unusable rows",
+        ) from error
+
+
 def _read_rows(sent: Path, media_type: str) -> pa.Table:
     """Read rows as columns of numbers."""
     try:
@@ -147,7 +163,7 @@ def _read_rows(sent: Path, media_type: str) -> pa.Table:
             columns = json.loads(sent.read_bytes())
             if not isinstance(columns, dict):
                 raise make_unusable("give an object of columns, each a list of numbers", "/", title="Unusable rows")
-            table = pa.table({name: pa.array(values, type=pa.float64()) for name, values in columns.items()})
+            table = pa.table({name: _to_numbers(values) for name, values in columns.items()})
         elif media_type == "application/vnd.apache.parquet":
             table = pq.read_table(sent)
         else:
@@ -156,13 +172,25 @@ def _read_rows(sent: Path, media_type: str) -> pa.Table:
         names = table.column_names
         if len(set(names)) < len(names) or not 0 < len(names) <= MOST_COLUMNS:
             raise make_unusable("columns need different names", "/", title="Unusable rows")
-        numbers = table.cast(pa.schema([(name, pa.float64()) for name in names]))
+        numbers = pa.table({name: _to_numbers(table[name]) for name in names})
     # A body that was cut, text for a number, lists of other lengths, integers that no number can hold.
     except (pa.ArrowException, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise make_unusable(f"the rows cannot be read: {str(error)[:300]}", "/", title="Unusable rows") from error
     if not numbers.num_rows:
         raise make_unusable("there are no rows", "/", title="Unusable rows")
     return numbers
+
+
+def _to_numbers(values: Any) -> pa.Array | pa.ChunkedArray:
+    """Return a column as floating-point numbers; as integers where these are too large, such as ns since 1970."""
+    try:
+        return _cast(values, pa.float64())
+    except pa.ArrowInvalid:
+        return _cast(values, pa.int64())
+
+
+def _cast(values: Any, kind: pa.DataType) -> pa.Array | pa.ChunkedArray:
+    return values.cast(kind) if isinstance(values, (pa.Array, pa.ChunkedArray)) else pa.array(values, type=kind)
 
 
 MOST_FOLLOWED = 4

@@ -22,6 +22,7 @@ from starlette.background import BackgroundTask
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.measurements.wire_types import (
     JSON_BODY,
+    ROWS,
     CheckView,
     ConditionedRows,
     ConditioningSubject,
@@ -34,6 +35,7 @@ from dynident_service.measurements.wire_types import (
     RawSignals,
     RevisionRequest,
     Standstills,
+    begins_recording,
 )
 from dynident_service.problems import (
     Problem,
@@ -116,7 +118,7 @@ async def _create_from_import(
 ) -> MeasurementView:
     """Store a recording of a file that was imported before."""
     body = await request.body()
-    if b'"under_way"' in body:
+    if begins_recording(body):
         started = parse_json_body(MeasurementUnderWay, body)
         return show_measurement(await to_thread.run_sync(_start_measurement, services, started, retry, response))
     import_request = parse_json_body(MeasurementOfImport, body)
@@ -184,18 +186,19 @@ def _receive_import(
 
 @router.get("/{measurement_id}/content", response_class=StreamingResponse)
 def get_measurement_content(measurement_id: str, services: ServicesDep) -> StreamingResponse:
-    """Give the file back as it was uploaded."""
-    original = find_original(services.resources.get("measurement", measurement_id))
+    """Give the file back as it was uploaded; of a recording under way, its rows so far."""
+    original = find_original(services.resources.get("measurement", measurement_id), ROWS)
     # The key is the hash of the content, and thereby an ETag as it should be.
     headers = {"Content-Length": str(original.size), "ETag": f'"{original.key}"'}
     return StreamingResponse(services.objects.stream(original.key), media_type=original.media_type, headers=headers)
 
 
-def find_original(measurement: Resource) -> OwnedObject:
-    """Give the file of a measurement as it was uploaded; a problem 404 where there is none."""
-    if "original" not in measurement.objects:
+def find_original(measurement: Resource, otherwise: str = "original") -> OwnedObject:
+    """Give the file of a measurement as it was uploaded, or the object of another role; 404 where there is none."""
+    owned = measurement.objects.get("original") or measurement.objects.get(otherwise)
+    if owned is None:
         raise make_not_found("file of measurement", measurement.id)
-    return measurement.objects["original"]
+    return owned
 
 
 _FIRST_ROWS = 20
@@ -351,6 +354,8 @@ def _store_measurement(
 
 def _store_objects(services: Services, received: ReceivedFile) -> tuple[OwnedObject, ...]:
     source, canonical, revised = received.source, received.recording, received.parent
+    if revised is not None and "original" not in revised.objects:
+        revised = None  # The rows of a recording under way do not stay.
     # Before anything is put into the store. A revision adds its recording only: the original is its parent's.
     services.resources.check_room("measurement", (source, canonical) if revised is None else (canonical,))
     original = (
@@ -439,7 +444,10 @@ async def revise_measurement(
     retry: RetryKeyDep,
     response: Response,
 ) -> MeasurementView:
-    """Change the metadata of a measurement's file: makes a new measurement, checked again, whose parent is this one."""
+    """Change the metadata of a measurement's file: makes a new measurement, checked again, whose parent is this one.
+
+    Of a recording under way, which may be refused at its end, the file is that of its rows so far.
+    """
     with services.create_scratch_folder() as folder:
         received = await to_thread.run_sync(
             _prepare_revision, services, measurement_id, body, folder, retry.bind_to_body(body)
@@ -457,10 +465,13 @@ def _prepare_revision(
     if (existing := services.resources.find_retried(key)) is not None:
         return existing
     metadata, edits = _merge_revision(parent, body)
-    original = find_original(parent)
-    sha256 = original.key if parent.result is None else parent.result["sha256"]
+    original = find_original(parent, ROWS)
+    sha256 = (parent.result or {}).get("sha256") or original.key
     robot = services.resources.get("robot", metadata.robot_id).request
     source = services.objects.fetch_file(original.key)
+    if original.role == ROWS:
+        # The stored file is deleted when more rows come.
+        source = Path(shutil.copyfile(source, folder / "source"))
     return ReceivedFile(metadata, source, folder, sha256, key, robot, parent=parent, edits=edits)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from datetime import datetime
 from typing import Any, Literal
 
@@ -275,6 +276,20 @@ class MeasurementUnderWay(RequestModel):
 
     under_way: Literal[True]
     metadata: MeasurementMetadata
+
+
+ROWS = "rows"
+"""Role of the object that holds the rows of a recording under way."""
+
+
+def begins_recording(body: bytes) -> bool:
+    """Return whether the body of POST /v1/measurements is a `MeasurementUnderWay`."""
+    try:
+        content = json.loads(body)
+    except (ValueError, RecursionError):
+        # What is wrong with it is told by the model of the other body.
+        return False
+    return isinstance(content, dict) and "under_way" in content
 
 
 class LiveParameterView(ViewModel):

@@ -119,6 +119,13 @@ def sweep_objects(database: Database, objects: ObjectStore, grace: timedelta) ->
     return sum(_sweep_one(database, objects, key, until) for key in due)
 
 
+def delete_unowned(database: Database, objects: ObjectStore, key: str) -> None:
+    """Delete an object whose tombstone was raised before, unless somebody owns it."""
+    with database.read() as session:
+        until = get_database_time(session)
+    _sweep_one(database, objects, key, until)
+
+
 def _sweep_one(database: Database, objects: ObjectStore, key: str, until: datetime) -> bool:
     with database.write() as session:
         if not _is_sqlite(session) and not session.scalar(

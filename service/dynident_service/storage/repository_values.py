@@ -11,6 +11,8 @@ from datetime import datetime
 from typing import Any, Literal
 
 GEOMETRY = "geometry"
+CHANGED = "Changed at the same time"
+"""Title of the problem that another request has changed a resource meanwhile."""
 
 
 def get_mesh_role(place: int) -> str:

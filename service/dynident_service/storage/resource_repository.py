@@ -21,7 +21,7 @@ from dynident_service.storage.database_tables import (
     RetryRow,
     check_text,
 )
-from dynident_service.storage.deletion_and_expiry import raise_tombstones
+from dynident_service.storage.deletion_and_expiry import delete_unowned, raise_tombstones
 from dynident_service.storage.object_store import ObjectStore, StoredObject, compute_digest
 from dynident_service.storage.quotas import (
     Account,
@@ -33,6 +33,7 @@ from dynident_service.storage.quotas import (
     lock_account,
 )
 from dynident_service.storage.repository_values import (
+    CHANGED,
     FINAL,
     Kind,
     NewResource,
@@ -187,7 +188,7 @@ class Resources:
                 raise make_not_found(kind, identifier)
             if instead_of is not None and row.result != instead_of.result:
                 detail = f"Another request has just changed the {kind} {identifier}; look at it, and try again."
-                raise ProblemError(409, detail, title="Changed at the same time")
+                raise ProblemError(409, detail, title=CHANGED)
             # A new mapping: SQLAlchemy sees a change only where the value is another object.
             row.result = {**(row.result or {}), **result}
             roles = [*(owned.role for owned in objects), *dropped]
@@ -296,6 +297,10 @@ class Resources:
                 # Before the object is put, in a transaction of its own: see `tombstones`.
                 raise_tombstones(session, (key,))
             return self._objects.put_hashed(file, key, size)
+
+    def delete_object(self, key: str) -> None:
+        """Delete an object that a resource has just given up, unless another one owns it, before the sweep does."""
+        delete_unowned(self._database, self._objects, key)
 
     def put_with_role(self, role: str, content: bytes | Path, media_type: str) -> OwnedObject:
         """Put bytes or a file into the object store, and return them as an object with a role."""

@@ -20,8 +20,9 @@ from dynident.identification import Identification, IdentificationChoices, from_
 from dynident.identification import identify as identify_parameters
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.identification.identification_choices import EstimatorName
+from dynident.identification.identified_models.identification_result import LiveEstimate
 from dynident.identification.identified_models.parameter_tracking import PAYLOAD, ParameterTracker, TrackedEstimate
-from dynident.identification.identified_models.recursive_identification import LiveEstimate, RecursiveIdentification
+from dynident.identification.identified_models.recursive_identification import RecursiveIdentification
 from dynident.identification.methods.base_classes import Estimator
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Filters, Preprocessing, Recording, Segment, preprocessing_from_request
@@ -122,7 +123,7 @@ class _GrowingArrays:
         self._starts: list[int] = []
         self._count = 0
         self._segments: list[Segment] = []
-        self._period = 0.0
+        self._period, self._steps = 0.0, np.empty(0)
         self._last_time = -np.inf
 
     def append(self, block: Mapping[str, ArrayLike]) -> None:
@@ -131,6 +132,8 @@ class _GrowingArrays:
         missing = {"t", "q", "tau"} - set(block)
         if unknown or missing:
             raise _block_error(f"it has {', '.join(sorted(map(str, block)))}; give t, q, tau, and temperature if known")
+        if self._blocks and ("temperature" in block) != (self._blocks[0].temperature is not None):
+            raise _block_error("temperature is in some blocks and not in others; give it in all, or in none")
         try:
             t, q, tau = (np.asarray(block[kind], dtype=np.float64) for kind in ("t", "q", "tau"))
             heat = None if "temperature" not in block else np.asarray(block["temperature"], dtype=np.float64)
@@ -141,7 +144,7 @@ class _GrowingArrays:
             raise _block_error(f"t has to be (m,), and q, tau and temperature (m, {self._robot.n})")
         if not len(t):
             return
-        if not all(np.isfinite(values).all() for values in (t, q, tau) if values is not None):
+        if not all(np.isfinite(values).all() for values in (t, q, tau, heat) if values is not None):
             raise _block_error("it holds something that is no number")
         times = np.append(self._last_time, t) if np.isfinite(self._last_time) else t
         steps = np.diff(times)
@@ -151,6 +154,12 @@ class _GrowingArrays:
             if len(t) < _FEWEST_FIRST:
                 raise _block_error(f"the first one needs at least {_FEWEST_FIRST} rows, which tell the sampling rate")
             self._period = float(np.median(steps))
+        # The usual step of the newest rows: single steps are off by jitter, or gaps.
+        recent = np.append(self._steps, steps)
+        usual, self._steps = float(np.median(recent)), recent[1 - _FEWEST_FIRST :]
+        if abs(usual / self._period - 1.0) > _OFF_RATE:
+            detail = f"rows come every {usual:.4g} s now, those of the first one came every {self._period:.4g} s"
+            raise _block_error(f"{detail}; the sampling rate has to stay the same")
         gaps = np.flatnonzero(steps > 1.5 * self._period) + (0 if len(times) > len(t) else 1)
         for start in [*([] if self._segments else [0]), *gaps.tolist()]:
             self._segments.append(Segment(self._count + start, 0, float(t[start])))
@@ -182,6 +191,8 @@ class _GrowingArrays:
 
 _FEWEST_FIRST = 10
 """Rows of the first block, at least: their median step is the sampling period."""
+_OFF_RATE = 0.2
+"""Share by which the usual step of ten rows may differ from the sampling period: those of a shaky clock differ so."""
 
 
 def _block_error(detail: str) -> DynidentError:

@@ -144,7 +144,8 @@ def find_stop_reasons(
     limits : sequence of JointLimits
         Limits of the n joints.
     planned : tuple of (m,) and (m, n), optional
-        Times, s, and positions of the motion that is recorded: a run at less than half of its speed is too slow.
+        Times, s, and positions of the motion that is recorded: a run at less than half of its speed is too slow. Not
+        compared with a recording that has gaps.
 
     Returns
     -------
@@ -157,14 +158,17 @@ def find_stop_reasons(
         for code in _FATAL
         if check.name == code and check.status != "ok" and not check.is_accepted
     ]
-    segment = recording.segments[-1]
-    rows = [block.q for block in recording.source.rows(segment.first_row, segment.length, segment.length)]
-    q = np.concatenate(rows)
-    for j, (name, limit) in enumerate(zip(recording.joint_names, limits, strict=True)):
-        reasons += _find_exceeded(name, q[:, j], recording.sampling_rate, limit)
-    if planned is not None:
-        reasons += _find_slowness(q, recording.sampling_rate, *planned)
-    return tuple(reasons)
+    exceeded: dict[tuple[str, str], StopReason] = {}
+    for segment in recording.segments:
+        rows = [block.q for block in recording.source.rows(segment.first_row, segment.length, segment.length)]
+        q = np.concatenate(rows)
+        for j, (name, limit) in enumerate(zip(recording.joint_names, limits, strict=True)):
+            for reason in _find_exceeded(name, q[:, j], recording.sampling_rate, limit):
+                exceeded.setdefault((name, reason.code), reason)
+        # After a gap nobody knows at which place of the plan the motion is.
+        if planned is not None and len(recording.segments) == 1:
+            reasons += _find_slowness(q, recording.sampling_rate, *planned)
+    return (*reasons, *exceeded.values())
 
 
 def _find_exceeded(name: str, q: FloatArray, rate: float, limit: JointLimits) -> list[StopReason]:
@@ -189,7 +193,7 @@ def _find_exceeded(name: str, q: FloatArray, rate: float, limit: JointLimits) ->
 
 def _find_slowness(q: FloatArray, rate: float, t: FloatArray, planned: FloatArray) -> list[StopReason]:
     own, intended = _measure_travel(q), _measure_travel(planned)
-    if not len(own) or not len(intended):
+    if len(own) < 2 or len(intended) < 2:
         return []
     seconds = len(own) / rate
     step = float(t[1] - t[0])
@@ -213,4 +217,6 @@ def _measure_travel(q: FloatArray) -> FloatArray:
     moving = q[begun[0] :]
     stride = max(1, len(moving) // 400)
     way = np.cumsum(np.abs(np.diff(moving[::stride], axis=0)).sum(axis=1))
+    if not len(way):
+        return np.zeros(len(moving))
     return np.asarray(np.interp(np.arange(len(moving)), np.arange(1, len(way) + 1) * stride, way))

@@ -52,6 +52,22 @@ class FilteredSamples:
     held: FloatArray | None = None
     whole: tuple[FloatArray | None, ...] = ()
 
+    def split(self, time: float) -> tuple[FilteredSamples, FilteredSamples]:
+        """Return the rows up to a time, and those after it."""
+        count = int(np.searchsorted(self.t, time, side="right"))
+        return self._select(slice(count)), self._select(slice(count, None))
+
+    def _select(self, rows: slice) -> FilteredSamples:
+        return FilteredSamples(
+            self.t[rows],
+            self.values[rows],
+            self.tau[rows],
+            self.segment,
+            None if self.at_rest is None else self.at_rest[rows],
+            None if self.held is None else self.held[rows],
+            tuple(None if own is None else own[rows] for own in self.whole),
+        )
+
     def stack_equations(self, layout: Sequence[tuple[IndexArray, IndexArray]]) -> list[FloatArray]:
         """Return [W | Y] (m, p_j + 1) of every joint, from the places and columns of its entries."""
         equations = [np.empty((len(self.t), len(places) + 1)) for places, _ in layout]

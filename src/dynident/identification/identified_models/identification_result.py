@@ -1,4 +1,4 @@
-"""Result types: `Estimate` (parameters, covariance), `Identification` (with data, errors, warnings, ladder step).
+"""Result types: `Estimate` (parameters, covariance), `Identification` (with data, errors, warnings), `LiveEstimate`.
 
 An estimate is enough to predict torque without any data. Reduced data are the recordings as factors, all that later
 steps need instead of the recordings.
@@ -448,3 +448,38 @@ class Identification:
         if self.step.parent is not None:
             yield from self.step.parent.ladder()
         yield self
+
+
+@dataclass(frozen=True, eq=False)
+class LiveEstimate:
+    """What a recording under way tells so far.
+
+    Parameters
+    ----------
+    seconds : float
+        Length of the recording so far, s.
+    n_samples : int
+        Number of its samples.
+    n_rows : int
+        Number of filtered rows that the estimate rests on, over all joints.
+    estimate : Estimate or None
+        The parameters so far; None where the rows do not determine them yet.
+    reason : str
+        Why there are none; "" where there are some.
+    fit : Errors or None
+        What they leave of the torque of these rows, joint by joint.
+    predicted : (n,) or None
+        Relative error by joint at which the estimate before predicted the torque of the newest rows, which it was not
+        fitted to; None before there are any.
+    identification : Identification or None
+        The model of the whole recording, as `identify` gives it; None while the recording is under way.
+    """
+
+    seconds: float
+    n_samples: int
+    n_rows: int
+    estimate: Estimate | None
+    reason: str = ""
+    fit: Errors | None = None
+    predicted: FloatArray | None = None
+    identification: Identification | None = None

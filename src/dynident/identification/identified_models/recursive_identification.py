@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import (
@@ -36,7 +35,7 @@ from dynident.identification.equations.reduced_recordings import Data, ReducedDa
 from dynident.identification.estimation_problem import Problem
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.identified_models.fit_model import identify_model
-from dynident.identification.identified_models.identification_result import Estimate, Identification, RowsInMemory
+from dynident.identification.identified_models.identification_result import Estimate, LiveEstimate, RowsInMemory
 from dynident.identification.identified_models.identify_from_recordings import (
     complete_identification,
     identify,
@@ -65,43 +64,9 @@ _READ = 8192
 _BLOCK_SHARE, _AGES = 0.1, 7.0
 """Length of a block of time over the memory, and age over the memory at which a block is dropped."""
 _NO_ROWS = "No row is complete yet: the filters look ahead."
-_GROWTH = 2.0
-"""Times as long a recording has to be before its filters are chosen anew."""
-
-
-@dataclass(frozen=True, eq=False)
-class LiveEstimate:
-    """What a recording under way tells so far.
-
-    Parameters
-    ----------
-    seconds : float
-        Length of the recording so far, s.
-    n_samples : int
-        Number of its samples.
-    n_rows : int
-        Number of filtered rows that the estimate rests on, over all joints.
-    estimate : Estimate or None
-        The parameters so far; None where the rows do not determine them yet.
-    reason : str
-        Why there are none; "" where there are some.
-    fit : Errors or None
-        What they leave of the torque of these rows, joint by joint.
-    predicted : (n,) or None
-        Relative error by joint at which the estimate before predicted the torque of the newest rows, which it was not
-        fitted to; None before there are any.
-    identification : Identification or None
-        The model of the whole recording, as `identify` gives it; None while the recording is under way.
-    """
-
-    seconds: float
-    n_samples: int
-    n_rows: int
-    estimate: Estimate | None
-    reason: str = ""
-    fit: Errors | None = None
-    predicted: FloatArray | None = None
-    identification: Identification | None = None
+_GROWTH, _MOVED = 2.0, 0.1
+"""Times as long a recording has to be before its filters are chosen anew; periods by which rows may move that are read
+again, as a better known sampling rate moves them."""
 
 
 class _GrowingRows:
@@ -202,19 +167,35 @@ class RecursiveIdentification:
         DynidentError
             Where it cannot be used with the choices at all, such as for lacking temperatures.
         """
-        self._recording = recording
         check_recordings(self._robot, [recording], ())
+        self._recording = recording = self._hold_rate(recording)
         try:
             preprocessing = self._choose_filters(recording)
         except DynidentError as error:
             # Too short, or no joint has moved yet.
             self._reason = error.detail
             return
-        rows = self._rows
+        rows = former = self._rows
         if rows is None or preprocessing != rows.preprocessing or not rows.is_continued_by(recording):
             self._rows = rows = _FactorsOfModel(self._robot, self._choices, recording, preprocessing, self._memory)
-            self._last = None
-        rows.push(recording)
+            rows.push(recording)
+            last = self._last
+            if former is None or last is None or last.estimate is None or not rows.has_columns_of(last.estimate):
+                self._last = None
+            else:
+                # The rows of the last estimate come first, so that it predicts the new ones.
+                rows.fold(until=former.last_time)
+        else:
+            rows.push(recording)
+
+    def _hold_rate(self, recording: Recording) -> Recording:
+        """Return the recording at the rate of the rows that were read, where it is almost the same."""
+        if self._rows is None:
+            return recording
+        rate = self._rows.sampling_rate
+        # With more rows the rate of a shaky clock is known better: its grid moves by so many periods up to the end.
+        moved = abs(recording.sampling_rate / rate - 1.0) * recording.n_samples
+        return replace(recording, sampling_rate=rate) if moved < _MOVED else recording
 
     def _choose_filters(self, recording: Recording) -> Preprocessing:
         seconds = _measure_seconds(recording)
@@ -237,8 +218,8 @@ class RecursiveIdentification:
             return LiveEstimate(seconds, count, 0, None, self._reason)
         fresh, before = rows.fold(), self._last
         live = LiveEstimate(_measure_seconds(recording), recording.n_samples, 0, None, _NO_ROWS)
-        remembered = rows.weighted_factors if fresh is not None or before is None else None
-        if remembered is not None:
+        remembered = rows.weighted_factors
+        if remembered is not None and (fresh is not None or before is None or before.n_rows != remembered.n_rows):
             live = replace(live, n_rows=remembered.n_rows)
             try:
                 estimate, fit = rows.solve(remembered)
@@ -248,7 +229,7 @@ class RecursiveIdentification:
             if before is not None and before.estimate is not None and fresh is not None:
                 newest = compute_errors(merge_row_groups(fresh), before.estimate.values)
                 live = replace(live, predicted=newest.relative)
-        elif before is not None:
+        elif before is not None and remembered is not None:
             # Without a new row nothing is solved anew.
             live = replace(before, seconds=live.seconds, n_samples=live.n_samples)
         self._last = live
@@ -275,7 +256,9 @@ class RecursiveIdentification:
             raise DynidentError("nothing was recorded", title="Nothing to identify from")
         self.push(whole)
         rows, filters = self._rows, self._choices.preprocessing or choose_preprocessing([whole])
-        known = None if rows is None or not _are_equal(rows.preprocessing, filters) else rows.finish(whole)
+        known = None
+        if rows is not None and rows.sampling_rate == whole.sampling_rate and _are_equal(rows.preprocessing, filters):
+            known = rows.finish(whole)
         if rows is None or known is None:
             # Rows that were made with other filters, or with other instants left out, are made again.
             identified = identify(self._robot, [whole], (), self._choices, progress)
@@ -306,6 +289,7 @@ class GrowingFactors:
         self, observation: Observation, at_rest: Observation | None, inputs: RegressorInputs, memory: float | None
     ) -> None:
         (self._recording,) = inputs.recordings
+        self.sampling_rate = self._recording.sampling_rate
         self.preprocessing, self.reference = inputs.preprocessing, inputs.reference
         self._observation, self._at_rest, self._memory = observation, at_rest, memory
         self.reduction: Reduction | None = None
@@ -337,7 +321,7 @@ class GrowingFactors:
             part.segment = segment
             for rows in recording.source.rows(segment.first_row + part.n_read, segment.length - part.n_read, _READ):
                 if len(rows.q):
-                    part.digest.update(np.hstack([rows.q, rows.tau]).tobytes())
+                    part.digest.update(_join_signals(rows))
                     part.n_read += len(rows.q)
                     part.source.append(rows)
             if index < len(recording.segments) - 1:
@@ -372,12 +356,19 @@ class GrowingFactors:
             if self._n_kept <= MOST_VALUES:
                 self._kept.append(samples)
 
-    def fold(self) -> Reduction | None:
+    @property
+    def last_time(self) -> float:
+        """Time of the newest row in the factors, s."""
+        parts = [*self._done, *([] if self._open is None else [self._open])]
+        return max((part.last_time for part in parts), default=-np.inf)
+
+    def fold(self, until: float = np.inf) -> Reduction | None:
         """Fold new rows into the factors, and return their own factors; None where there are none."""
-        part, new = self._open, self._new
+        halves = [samples.split(until) for samples in self._new]
+        part, new = self._open, [early for early, _ in halves if len(early.t)]
         if part is None or not new:
             return None
-        self._new = []
+        self._new = [late for _, late in halves if len(late.t)]
         observation = self._observation
         columns = [observation.joint_entries(j)[1] for j in range(observation.robot.n)] * 3
         length = choose_block_length([self._recording])
@@ -434,6 +425,11 @@ class _FactorsOfModel(GrowingFactors):
         inputs = RegressorInputs([recording], preprocessing, ReferenceParameters.massless(marked))
         super().__init__(self.model.observation, self.model.at_rest, inputs, memory)
 
+    def has_columns_of(self, estimate: Estimate) -> bool:
+        """Return whether an estimate is one of the same parameters."""
+        own, others = ([(c.name, c.effect, c.shape) for c in model.kept] for model in (self.model, estimate.model))
+        return own == others
+
     def solve(self, reduction: Reduction) -> tuple[Estimate, Errors]:
         """Return what these factors give, without moving bodies to where they are possible, and what it leaves."""
         equations = Data(reduction, reduction, (self._recording,), self.preprocessing, self.reference)
@@ -488,12 +484,16 @@ def _cut_window(recording: Recording, segment: Segment, start: float) -> Recordi
     return replace(recording, segments=(cut,))
 
 
+def _join_signals(rows: StoredRows) -> bytes:
+    return np.hstack([values for values in rows if values is not None]).tobytes()
+
+
 def _digest_segments(recording: Recording) -> Sequence[bytes]:
     digests = []
     for segment in recording.segments:
         if segment.length:
             digest = hashlib.blake2b()
             for rows in recording.source.rows(segment.first_row, segment.length, _READ):
-                digest.update(np.hstack([rows.q, rows.tau]).tobytes())
+                digest.update(_join_signals(rows))
             digests.append(digest.digest())
     return digests
