@@ -67,3 +67,13 @@ def test_estimates_come_while_the_robot_moves(page: Any, service: str, heard: An
         page.wait_for_function("document.documentElement.scrollWidth <= innerWidth")
         page.screenshot(path=tmp_path / "bad.png", full_page=True)
     assert heard.complaints == []
+
+
+def test_an_estimate_that_fails_is_shown_as_a_problem(page: Any, service: str) -> None:
+    with Client(service) as live:
+        measurement = live.measurements.begin(live.robots.create("scara", modified_dh=TABLE), "failing")
+    problem = '{"type": "x", "title": "Disk full", "status": 507, "detail": "The disk of the service is full."}'
+    body = f"event: problem\ndata: {problem}\n\n"
+    page.route("**/estimates", lambda route: route.fulfill(content_type="text/event-stream", body=body))
+    page.goto(f"/?view=recording&measurement={measurement.id}")
+    expect(page.locator("#live-state")).to_contain_text("The disk of the service is full.")

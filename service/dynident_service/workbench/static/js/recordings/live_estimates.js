@@ -1,6 +1,6 @@
 // What a recording under way tells so far: parameters with their uncertainty, error over time, reasons to stop.
 
-import { follow } from "../api.js";
+import { follow, ProblemError } from "../api.js";
 import { h, listed, put, right, section } from "../dom.js";
 import { counted, number, percent, quantity } from "../format.js";
 import { colour, figure, onColours } from "../plots.js";
@@ -28,6 +28,7 @@ export function liveSection(measurement, signal, onFinished) {
   const run = async () => {
     try {
       for await (const event of follow(`/measurements/${measurement.id}/estimates`, signal)) {
+        if (event.kind === "problem") throw new ProblemError(event);
         show(event);
         if (event.kind === "finished") await onFinished();
       }
