@@ -178,8 +178,7 @@ def _receive_import(
     # The file is copied out of the store, for which there has to be room.
     require_room_for(services, original.size)
     with source.open("wb") as target:
-        for part in services.objects.stream(original.key):
-            target.write(part)
+        target.writelines(services.objects.stream(original.key))
     robot = require_resource(services, "robot", metadata.robot_id, "/metadata/robot_id").request
     return ReceivedFile(metadata, source, folder, original.key, retry, robot, import_id=imported.id)
 
@@ -188,9 +187,14 @@ def _receive_import(
 def get_measurement_content(measurement_id: str, services: ServicesDep) -> StreamingResponse:
     """Give the file back as it was uploaded; of a recording under way, its rows so far."""
     original = find_original(services.resources.get("measurement", measurement_id), ROWS)
+    try:
+        content = services.objects.stream(original.key)
+    except ProblemError:  # More rows came meanwhile: those before are deleted.
+        original = find_original(services.resources.get("measurement", measurement_id), ROWS)
+        content = services.objects.stream(original.key)
     # The key is the hash of the content, and thereby an ETag as it should be.
     headers = {"Content-Length": str(original.size), "ETag": f'"{original.key}"'}
-    return StreamingResponse(services.objects.stream(original.key), media_type=original.media_type, headers=headers)
+    return StreamingResponse(content, media_type=original.media_type, headers=headers)
 
 
 def find_original(measurement: Resource, otherwise: str = "original") -> OwnedObject:
@@ -353,16 +357,13 @@ def _store_measurement(
 
 
 def _store_objects(services: Services, received: ReceivedFile) -> tuple[OwnedObject, ...]:
-    source, canonical, revised = received.source, received.recording, received.parent
-    if revised is not None and "original" not in revised.objects:
-        revised = None  # The rows of a recording under way do not stay.
-    # Before anything is put into the store. A revision adds its recording only: the original is its parent's.
-    services.resources.check_room("measurement", (source, canonical) if revised is None else (canonical,))
-    original = (
-        services.resources.put_with_role("original", source, detect_media_type(source))
-        if revised is None
-        else find_original(revised)
-    )
+    source, canonical = received.source, received.recording
+    # A revision adds its recording only: the original is its parent's. Rows of a recording under way do not stay there.
+    original = None if received.parent is None else received.parent.objects.get("original")
+    # Before anything is put into the store.
+    services.resources.check_room("measurement", (source, canonical) if original is None else (canonical,))
+    if original is None:
+        original = services.resources.put_with_role("original", source, detect_media_type(source))
     return original, services.resources.put_with_role("recording", canonical, MEDIA_TYPES["parquet"])
 
 
