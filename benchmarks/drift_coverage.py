@@ -1,6 +1,6 @@
 """How often models drawn around an identified one cover the recorded open-loop drift; 90 % is asked.
 
-    python benchmarks/drift_coverage.py [--arms NAMES]
+    python benchmarks/drift_coverage.py [--arms NAME ...]
 
 Three real arms. Each recording of an arm (or part of the only one) is once the one that a model is identified on; the
 torque disturbance is measured on the next one, and coverage is counted on the one after that: from up to 40 recorded
@@ -55,8 +55,9 @@ ARMS = (
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--arms", default="ur10e,ur10,kr300", help="names, separated by commas")
-    chosen = parser.parse_args().arms.split(",")
+    names = [arm.folder for arm in ARMS]
+    parser.add_argument("--arms", nargs="*", default=names, choices=names)
+    chosen = parser.parse_args().arms
     if not RECORDINGS.is_dir():
         sys.exit(f"no recordings of real robots at {RECORDINGS}")
     for arm in ARMS:

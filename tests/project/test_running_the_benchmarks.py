@@ -55,7 +55,7 @@ SMALL = {
 }
 """Arguments with which a script takes seconds."""
 WITH_RECORDINGS = {
-    "drift_coverage": "--arms 1",
+    "drift_coverage": "--arms kr300",
     "effort_kinds": "--cases 2",
     "foreign_files": "--files 1",
     "imports": "--draws 2",
