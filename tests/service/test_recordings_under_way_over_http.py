@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from fastapi.testclient import TestClient
 from service_helpers import app_of, serving
+from support.measurement_uploads import move_two_joints
 
 from dynident_client import Client, ProblemError
 from dynident_service.measurements import rows_routes
@@ -25,21 +26,7 @@ PIECE = 300
 JSON = {"content-type": "application/json"}
 
 
-def columns(seconds: float = 12.0, rate: float = 100.0, seed: int = 1) -> dict[str, np.ndarray]:
-    """A motion of two joints, and some torque that its dynamics explain in part."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(round(seconds * rate)) / rate
-    w = 2 * np.pi * np.array([0.2, 0.5, 0.9])
-    phase = rng.uniform(0, 6, (2, 3))
-    q = np.stack([0.35 * np.sin(np.outer(t, w) + phase[j]).sum(axis=1) for j in range(2)], axis=1)
-    dq, ddq = np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0)
-    tau = 3.0 * ddq @ np.array([[1.0, 0.3], [0.3, 0.6]]) + 2.0 * np.sign(dq) + 1.5 * dq
-    tau += 0.02 * rng.normal(size=tau.shape)
-    q += 1e-5 * rng.normal(size=q.shape)
-    return {"t": t, "q1": q[:, 0], "q2": q[:, 1], "tau1": tau[:, 0], "tau2": tau[:, 1]}
-
-
-RUN = columns()
+RUN = move_two_joints()
 LENGTH = len(RUN["t"])
 
 

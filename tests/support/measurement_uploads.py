@@ -14,6 +14,20 @@ from fastapi.testclient import TestClient
 Columns = dict[str, np.ndarray]
 
 
+def move_two_joints(seconds: float = 12.0, rate: float = 100.0, seed: int = 1) -> Columns:
+    """A motion of two joints, and some torque that its dynamics explain in part."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * rate)) / rate
+    w = 2 * np.pi * np.array([0.2, 0.5, 0.9])
+    phase = rng.uniform(0, 6, (2, 3))
+    q = np.stack([0.35 * np.sin(np.outer(t, w) + phase[j]).sum(axis=1) for j in range(2)], axis=1)
+    dq, ddq = np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0)
+    tau = 3.0 * ddq @ np.array([[1.0, 0.3], [0.3, 0.6]]) + 2.0 * np.sign(dq) + 1.5 * dq
+    tau += 0.02 * rng.normal(size=tau.shape)
+    q += 1e-5 * rng.normal(size=q.shape)
+    return {"t": t, "q1": q[:, 0], "q2": q[:, 1], "tau1": tau[:, 0], "tau2": tau[:, 1]}
+
+
 def sound(n_rows: int = 2000, rate: float = 200.0) -> Columns:
     """A recording of two parallel vertical axes that passes every check."""
     t = np.arange(n_rows) / rate

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.measurement_uploads import move_two_joints
 
 from dynident_client import Client
 
@@ -21,21 +22,8 @@ TABLE = {
 }
 
 
-def motion(seconds: float = 20.0, rate: float = 100.0) -> dict[str, np.ndarray]:
-    rng = np.random.default_rng(3)
-    t = np.arange(round(seconds * rate)) / rate
-    w = 2 * np.pi * np.array([0.2, 0.5, 0.9])
-    phase = rng.uniform(0, 6, (2, 3))
-    q = np.stack([0.35 * np.sin(np.outer(t, w) + phase[j]).sum(axis=1) for j in range(2)], axis=1)
-    dq, ddq = np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0)
-    tau = 3.0 * ddq @ np.array([[1.0, 0.3], [0.3, 0.6]]) + 2.0 * np.sign(dq) + 1.5 * dq
-    tau += 0.02 * rng.normal(size=tau.shape)
-    q += 1e-5 * rng.normal(size=q.shape)
-    return {"t": t, "q1": q[:, 0], "q2": q[:, 1], "tau1": tau[:, 0], "tau2": tau[:, 1]}
-
-
 def test_estimates_come_while_the_robot_moves(page: Any, service: str, heard: Any, tmp_path: Path) -> None:
-    rows = motion()
+    rows = move_two_joints(20.0, seed=3)
     with Client(service) as live:
         robot = live.robots.create("scara", modified_dh=TABLE)
         measurement = live.measurements.begin(robot, "under way")

@@ -22,7 +22,14 @@ from dynident.errors import DynidentError
 from dynident.identification.identified_models.identification_result import LiveEstimate
 from dynident.identification.identified_models.recursive_identification import RecursiveIdentification
 from dynident.identification.robot_recording_import import build_recorded_joints, import_for_robot
-from dynident.recordings import Check, Recording, RecordingError, StopReason, find_stop_reasons, open_recording
+from dynident.recordings import (
+    Recording,
+    RecordingError,
+    StopReason,
+    find_stop_reasons,
+    list_fatal_findings,
+    open_recording,
+)
 from dynident.robot import Robot
 from dynident_service.designs.adapters import read_reference
 from dynident_service.measurements.adapters import (
@@ -217,25 +224,15 @@ def estimate_rows(
             recording, checks = import_for_robot(restored, Path(source), Path(folder) / "rows.parquet", stated)
         except RecordingError as error:
             # What the first seconds lack (no joint has moved yet) is no reason to stop: that is decided by name.
-            return _show_estimate(
-                restored, LiveEstimate(0.0, 0, 0, None, error.detail), count, _find_fatal(error.checks)
-            )
+            fatal = list_fatal_findings(error.checks)
+            reason = "A check refuses the rows so far." if fatal else error.detail
+            return _show_estimate(restored, LiveEstimate(0.0, 0, 0, None, reason), count, fatal)
         reference = None if planned is None else read_reference(Path(planned), list(restored.joint_names))
         motion = None if reference is None else (reference.t, reference.q)
         reasons = find_stop_reasons(recording, checks, joints.known_limits, motion)
         return _show_estimate(
             restored, _follow(restored, recording, identifier, before / count, is_final), count, reasons
         )
-
-
-def _find_fatal(checks: Sequence[Check]) -> list[StopReason]:
-    """Return the findings of a refused recording that more rows do not cure."""
-    fatal = ("saturation", "torque_sign", "torque_order")
-    return [
-        StopReason(check.name, "", check.detail)  # type: ignore[arg-type]
-        for check in checks
-        if check.status == "error" and check.name in fatal
-    ]
 
 
 def _follow(robot: Robot, recording: Recording, identifier: str, seen: float, is_final: bool) -> LiveEstimate:

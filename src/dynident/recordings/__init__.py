@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.recordings.all_checks import StopReason, find_stop_reasons
+    from dynident.recordings.all_checks import StopReason, find_stop_reasons, list_fatal_findings
     from dynident.recordings.joint_phases import PhaseShares, phase_shares
     from dynident.recordings.low_pass_decimation import FilteredRows, ParallelFilter, low_pass
     from dynident.recordings.position_filter import compute_edge_margin, filtered_blocks
@@ -45,6 +45,7 @@ __all__ = [
     "find_motion_band",
     "find_stop_reasons",
     "import_recording",
+    "list_fatal_findings",
     "low_pass",
     "open_recording",
     "phase_shares",

@@ -127,6 +127,27 @@ class StopReason:
     detail: str
 
 
+def list_fatal_findings(checks: Sequence[Check]) -> list[StopReason]:
+    """Return the findings of a recording under way, or of one that was refused, which more rows cannot heal.
+
+    Parameters
+    ----------
+    checks : sequence of Check
+        Its checks so far.
+
+    Returns
+    -------
+    list of StopReason
+        One for each finding.
+    """
+    return [
+        StopReason(code, "", check.detail)
+        for check in checks
+        for code in _FATAL
+        if check.name == code and check.status != "ok" and not check.is_accepted
+    ]
+
+
 def find_stop_reasons(
     recording: Recording,
     checks: Sequence[Check],
@@ -152,12 +173,7 @@ def find_stop_reasons(
     tuple of StopReason
         One for each finding.
     """
-    reasons = [
-        StopReason(code, "", check.detail)
-        for check in checks
-        for code in _FATAL
-        if check.name == code and check.status != "ok" and not check.is_accepted
-    ]
+    reasons = list_fatal_findings(checks)
     exceeded: dict[tuple[str, str], StopReason] = {}
     for segment in recording.segments:
         rows = [block.q for block in recording.source.rows(segment.first_row, segment.length, segment.length)]

@@ -90,7 +90,9 @@ class RowStructure:
         for limb, block in zip(self.limbs, self.blocks, strict=True):
             equations, columns = limb
             of_limb = self._take(w, limb) @ slope[block]
-            by_equation[:, equations[:, None], columns] = of_limb.reshape(-1, len(equations), len(columns))
+            by_equation[:, equations[:, None], columns] = of_limb.reshape(
+                len(by_equation), len(equations), len(columns)
+            )
         return product
 
     def _take(self, w: FloatArray, limb: tuple[IndexArray, IndexArray]) -> FloatArray:

@@ -468,7 +468,7 @@ def check_against_dynamics(
     if examined is None or examined.unexplained is None:
         nothing = "too little motion, or times that are not in order: the robot's dynamics cannot check the columns"
         if robot.n > MOST_JOINTS:
-            nothing = f"a robot of more than {MOST_JOINTS} joints: order, signs and sizes of columns are not checked"
+            nothing = f"a robot of more than {MOST_JOINTS} joints: friction alone checks them, when the file is read"
         return [*guesses, *([] if is_commanded else [Guess("check", "none", 0.5, nothing)])], questions
     unexplained = examined.unexplained
     worst = robot.joint_names[int(np.argmax(unexplained.joints))]

@@ -80,7 +80,7 @@ class _GrowingRows:
     def append(self, rows: StoredRows) -> None:
         """Add rows at the end."""
         self._rows.append(rows)
-        self._nothing = StoredRows(*(None if values is None else values[:0] for values in rows))  # type: ignore[arg-type]
+        self._nothing = StoredRows._make(None if values is None else values[:0] for values in rows)
 
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
         """Yield all rows, however many are asked for: nobody knows yet how many there will be."""

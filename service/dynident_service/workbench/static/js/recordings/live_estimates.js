@@ -19,7 +19,8 @@ export function liveSection(measurement, signal, onFinished) {
   const show = (estimate) => {
     const errors = (estimate.error ?? []).filter((one) => one !== null);
     if (errors.length) course.push({ seconds: estimate.seconds, fit: Math.max(...errors), predicted: worst(estimate.predicted) });
-    put(state, `${counted(estimate.rows, "row")}, ${quantity(estimate.seconds, "s", 3)}. ${estimate.reason}`);
+    const length = estimate.seconds ? `, ${quantity(estimate.seconds, "s", 3)}` : "";
+    put(state, `${counted(estimate.rows, "row")}${length}. ${estimate.reason}`);
     put(stop, estimate.stop.length ? h("div", { class: "box bad" }, h("p", {}, "Stop the robot: this run is not worth going on with."), h("ul", {}, estimate.stop.map((one) => h("li", {}, one.detail)))) : null);
     put(parameters, estimate.parameters.length ? parameterTable(estimate.parameters) : null);
     draw();
