@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.exported_programs import MODELS, NAMES, TREE, run_signals
+from support.exported_programs import MODELS, NAMES, TREE, check_stated_error, held_out, identify_arm, run_signals
 from support.models_with_chosen_parameters import (
     PLAIN,
     FloatArray,
@@ -166,6 +166,13 @@ def test_a_c_header_compiles_strictly_and_computes_every_term(name: str, tmp_pat
     identification = MODELS[name]()
     motion = path(identification.model.robot)
     check_terms(identification, motion, run_program(identification, tmp_path, motion, ("gcc", "-std=c99")))
+
+
+@pytest.mark.parametrize("cpp", [False, True], ids=["C", "C++"])
+def test_a_header_states_the_error_that_it_has_on_held_out_motion(cpp: bool, tmp_path: Path) -> None:
+    compiler = ("g++", "-std=c++17", PLAINLY) if cpp else ("gcc", "-std=c99", PLAINLY)
+    torque = run_program(identify_arm(), tmp_path, held_out(), compiler, cpp=cpp)["inverse_dynamics"]
+    check_stated_error((tmp_path / ("model.hpp" if cpp else "model.h")).read_text(encoding="utf-8"), torque)
 
 
 @pytest.mark.sweep

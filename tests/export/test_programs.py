@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.exported_programs import HYSTERESIS, MODELS, NAMES, run_signals
+from support.exported_programs import HYSTERESIS, MODELS, NAMES, check_stated_error, held_out, identify_arm, run_signals
 from support.models_with_chosen_parameters import PLAIN, FloatArray, made_up, path, predicted, signals
 from support.oracles import Motion, crooked_urdf
 
@@ -158,6 +158,14 @@ def test_c_code_compiles_without_a_warning_and_gives_the_predicted_torque(
     expected = predicted(model, motion, run_signals(model))
     found = run_c(compiled(model, tmp_path), model, motion)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_c_code_and_casadi_functions_have_the_error_that_is_stated_on_held_out_motion(tmp_path: Path) -> None:
+    model, motion = identify_arm(), held_out()
+    text, function = to_c(model), to_casadi(model)
+    check_stated_error(text, run_c(compiled(model, tmp_path), model, motion))
+    torque = function.map(len(motion.q))(motion.q.T, motion.dq.T, motion.ddq.T)
+    check_stated_error(text, np.asarray(torque).T)
 
 
 def test_the_declarations_of_c_code_can_be_included_by_another_file(tmp_path: Path) -> None:

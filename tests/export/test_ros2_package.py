@@ -12,13 +12,15 @@ import casadi
 import numpy as np
 import pytest
 import yaml
-from support.exported_programs import MODELS
-from support.models_with_chosen_parameters import from_standard, path, predicted
+from support.exported_programs import MODELS, check_stated_error, held_out, identify_arm
+from support.models_with_chosen_parameters import FloatArray, from_standard, path, predicted
 from support.one_joint_robots import one_joint_urdf
+from support.oracles import Motion
 
 from dynident.errors import DynidentError
 from dynident.export import to_ros2_package, unpack_files
 from dynident.file_output import write_atomically
+from dynident.identification import Identification
 from dynident.robot import robot_from_urdf
 
 STRICT = ("-std=c++17", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic")
@@ -81,8 +83,8 @@ int main()
 """
 
 
-def write_package(name: str, folder: Path) -> Path:
-    file = to_ros2_package(MODELS[name]())
+def write_package(identification: Identification, folder: Path) -> Path:
+    file = to_ros2_package(identification)
     assert any("never compiled or run with ROS 2" in note for note in file.notes)
     for place, content in unpack_files(file.content).items():
         (folder / place).parent.mkdir(parents=True, exist_ok=True)
@@ -97,24 +99,34 @@ def compile_strictly(compiler: str, *words: str) -> None:
     assert done.returncode == 0, done.stderr[:2000]
 
 
+def run_core(package: Path, motion: Motion, compiler: str) -> FloatArray:
+    """Torque that the core of a package computes along a motion."""
+    source, program = package.parent / "main.cpp", package.parent / "main"
+    source.write_text(MAIN.replace("PACKAGE", package.name), encoding="utf-8")
+    compile_strictly(compiler, "-I", f"{package / 'include'}", str(source), "-o", str(program))
+    rows = np.hstack([motion.q, motion.dq, motion.ddq])
+    answer = subprocess.run([program], input=rows.astype(np.float64).tobytes(), capture_output=True, check=True)
+    return np.frombuffer(answer.stdout).reshape(motion.q.shape)
+
+
 @pytest.mark.parametrize(
     ("name", "compiler"), [("plain", "g++"), ("plain", "clang++"), ("hysteresis on a tree", "g++")]
 )
 def test_the_core_computes_the_torque_of_the_model(name: str, compiler: str, tmp_path: Path) -> None:
-    package, identification = write_package(name, tmp_path), MODELS[name]()
-    (tmp_path / "main.cpp").write_text(MAIN.replace("PACKAGE", package.name), encoding="utf-8")
-    program = tmp_path / "main"
-    compile_strictly(compiler, "-I", f"{package / 'include'}", str(tmp_path / "main.cpp"), "-o", str(program))
+    identification = MODELS[name]()
     motion = path(identification.model.robot, 50)
-    rows = np.hstack([motion.q, motion.dq, motion.ddq])
-    answer = subprocess.run([program], input=rows.astype(np.float64).tobytes(), capture_output=True, check=True)
     expected = predicted(identification, motion)
-    torque = np.frombuffer(answer.stdout).reshape(expected.shape)
+    torque = run_core(write_package(identification, tmp_path), motion, compiler)
     np.testing.assert_allclose(torque, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
+def test_a_package_states_the_error_that_its_core_has_on_held_out_motion(tmp_path: Path) -> None:
+    package = write_package(identify_arm(), tmp_path)
+    check_stated_error((package / "README.md").read_text(encoding="utf-8"), run_core(package, held_out(), "g++"))
+
+
 def test_the_plug_in_fits_the_published_interface(tmp_path: Path) -> None:
-    package = write_package("plain", tmp_path)
+    package = write_package(MODELS["plain"](), tmp_path)
     for place, content in INTERFACE.items():
         (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / place).write_text(content, encoding="utf-8")
@@ -133,7 +145,7 @@ def test_a_name_like_a_placeholder_stays_a_name() -> None:
 
 
 def test_the_descriptions_are_well_formed_and_name_each_other(tmp_path: Path) -> None:
-    package = write_package("plain", tmp_path)
+    package = write_package(MODELS["plain"](), tmp_path)
     stated = ElementTree.parse(package / "package.xml").getroot()
     assert stated.findtext("name") == package.name
     plugin = ElementTree.parse(package / f"{package.name}.xml").getroot().find("class")
