@@ -6,9 +6,11 @@ Each test skips where its engine is not installed, and says so.
 from __future__ import annotations
 
 import ast
+import gc
 import re
 import shutil
 import subprocess
+import weakref
 import zipfile
 from dataclasses import replace
 from io import BytesIO
@@ -484,6 +486,20 @@ def test_programs_have_parameters_of_a_robot_and_say_what_that_costs() -> None:
     assert b"-0.5" in export_model(model, "json").content
 
 
+def test_programs_of_one_model_solve_it_once_and_do_not_keep_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls, solve = [], remove_and_solve_again.reidentify
+    monkeypatch.setattr(remove_and_solve_again, "reidentify", lambda *of: calls.append(of) or solve(*of))
+    model = impossible_model()
+    for format in ("c", "c_header", "casadi"):
+        assert any("would gain energy" in note for note in export_model(model, format).notes)
+    assert len(calls) == 1
+    there = weakref.ref(model)
+    calls.clear()
+    del model
+    gc.collect()
+    assert there() is None
+
+
 def written_at_head(file: ExportedFile) -> str:
     """The text of a file with its comment marks and line breaks taken out."""
     return " ".join(file.content.decode().replace("\n *", " ").split())
@@ -517,6 +533,7 @@ def test_a_program_says_that_it_could_gain_energy_where_nothing_better_is_known(
     with pytest.warns(UserWarning, match="would gain energy in a simulation"):
         MissingTorque(simulated, model)
     monkeypatch.setattr(remove_and_solve_again, "reidentify", refuse)
+    model = impossible_model()
     for format in ("c", "casadi"):
         assert (
             "A simulation with these parameters could gain energy: Ia2 = -0.5 kg m²."

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -131,6 +132,20 @@ def make_physical(identification: Identification) -> PhysicalModel:
     # Poses at rest determine no inertia, so that there is nothing to solve again for.
     if not impossible or identification.model.is_at_rest:
         return PhysicalModel(identification, impossible)
+    solved = _SOLVED.get(identification)
+    if solved is None:
+        solved = _solve_physical(identification, impossible)
+        # What still contains the identified model would keep it in memory for ever.
+        if solved.identification is not identification:
+            _SOLVED[identification] = solved
+    return solved
+
+
+# Models that were solved again: each export and each simulation of a model asks for the same one.
+_SOLVED: WeakKeyDictionary[Identification, PhysicalModel] = WeakKeyDictionary()
+
+
+def _solve_physical(identification: Identification, impossible: tuple[str, ...]) -> PhysicalModel:
     try:
         choices = replace(identification.choices, estimator="feasible", strategy="global")
         possible = reidentify(identification, choices)
