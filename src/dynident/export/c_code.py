@@ -359,6 +359,14 @@ static inline void PREFIX_observe(
 """Observer of contacts in C, in which `export.c_header` replaces the words in capitals."""
 
 _CONTACTS = """\
+/* Whether a value is a finite number. Its bits tell, because -ffast-math takes it for granted in comparisons */
+static inline int PREFIX_is_finite(double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return (bits >> 52 & 0x7ffu) != 0x7ffu;
+}
+
 /* After every PREFIX_observe with a gain of GAIN: contacts[j] is 1 where the residual of joint j is beyond its
    threshold, in N m or N; returns how many are. A residual that is not a number counts as beyond, and stays so until
    PREFIX_observer_start: after such a sample no contact would show. The first threshold holds while a joint is slow or
@@ -374,7 +382,7 @@ static inline int PREFIX_find_contacts(const PREFIX_observer *o, int contacts[N]
             class_of_speed = 1;
             for (k = 0; k < CLASSES; k++) class_of_speed += fabs(o->dq[j]) > speeds[j][k];
         }
-        contacts[j] = !(fabs(o->residual[j]) <= thresholds[j][class_of_speed]);
+        contacts[j] = !PREFIX_is_finite(o->residual[j]) || fabs(o->residual[j]) > thresholds[j][class_of_speed];
         found += contacts[j];
     }
     return found;
@@ -408,6 +416,7 @@ def write_contacts(contact: ContactDetection, name: str) -> str:
 
 
 def _write_table(rows: FloatArray) -> str:
-    # A joint that was not recorded long enough has no threshold: nothing is above infinity.
-    cells = (", ".join(format_c_number(float(x)) if math.isfinite(x) else "HUGE_VAL" for x in row) for row in rows)
+    # A joint that was not recorded long enough has no threshold: nothing is above the largest number. Infinity would be
+    # refused by compilers that are told -ffast-math.
+    cells = (", ".join(format_c_number(float(x)) if math.isfinite(x) else "DBL_MAX" for x in row) for row in rows)
     return "{" + ", ".join(f"{{{row}}}" for row in cells) + "}"

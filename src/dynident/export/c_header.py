@@ -37,6 +37,9 @@ from dynident.validation.contact_detection import ContactDetection
 _SCALARS = ("time", "period")
 
 
+_INCLUDES = "".join(f"#include <{name}.h>\n" for name in ("float", "math", "stdint", "string"))
+
+
 @dataclass(frozen=True, eq=False)
 class HeaderFunction:
     """One function of the header.
@@ -160,7 +163,7 @@ class Header:
         guard = f"{self.name.upper()}_H"
         sections = [
             write_c_comment(self._write_head(f"{self.name}.h")),
-            f"#ifndef {guard}\n#define {guard}\n\n#include <math.h>\n",
+            f"#ifndef {guard}\n#define {guard}\n\n{_INCLUDES}",
             self._write_body(),
             f"#endif /* {guard} */\n",
         ]
@@ -175,7 +178,7 @@ class Header:
             write_c_comment(self._write_head(f"{self.name}.hpp")),
             f"#ifndef {guard}\n#define {guard}\n\n#include <array>\n#include <cmath>\n#include <cstddef>\n",
             "#ifdef DYNIDENT_USE_EIGEN\n#include <Eigen/Core>\n#endif\n",
-            f"#ifndef {once}\n#define {once}\n\n#include <math.h>\n",
+            f"#ifndef {once}\n#define {once}\n\n{_INCLUDES}",
             self._write_body(),
             f"#endif /* {once} */\n",
             self._write_class(),
