@@ -139,6 +139,18 @@ def test_the_rest_of_the_users_urdf_stays_as_it_was() -> None:
     assert_same(torque_of_urdf(text, robot.gravity, motion), predicted(model, motion))
 
 
+def test_the_base_of_a_description_in_grams_is_in_kilograms() -> None:
+    def multiply(found: re.Match[str]) -> str:
+        return f'{found[1]}="{1000.0 * float(found[2])}"'
+
+    grams = re.sub(r'(value|i[xyz][xyz])="([\d.]+)"', multiply, OWN)
+    exported = to_urdf(identified(robot_from_urdf("mine", grams, locked_joints={"grip": 0.02})))
+    links = {link.get("name"): link for link in ElementTree.fromstring(exported.content.decode()).iter("link")}
+    assert float(links["base"].find("inertial/mass").get("value")) == pytest.approx(5.0)
+    assert float(links["base"].find("inertial/inertia").get("ixx")) == pytest.approx(1.0)
+    assert any("masses seem to be in g" in note and "SI units" in note for note in exported.notes)
+
+
 def test_a_link_may_be_called_as_mujocos_world() -> None:
     robot = robot_from_urdf("mine", OWN.replace('"world"', '"root"').replace('"fore"', '"world"'))
     model, motion = identified(robot), path(robot)

@@ -26,6 +26,7 @@ from dynident.export.comments_and_names import (
 from dynident.export.feasible_links_and_joints import ExportedFile, FeasibleLinks
 from dynident.identification import Identification
 from dynident.robot import urdf_from_robot
+from dynident.robot.pseudo_inertia import DescriptionUnits, find_description_units
 from dynident.robot.urdf_writer import build_inertial
 from dynident.robot.xml_text import Element, format_numbers, write_xml
 from dynident.text_encoding import encode_text
@@ -37,6 +38,7 @@ DRAKE_NAMESPACE = "http://drake.mit.edu"
 ROTOR_TAG = "dynident_rotor"
 """Child of a `<joint>` whose attribute `inertia` is the rotor's, seen at the joint; URDF itself has no such element."""
 _USUAL_TRANSMISSION = "transmission_interface/SimpleTransmission"
+_IN_UNITS = ("value", "xyz", *(f"i{axes}" for axes in ("xx", "xy", "xz", "yy", "yz", "zz")))
 _ONLY_WHERE_MOVING = ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration")
 
 
@@ -65,6 +67,11 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
     notes = (*_write_notes(links), *links.notes)
     text = robot.description.content if robot.description.format == "urdf" else urdf_from_robot(robot)
     tree = _EditedUrdf(text, robot.locked_joints)
+    units = find_description_units(robot.tree)
+    if units is not None:
+        # The identified links are in SI units; the base, of which nothing is identified, has to follow.
+        tree.scale_inertials(units)
+        notes = (f"In the description, {units}; all of this file is in SI units.", *notes)
     for j, joint in enumerate(robot.tree.joints):
         moving = tree.get_child(joint.name)
         # The inertia of all links that move as one body was identified together, and stands in the moving one.
@@ -142,6 +149,17 @@ class _EditedUrdf:
         self._remove(self._links[link], ("inertial",))
         if inertial is not None:
             self._add(self._links[link], inertial)
+
+    def scale_inertials(self, units: DescriptionUnits) -> None:
+        """Bring masses, their centres and inertias of all links to SI units."""
+        factors = {"mass": units.mass, "origin": units.moment / units.mass, "inertia": units.inertia}
+        for link in self._links.values():
+            for inertial in self._list_children(link, "inertial"):
+                for tag, factor in factors.items():
+                    for element in self._list_children(inertial, tag):
+                        for name, value in list(element.attributes.items()):
+                            if name in _IN_UNITS:
+                                element.setAttribute(name, format_numbers(*(factor * _parse_numbers(value))))
 
     def set_drive(self, joint: str, damping: float, friction: float, rotor: float) -> None:
         """Set the friction of a joint, and its rotor's inertia if it has any."""
