@@ -21,7 +21,7 @@ from dynident.export import (
     export_model,
     measure_disturbance,
 )
-from dynident.export.torque_disturbance import CENTRAL_90, DRAWS, widen_for_short_data
+from dynident.export.torque_disturbance import CENTRAL_90, DRAWS, count_independent_spans, widen_for_short_data
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.identified_models.torque_prediction import compute_gravity
 from dynident.recordings import Recording
@@ -136,6 +136,23 @@ def test_a_disturbance_out_of_short_data_is_as_wide_as_further_values_need() -> 
     assert plain < 0.885
     assert wide == pytest.approx(0.9, abs=0.012)
     assert widen_for_short_data(np.ones(1), np.array([1e6])) == pytest.approx(1.0, abs=1e-5)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.6])
+def test_a_residual_that_is_larger_in_some_motions_is_widened_as_much_as_further_ones_need(spread: float) -> None:
+    rng, count, m = np.random.default_rng(0), 4000, 9
+
+    def draw(blocks: int) -> FloatArray:
+        sizes = np.exp(spread * rng.standard_normal((count, blocks, ROBOT.n)))
+        return sizes * rng.standard_normal((count, blocks, ROBOT.n))
+
+    squares, further, lengths = draw(m) ** 2, draw(1)[:, 0], np.full(ROBOT.n, float(m))
+    deviation = np.sqrt(squares.mean(axis=1))
+    spans = np.array([count_independent_spans(own, lengths) for own in squares])
+    assert spans.max() <= m
+    alike, wide = (np.mean(np.abs(further) <= 1.645 * widen_for_short_data(deviation, of)) for of in (lengths, spans))
+    assert wide == pytest.approx(0.9, abs=0.015)
+    assert (alike < 0.885) == (spread > 0)
 
 
 def test_the_central_share_of_few_draws_is_that_of_student() -> None:

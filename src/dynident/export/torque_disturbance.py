@@ -66,29 +66,54 @@ def measure_disturbance(
     # The residual of what draws consist of, which lacks the model's other effects.
     projected = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest).projected
     comparisons = [compare(projected, recording) for recording in recordings]
-    short, long = (_compute_block_variance(comparisons, length) for length in _BLOCKS)
+    blocks = [_compute_block_squares(comparisons, length) for length in _BLOCKS]
+    short, long = (squares.mean(axis=0) for squares in blocks)
     ratios = _share_left(_BLOCKS[1] / _TIMES) / _share_left(_BLOCKS[0] / _TIMES)
     closest = np.abs(ratios[:, None] - long / np.maximum(short, 1e-300)).argmin(axis=0)
     time = _TIMES[closest]
     deviation = np.sqrt(short / _share_left(_BLOCKS[0] / time))
     seconds = sum(_measure_seconds(comparison) for comparison in comparisons)
-    return TorqueDisturbance(widen_for_short_data(deviation, seconds / time), time)
+    return TorqueDisturbance(widen_for_short_data(deviation, count_independent_spans(blocks[1], seconds / time)), time)
 
 
-def widen_for_short_data(deviation: FloatArray, lengths: FloatArray) -> FloatArray:
+def count_independent_spans(squares: FloatArray, lengths: FloatArray) -> FloatArray:
+    """Return how many independent spans (n,) a recording is worth that a standard deviation is estimated from.
+
+    A residual that is larger in some motions than in others says less about its size in the next motion than one that
+    is alike everywhere. The squares of its means over blocks then vary more than those of normal values, and are worth
+    as many fewer (Satterthwaite 1946).
+
+    Parameters
+    ----------
+    squares : (m, n)
+        Squares of the residual's means over m blocks of a second.
+    lengths : (n,)
+        Lengths of the recording in correlation times.
+    """
+    m = len(squares)
+    spans = np.minimum(lengths, m)
+    if m < 2:
+        return spans
+    # One figure for all joints: they make the same motions, and few blocks tell little of each.
+    variance = float(np.mean((squares / np.maximum(squares.mean(axis=0), 1e-300)).var(axis=0, ddof=1)))
+    # For normal values alike everywhere the expected variance is 2 m / (m + 2), since the mean is theirs as well.
+    return np.asarray(spans * min(1.0, 2.0 * m / (m + 2.0) / max(variance, 1e-300)))
+
+
+def widen_for_short_data(deviation: FloatArray, spans: FloatArray) -> FloatArray:
     """Return deviations (n,) of normal values of which the central 90 % hold 90 % of further values.
 
-    A variance out of a short recording is uncertain. With the correlation exp(-t / time) it has about as many degrees
-    of freedom as correlation times fit into the recording, and Student's distribution says how much that widens.
+    A variance out of a short recording is uncertain. It has about as many degrees of freedom as the recording has
+    independent spans, and Student's distribution says how much that widens.
 
     Parameters
     ----------
     deviation : (n,)
         Estimated standard deviations.
-    lengths : (n,)
-        Lengths of the recording in correlation times.
+    spans : (n,)
+        Numbers of independent spans, as `count_independent_spans` returns them.
     """
-    return np.asarray(deviation * stdtrit(np.maximum(lengths, 1.0), _UPPER) / ndtri(_UPPER))
+    return np.asarray(deviation * stdtrit(np.maximum(spans, 1.0), _UPPER) / ndtri(_UPPER))
 
 
 # Upper end of the central 90 %, as a probability.
@@ -105,8 +130,8 @@ def _share_left(length: FloatArray) -> FloatArray:
     return np.asarray(2 * (length - 1 + np.exp(-length)) / length**2)
 
 
-def _compute_block_variance(comparisons: Sequence[Comparison], length: float) -> FloatArray:
-    """Return the mean square (n,) of the residual's means over blocks of so many seconds."""
+def _compute_block_squares(comparisons: Sequence[Comparison], length: float) -> FloatArray:
+    """Return the squares (m, n) of the residual's means over blocks of so many seconds."""
     squares = []
     for comparison in comparisons:
         for segment in np.unique(comparison.segment):
@@ -120,7 +145,7 @@ def _compute_block_variance(comparisons: Sequence[Comparison], length: float) ->
         raise DynidentError(
             f"no segment of the recordings is {length:g} s long", pointer="recordings", title="Too short"
         )
-    return np.asarray(np.concatenate(squares).mean(axis=0))
+    return np.concatenate(squares)
 
 
 @single_threaded
