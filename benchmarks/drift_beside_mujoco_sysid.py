@@ -117,6 +117,7 @@ def compare_drift(case: Case, iterations: int, pieces: int) -> None:
     rival = SysidModel(case.robot)
     preprocessing = plain.identification.preprocessing
     evaluations = rival.fit(read_pieces(case.fit, preprocessing), iterations, pieces)
+    together: dict[str, list[FloatArray]] = {}
     for held_out in case.held_out:
         motions = read_pieces(held_out, preprocessing)
         ours = {"default effects": plain.identification, "after a diagnosis": grown.identification}
@@ -125,12 +126,22 @@ def compare_drift(case: Case, iterations: int, pieces: int) -> None:
             for title, model in ours.items()
         }
         drifts[f"mujoco.sysid, {evaluations}"] = rival.compute_drift(motions)
-        rows = [("", *(f"after {horizon:g} s" for horizon in HORIZONS), "by joint after 0.5 s")]
+        show_drifts(f"{case.title}, judged on {held_out.name}", drifts)
         for name, distance in drifts.items():
-            totals = np.sqrt(np.mean(distance**2, axis=1))
-            joints = " ".join(f"{1e3 * value:.1f}" for value in distance[1])
-            rows.append((name, *(f"{1e3 * total:.2f}" for total in totals), joints))
-        show(f"{case.title}, judged on {held_out.name}: rms drift in mrad", rows)
+            together.setdefault(name, []).append(distance)
+    if len(case.held_out) > 1:
+        mean = {name: np.sqrt(np.mean(np.square(each), axis=0)) for name, each in together.items()}
+        show_drifts(f"{case.title}, all {len(case.held_out)} recordings together", mean)
+
+
+def show_drifts(title: str, drifts: dict[str, FloatArray]) -> None:
+    """Print the rms drift over all joints after each time, and by joint after half a second."""
+    rows = [("", *(f"after {horizon:g} s" for horizon in HORIZONS), "by joint after 0.5 s")]
+    for name, distance in drifts.items():
+        totals = np.sqrt(np.mean(distance**2, axis=1))
+        joints = " ".join(f"{1e3 * value:.1f}" for value in distance[1])
+        rows.append((name, *(f"{1e3 * total:.2f}" for total in totals), joints))
+    show(f"{title}: rms drift in mrad", rows)
 
 
 class SysidModel:
