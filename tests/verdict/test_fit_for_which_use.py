@@ -12,6 +12,7 @@ from support.one_joint_robots import one_joint_run
 from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.api.model import Model
+from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
 from dynident.number_format import format_percent
 from dynident.recordings import Recording, Revision, recording_from_arrays
@@ -147,6 +148,22 @@ def test_plain_least_squares_that_no_robot_has_say_what_cures_them() -> None:
     assert simulation.state == "no"
     assert "These parameters are not physically feasible" in simulation.reason
     assert simulation.next_action == "identify_feasible"
+
+
+def test_friction_that_drives_at_recorded_speeds_is_not_feasible() -> None:
+    bent = EffectChoice("viscous_nonlinear", shape=(("p", 2.0),))
+    effects = (*(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous")), bent)
+    model = identify(ROBOT, [FITTED], [OTHER], IdentificationChoices(effects))
+    values = model.values.copy()
+    places = {column.name: k for k, column in enumerate(model.model.kept)}
+    # The friction of the first joint falls below zero before its largest recorded speed.
+    speed = float(model.estimate.speeds[0])
+    values[places["Fvn1"]] = -(values[places["Fc1"]] + values[places["Fv1"]] * speed) / (0.5 * speed) ** 2
+    solution = replace(model.estimate.solution, values=values)
+    driving = replace(model, estimate=replace(model.estimate, solution=solution, standard=None))
+    (simulation,) = (one for one in verdict(driving, [FITTED], [OTHER]).uses if one.use == "simulation")
+    assert simulation.state == "no"
+    assert "These parameters are not physically feasible" in simulation.reason
 
 
 def test_an_error_between_the_limits_is_fit_for_some_uses_alone(model: Identification) -> None:

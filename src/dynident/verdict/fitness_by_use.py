@@ -11,6 +11,7 @@ import numpy as np
 from dynident.effects import LINKS
 from dynident.errors import DynidentError
 from dynident.identification.estimators.feasible import find_nearest_feasible
+from dynident.identification.estimators.feasible_problem import find_resisting_speeds
 from dynident.identification.identified_models.identify_from_recordings import describe_slow_motion
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
 from dynident.identification.thresholds import (
@@ -291,6 +292,7 @@ def _judge_bodies(evidence: HeldOutEvidence) -> list[UseFinding]:
             identification.data.equations,
             identification.estimate.solution,
             identification.choices.trust,
+            speeds=find_resisting_speeds(identification.model, identification.estimate.speeds),
         )
     except DynidentError as error:
         return [
