@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
+from support.models_with_chosen_parameters import predicted
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.array_types import FloatArray
@@ -96,6 +99,47 @@ def test_draws_have_the_base_parameters_of_their_links(distribution: ModelDistri
         gravity = pinocchio_torque(replace(ROBOT, inertias=inertias), q, zero, zero)
         estimate = replace(model.estimate, solution=replace(model.estimate.solution, values=base[k]))
         np.testing.assert_allclose(compute_gravity(estimate, q), gravity, rtol=0, atol=1e-6 * np.abs(gravity).max())
+
+
+def test_draws_as_arrays_of_jax_are_robots_that_mjx_computes_at_once(
+    distribution: ModelDistribution, model: Identification
+) -> None:
+    jax = pytest.importorskip("jax", reason="NO jax: draws are not computed with it here")
+    mjx = pytest.importorskip("mujoco.mjx", reason="NO mujoco.mjx: draws are not computed with it here")
+    jax.config.update("jax_enable_x64", True)
+    draws, base = distribution.draw(3, seed=2), distribution.draw_base_parameters(3, seed=2)
+    whole = mujoco.MjModel.from_xml_string(export_model(model, "mjcf", nearest=True).content.decode())
+    drawn, plain = draws.convert(jax.numpy.asarray), mjx.put_model(whole)
+    moments, axes = np.linalg.eigh(draws.inertia[..., np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])])
+    axes[..., 0] *= np.linalg.det(axes)[..., None]
+    turned = [[np.roll(pin.Quaternion(own).coeffs(), 1) for own in of_draw] for of_draw in axes]
+    bodies = whole.jnt_bodyid
+    motion = fourier_motion(ROBOT, 0.5, RATE, 7)
+    moves = np.abs(motion.dq) > 0.05
+
+    def compute_torque(values: dict[str, Any]) -> Any:
+        changed = plain.replace(
+            body_mass=plain.body_mass.at[bodies].set(values["mass"]),
+            body_ipos=plain.body_ipos.at[bodies].set(values["centre"]),
+            body_inertia=plain.body_inertia.at[bodies].set(values["moments"]),
+            body_iquat=plain.body_iquat.at[bodies].set(values["turned"]),
+            dof_armature=values["armature"],
+            dof_frictionloss=values["frictionloss"],
+            dof_damping=plain.dof_damping.at[(slice(None), *(0,) * (plain.dof_damping.ndim - 1))].set(
+                values["damping"]
+            ),
+        )
+
+        def invert(q: Any, dq: Any, ddq: Any) -> Any:
+            return mjx.inverse(changed, mjx.make_data(whole).replace(qpos=q, qvel=dq, qacc=ddq)).qfrc_inverse
+
+        return jax.vmap(invert)(motion.q, motion.dq, motion.ddq) + values["offset"]
+
+    found = jax.jit(jax.vmap(compute_torque))(drawn | {"moments": moments, "turned": np.array(turned)})
+    for k in range(3):
+        estimate = replace(model.estimate, solution=replace(model.estimate.solution, values=base[k]))
+        expected = predicted(replace(model, estimate=estimate), motion)
+        np.testing.assert_allclose(np.asarray(found[k])[moves], expected[moves], atol=1e-3 * np.abs(expected).max())
 
 
 def test_base_parameters_stay_near_the_identified_values() -> None:
