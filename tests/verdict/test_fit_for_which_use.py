@@ -160,7 +160,8 @@ def test_friction_that_drives_at_recorded_speeds_is_not_feasible() -> None:
     speed = float(model.estimate.speeds[0])
     values[places["Fvn1"]] = -(values[places["Fc1"]] + values[places["Fv1"]] * speed) / (0.5 * speed) ** 2
     solution = replace(model.estimate.solution, values=values)
-    driving = replace(model, estimate=replace(model.estimate, solution=solution, standard=None))
+    assert model.estimate.standard is not None
+    driving = replace(model, estimate=replace(model.estimate, solution=solution))
     (simulation,) = (one for one in verdict(driving, [FITTED], [OTHER]).uses if one.use == "simulation")
     assert simulation.state == "no"
     assert "These parameters are not physically feasible" in simulation.reason

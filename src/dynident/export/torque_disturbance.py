@@ -42,7 +42,8 @@ def measure_disturbance(
     """Return the disturbance that is as large and as slow as the residual along recordings.
 
     Its means over blocks of 0.2 s and of 1 s have the variance of those of the residual: the drift of a simulation
-    depends on the slow part of a torque.
+    depends on the slow part of a torque. It is wider the fewer independent spans the recordings are worth
+    (`count_independent_spans`).
 
     Parameters
     ----------

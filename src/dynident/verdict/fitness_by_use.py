@@ -13,6 +13,7 @@ from dynident.errors import DynidentError
 from dynident.identification.estimators.feasible import find_nearest_feasible
 from dynident.identification.estimators.feasible_problem import find_resisting_speeds
 from dynident.identification.identified_models.identify_from_recordings import describe_slow_motion
+from dynident.identification.identified_models.remove_and_solve_again import list_impossible
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
 from dynident.identification.thresholds import (
     LARGEST_DRIFT,
@@ -284,7 +285,8 @@ def _judge_bodies(evidence: HeldOutEvidence) -> list[UseFinding]:
     identification = evidence.identification
     if not any(choice.effect == LINKS.effect for choice in identification.model.effects):
         return []
-    if identification.estimate.standard is not None and not identification.estimate.not_essential:
+    is_feasible_fit = identification.estimate.standard is not None and not identification.estimate.not_essential
+    if is_feasible_fit and not list_impossible(identification):
         return []  # These standard parameters were looked for among those of bodies that can exist.
     try:
         nearest = find_nearest_feasible(
