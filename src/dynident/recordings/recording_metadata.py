@@ -406,6 +406,9 @@ class Check:
     rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     remedies: tuple[Remedy, ...] = ()
 
+    def __str__(self) -> str:
+        return f"{self.name.replace('_', ' ')}: {self.detail}"
+
     @property
     def is_accepted(self) -> bool:
         """Whether the user has said that the recording is right all the same."""
