@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.errors import Remedy
 from dynident.identification.column_inference.column_names import (
     ColumnName,
     Signal,
@@ -72,7 +73,8 @@ def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Questio
         return None
     names = [name for joint, name in enumerate(robot.joint_names) if joint not in positions[1]]
     where = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, but not in the file"
-    return Question("robot", f"{where}: lock {_get_pronoun(names)}, --lock {','.join(names)}.")
+    remedy = Remedy("locked_joints", dict.fromkeys(names, 0))
+    return Question("robot", f"{where}: lock {_get_pronoun(names)}, {remedy}.", remedies=(remedy,))
 
 
 def find_torque_of_most_joints(
@@ -105,11 +107,11 @@ def find_torque_of_most_joints(
     still = [k for k in range(robot.n) if k not in columns and np.ptp(positions[:, k]) <= MOVED[robot.joints[k].kind]]
     if still:
         names = [robot.joint_names[joint] for joint in still]
-        locks = [_write_lock(name, positions[:, joint]) for name, joint in zip(names, still, strict=True)]
+        places = {name: _find_place(positions[:, joint]) for name, joint in zip(names, still, strict=True)}
+        remedy = Remedy("locked_joints", places)
         verbs = "stand still and have" if len(names) > 1 else "stands still and has"
-        return Question(
-            "robot", f"{', '.join(names)} {verbs} no torque: lock {_get_pronoun(names)}, --lock {','.join(locks)}."
-        )
+        detail = f"{', '.join(names)} {verbs} no torque: lock {_get_pronoun(names)}, {remedy}."
+        return Question("robot", detail, remedies=(remedy,))
     members = tuple(columns.get(joint, empty) for joint in range(robot.n))
     return ColumnGroup(
         members, first.signal, first.unit, first.rank, first, "by their names they belong to most joints"
@@ -129,9 +131,10 @@ def _get_pronoun(names: Sequence[str]) -> str:
     return "them" if len(names) > 1 else "it"
 
 
-def _write_lock(name: str, position: FloatArray) -> str:
+def _find_place(position: FloatArray) -> float:
+    """Return where a joint stands still; 0 where that is nearly so, or in no unit of ours."""
     at = float(np.median(position))
-    return f"{name}={at:.4g}" if _AT_ZERO < abs(at) < _MOST else name
+    return float(f"{at:.4g}") if _AT_ZERO < abs(at) < _MOST else 0
 
 
 _LETTERS = "xyz"

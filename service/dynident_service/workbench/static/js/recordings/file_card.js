@@ -11,6 +11,7 @@ import { choicesOf } from "../schema.js";
 import { ColumnsTable } from "./columns_table.js";
 import { editInWords, withEdit } from "./revision_edits.js";
 import { Guesses } from "./guesses.js";
+import { actionOf, robotButton } from "./remedies.js";
 import { revise } from "./revise.js";
 import { drivesOf, placesOf } from "./robot_facts.js";
 
@@ -53,8 +54,13 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
       if (signal !== running.signal) return;
       submit.disabled = !found;
       const stopped = error.name === "AbortError";
-      put(doing, stopped ? h("p", { class: "note" }, "Cancelled; nothing was stored. ", h("button", { type: "button", class: "small", onclick: look }, "Inspect it")) : problemBox(error, look));
+      put(doing, stopped ? h("p", { class: "note" }, "Cancelled; nothing was stored. ", h("button", { type: "button", class: "small", onclick: look }, "Inspect it")) : problemBox(error, look), robotButtons((error.fields ?? []).flatMap((one) => one.remedies ?? []), doing));
     }
+  };
+  // Where the robot is to be made anew: locked, or mounted otherwise.
+  const robotButtons = (remedies, trouble) => {
+    const facts = actionOf({ remedies })?.facts;
+    return facts ? h("p", { class: "actions" }, robotButton(facts, chosen(), onRobot, (error) => put(trouble, problemBox(error)))) : null;
   };
   const show = (robot) => {
     put(doing);
@@ -77,6 +83,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     const places = asks("columns/q") || asks("columns/tau");
     put(
       robotsFacts,
+      robotButtons(found.questions.flatMap((one) => one.remedies ?? []), robotsFacts),
       gains ? h("details", { open: true }, h("summary", {}, "The drive gains of these currents"), drivesOf(robot, onRobot)) : null,
       places ? h("details", {}, h("summary", {}, "The file has no columns for some joints: are they locked?"), placesOf(robot, onRobot)) : null,
     );
@@ -95,6 +102,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     clearForm(form, said);
     submit.disabled = true;
     const { signal, move } = work("Checking and storing");
+    const trouble = h("div");
     move(1);
     try {
       stored(await post("/measurements", { import_id: found.id, metadata: metadata() }, { signal }));
@@ -103,19 +111,27 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
       error.checks = [];
       if (error.name === "AbortError") put(said, h("p", { class: "note" }, "Cancelled; nothing was stored. Confirm to try again."));
       else showInForm(form, said, error);
-      if (checks.length) said.append(checksTable(checks, accept, { onApply: apply, inWords: inOurWords }));
+      if (checks.length) said.append(checksTable(checks, accept, { ...inOurHands(trouble), onApply: apply }));
+      said.append(trouble);
     }
     submit.disabled = false;
     put(doing);
   };
+  const inOurHands = (trouble) => ({
+    inWords: inOurWords,
+    joints: chosen().joints.map((one) => one.name),
+    robot: chosen(),
+    onRobot,
+    onError: (error) => put(trouble, problemBox(error)),
+  });
   const inOurWords = (edit) => editInWords(edit, chosen().joints.map((one) => one.name));
   const accept = (check) => {
     accepted.add(check);
     send();
   };
-  const apply = (check) => {
-    edits = withEdit(edits, check.apply);
-    if (check.apply.windows) fields.windows.value = "";
+  const apply = (edit) => {
+    edits = withEdit(edits, edit);
+    if (edit.windows) fields.windows.value = "";
     put(applied, `Applied: ${inOurWords(edits)}. `, h("button", { type: "button", class: "small", onclick: () => { edits = {}; put(applied); } }, "Undo"));
     send();
   };
@@ -124,8 +140,8 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     announce(words);
     const trouble = h("div");
     const link = h("a", { href: address({ view: "recording", measurement: measurement.id }) }, "its signals, windows and checks");
-    const again = (check) => revise(measurement, check.apply, trouble);
-    form.replaceWith(h("details", { open: measurement.checks.some((one) => one.status !== "ok") }, h("summary", {}, words), h("p", {}, "Look at ", link, "."), trouble, checksTable(measurement.checks, null, { onApply: again, inWords: inOurWords })));
+    const again = (edit) => revise(measurement, edit, trouble);
+    form.replaceWith(h("details", { open: measurement.checks.some((one) => one.status !== "ok") }, h("summary", {}, words), h("p", {}, "Look at ", link, "."), trouble, checksTable(measurement.checks, null, { ...inOurHands(trouble), onApply: again })));
     onStored(measurement);
   };
   const leave = () => {
@@ -178,12 +194,14 @@ function saidFields(called, known, role) {
   const roles = select(choicesOf(known.role), role, (value) => { load.hidden = value !== "payload"; }, { name: "role" });
   load.hidden = role !== "payload";
   const windows = h("input", { name: "windows", placeholder: "all; or 2 to 10, 15 to 30" });
+  const rate = h("input", { name: "rate", type: "number", step: "any", min: 0, placeholder: "by the file's times" });
   const delay = h("input", { name: "delay", type: "number", step: "any", placeholder: "0" });
   const element = h("div", { class: "fields" },
     field("Name", name, { pointer: "/metadata/name" }),
     field("Role", roles, { pointer: "/metadata/role", hint: "Guessed from the file's name (train, fit, excitation; val, test, held); without such a word the longest file is fitted." }),
     load,
     field("Windows (s of t)", windows, { pointer: "/metadata/windows", hint: "The intervals to use; you can drag them after the file is stored." }),
+    field("Rows per second", rate, { pointer: "/metadata/rate", hint: "Only for a file without times." }),
     field("Delay of the torque (ms)", delay, { pointer: "/metadata/torque_delay" }),
   );
   const values = () => ({
@@ -191,6 +209,7 @@ function saidFields(called, known, role) {
     role: roles.value,
     payload: roles.value === "payload" && mass.value ? { mass: Number(mass.value) } : null,
     windows: windowsIn(windows.value),
+    ...(rate.value ? { rate: Number(rate.value) } : {}),
     torque_delay: Number(delay.value) / 1000 || 0,
   });
   return { element, name, windows, values };
