@@ -97,8 +97,12 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     effort_kind: guesses.effort,
     accept: [...accepted],
   }, edits);
-  const send = async (event) => {
+  const send = (event) => {
     event?.preventDefault();
+    form.storing = store();
+    return form.storing;
+  };
+  const store = async () => {
     clearForm(form, said);
     submit.disabled = true;
     const { signal, move } = work("Checking and storing");
