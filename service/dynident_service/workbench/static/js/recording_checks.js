@@ -13,7 +13,7 @@ const ORDER = { error: 0, warning: 1, ok: 2 };
  */
 export function checksTable(checks, onAccept = null, { onApply = null, inWords = null, joints = [], robot = null, onRobot = null, onError = null } = {}) {
   const sorted = [...checks].sort((a, b) => ORDER[a.status] - ORDER[b.status]);
-  const rows = sorted.map((one) => {
+  const makeRow = (one) => {
     const { edit, facts } = (one.status !== "ok" || one.apply ? actionOf(one) : null) ?? {};
     return row([
       one.name.replaceAll("_", " "),
@@ -30,8 +30,15 @@ export function checksTable(checks, onAccept = null, { onApply = null, inWords =
           : null,
       ],
     ]);
-  });
-  return table("Checks of the recording", ["check", "result", "found"], rows, { class: "checks" });
+  };
+  const tableOf = (some, caption) => table(caption, ["check", "result", "found"], some.map(makeRow), { class: "checks" });
+  const passed = sorted.filter((one) => one.status === "ok" && !one.apply);
+  const others = sorted.filter((one) => !passed.includes(one));
+  // What passed is looked at by few, and would hide what comes below it.
+  return h("div", {},
+    others.length ? tableOf(others, "Checks of the recording") : null,
+    passed.length ? h("details", {}, h("summary", {}, `${passed.length} ${passed.length === 1 ? "check" : "checks"} passed`), tableOf(passed, "Checks that passed")) : null,
+  );
 }
 
 /** How many checks ended how, in words. */

@@ -113,6 +113,8 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     } catch (error) {
       const { checks = [] } = error;
       error.checks = [];
+      // The table below says it, with what can be done about it.
+      if (checks.some((one) => one.status === "error")) Object.assign(error, { message: "The checks below say what is wrong, and what to do about it.", fields: [] });
       if (error.name === "AbortError") put(said, h("p", { class: "note" }, "Cancelled; nothing was stored. Confirm to try again."));
       else showInForm(form, said, error);
       if (checks.length) said.append(checksTable(checks, accept, { ...inOurHands(trouble), onApply: apply }));

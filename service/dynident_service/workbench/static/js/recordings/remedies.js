@@ -15,7 +15,7 @@ export function inPageWords(sentence, remedies, joints = []) {
 
 function remedyInWords({ field, value }, joints) {
   const open = JSON.stringify(value ?? null).includes("null") || JSON.stringify(value).includes("…");
-  if (field === "accept") return "the button “It is right: use it anyway”";
+  if (field === "accept") return "that it is, by the button “It is right: use it anyway”";
   if (field === "drives") return "the fields “Drive gains”";
   if (field === "contacts") return "the robot's fields of its base";
   if (field === "columns" && open) return `the table of columns below (${Object.keys(value).map((one) => editInWords({ units: { [one]: "" } }, joints).replace(/ in $/, "")).join(", ")})`;
