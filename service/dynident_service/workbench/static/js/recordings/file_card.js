@@ -15,8 +15,8 @@ import { actionOf, robotButton } from "./remedies.js";
 import { revise } from "./revise.js";
 import { drivesOf, placesOf } from "./robot_facts.js";
 
-/** The form of one file, or of an import that is there already; it belongs to the robot that is `chosen()` when it is sent. */
-export function fileCard({ file = null, found = null, role }, { metadata: known, chosen, onStored, onRobot }) {
+/** The form of one file, with the `further` ones of its recording, or of an import that is there already; it belongs to the robot that is `chosen()` when it is sent. */
+export function fileCard({ file = null, further = [], found = null, role }, { metadata: known, chosen, onStored, onRobot }) {
   const fields = saidFields((found?.proposed.name ?? file.name).replace(/\.[^.]*$/, ""), known, role);
   const columns = new ColumnsTable();
   const guesses = new Guesses(choicesOf(known.effort_kind));
@@ -47,7 +47,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     asked.units = Object.fromEntries(Object.entries(asked.units).filter(([, unit]) => unit && unit !== "si"));
     const before = found;
     try {
-      found = await upload("/imports", file, asked, { onProgress: move, signal });
+      found = await upload("/imports", file, asked, { further, onProgress: move, signal });
       if (before) forget(before);
       show(robot);
     } catch (error) {
@@ -155,7 +155,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     form.remove();
     if (found) forget(found);
   };
-  const nameOfFile = () => (file ? file.name : found.proposed.name);
+  const nameOfFile = () => (file ? [file, ...further].map((one) => one.name).join(" + ") : found.proposed.name);
 
   guesses.addEventListener("effort", ({ detail }) => (detail === "motor_current" ? columns.rename("tau", "current") : columns.rename("current", "tau")));
   columns.addEventListener("change", () => {
@@ -164,7 +164,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     askOfRobot(chosen());
   });
   const applied = h("p", { class: "note" });
-  const size = file ? ` (${number(file.size / 1e6, 2)} MB)` : " (inspected before)";
+  const size = file ? ` (${number([file, ...further].reduce((sum, one) => sum + one.size, 0) / 1e6, 2)} MB)` : " (inspected before)";
   const columnsTitle = h("summary");
   const table = h("details", { hidden: true }, columnsTitle, columns.element, h("p", { class: "note" }, "Change a guess if it is wrong. Two columns cannot be the same signal: if you choose a signal twice, the two columns are exchanged."));
   put(looked, h("h3", {}, "What the file seems to contain"), guesses.element, robotsFacts);
@@ -178,6 +178,8 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     h("p", { class: "actions" }, submit, h("button", { type: "button", onclick: leave }, "Leave it out")),
     table,
   );
+  form.files = file ? [file, ...further] : [];
+  form.leave = leave;
   // For a button that confirms several: whether all that is asked for is answered, and then whether it was stored.
   form.confirm = async () => !submit.disabled && form.reportValidity() && send();
   // Another robot: its joints and gains are what the file is to be looked at for.
