@@ -128,7 +128,7 @@ def to_problem(error: DynidentError | ProblemError, fields_by_parameter: Mapping
 
 def show_remedies(remedies: Sequence[Remedy]) -> list[RemedyView]:
     """Build the views of remedies."""
-    return [RemedyView(field=one.field, value=_show_value(one.value), text=str(one)) for one in remedies]
+    return [RemedyView(field=remedy.field, value=_show_value(remedy.value), text=str(remedy)) for remedy in remedies]
 
 
 def _show_value(value: object) -> object:

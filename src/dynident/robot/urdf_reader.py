@@ -252,11 +252,9 @@ def _check_kind(name: str, joint: Element, fail: _Fail) -> None:
         return
     if kind in _OF_MORE_FREEDOMS:
         lock = Remedy("locked_joints", {name: 0})
-        error = fail(
-            f"Joint '{name}' is {kind}; only revolute, continuous and prismatic joints can move, and a floating joint "
-            f"that carries the root link. If the joint was clamped while the robot was recorded, lock it: {lock}.",
-            joint.line,
-        )
+        detail = f"Joint '{name}' is {kind}; only revolute, continuous and prismatic joints can move, and a floating "
+        detail += f"joint that carries the root link. If it was clamped while the robot was recorded, lock it: {lock}."
+        error = fail(detail, joint.line)
         error.remedies = (lock,)
         raise error
     if kind not in MOVING:

@@ -358,10 +358,9 @@ def check_names(owner: str, given: Iterable[str], known: Iterable[str]) -> None:
         For the first that it does not take: says which it takes.
     """
     names = [name for name in known if name not in ("self", "cls")]
-    wrong = next((name for name in given if name not in names), None)
-    if wrong is not None:
-        detail = f"{owner} takes no argument {wrong!r}{suggest_names(wrong, names) or '.'}"
-        detail += f" Its arguments are: {', '.join(names)}"
+    for wrong in [name for name in given if name not in names][:1]:
+        nearest, all_names = suggest_names(wrong, names) or ".", ", ".join(names)
+        detail = f"{owner} takes no argument {wrong!r}{nearest} Its arguments are: {all_names}"
         raise DynidentError(detail, pointer=wrong, title="Unknown argument")
 
 
@@ -378,8 +377,7 @@ class Request:
     """
 
     def __new__(cls, *_: object, **given: object) -> Self:
-        """Refuse unknown names."""
-        # Before `__init__`, whose error about an unknown name does not tell the known ones.
+        """Refuse unknown names: the error of `__init__` does not tell the known ones."""
         check_names(cls.__name__, given, [request_field.name for request_field in fields(cls)])  # type: ignore[arg-type]
         return super().__new__(cls)
 

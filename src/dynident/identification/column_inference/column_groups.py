@@ -72,9 +72,8 @@ def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Questio
     if positions is None:
         return None
     names = [name for joint, name in enumerate(robot.joint_names) if joint not in positions[1]]
-    where = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, but not in the file"
-    remedy = Remedy("locked_joints", dict.fromkeys(names, 0))
-    return Question("robot", f"{where}: lock {_get_pronoun(names)}, {remedy}.", remedies=(remedy,))
+    are = "are" if len(names) > 1 else "is"
+    return _ask_to_lock(f"{', '.join(names)} {are} in the robot, but not in the file", dict.fromkeys(names, 0))
 
 
 def find_torque_of_most_joints(
@@ -106,12 +105,9 @@ def find_torque_of_most_joints(
     # identified.
     still = [k for k in range(robot.n) if k not in columns and np.ptp(positions[:, k]) <= MOVED[robot.joints[k].kind]]
     if still:
-        names = [robot.joint_names[joint] for joint in still]
-        places = {name: _find_place(positions[:, joint]) for name, joint in zip(names, still, strict=True)}
-        remedy = Remedy("locked_joints", places)
-        verbs = "stand still and have" if len(names) > 1 else "stands still and has"
-        detail = f"{', '.join(names)} {verbs} no torque: lock {_get_pronoun(names)}, {remedy}."
-        return Question("robot", detail, remedies=(remedy,))
+        places = {robot.joint_names[joint]: _find_place(positions[:, joint]) for joint in still}
+        verbs = "stand still and have" if len(places) > 1 else "stands still and has"
+        return _ask_to_lock(f"{', '.join(places)} {verbs} no torque", places)
     members = tuple(columns.get(joint, empty) for joint in range(robot.n))
     return ColumnGroup(
         members, first.signal, first.unit, first.rank, first, "by their names they belong to most joints"
@@ -127,8 +123,9 @@ def _find_columns_of_most_joints(
     return min(measured, key=lambda group: (group[0].rank, group[0].signal != "tau"), default=None)
 
 
-def _get_pronoun(names: Sequence[str]) -> str:
-    return "them" if len(names) > 1 else "it"
+def _ask_to_lock(why: str, places: Mapping[str, float]) -> Question:
+    remedy = Remedy("locked_joints", places)
+    return Question("robot", f"{why}: lock {'them' if len(places) > 1 else 'it'}, {remedy}.", remedies=(remedy,))
 
 
 def _find_place(position: FloatArray) -> float:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.effects import DEFAULT_EFFECTS, OFFSETS, ReferenceParameters, get_role
+from dynident.effects import DEFAULT_EFFECTS, LINKS, OFFSETS, ReferenceParameters, get_role
 from dynident.estimation import (
     LinearisedSolution,
     Reduction,
@@ -93,11 +93,11 @@ def list_warnings(identification: Identification) -> tuple[str, ...]:
 def _warn_of_no_links(identification: Identification) -> list[str]:
     """Warn of a list of effects that replaced the usual ones, where it was probably meant to add to them."""
     chosen = [choice.effect for choice in identification.choices.effects]
-    if "rigid_body" in chosen:
+    if LINKS.effect in chosen:
         return []
     return [
         f"The model has no links: its effects are {', '.join(dict.fromkeys(chosen))} alone. To add to the usual "
-        "effects (rigid_body, rotor_inertia, coulomb, viscous), name default as well."
+        f"effects ({', '.join(choice.effect for choice in DEFAULT_EFFECTS)}), name default as well."
     ]
 
 

@@ -74,8 +74,10 @@ def add_digests(
     copied = find_copied_recordings(hashes, validation)
     warnings = identification.warnings
     if copied:
-        told = f"The held-out error says nothing: {', '.join(copied)} has samples of the fit. Hold out another motion."
-        warnings = (told, *warnings)
+        sentence = (
+            f"The held-out error says nothing: {', '.join(copied)} has samples of the fit. Hold out another motion."
+        )
+        warnings = (sentence, *warnings)
     return replace(identification, data=replace(identification.data, digests=digests, copied=copied), warnings=warnings)
 
 

@@ -6,7 +6,7 @@ import { number } from "../format.js";
 import { editInWords } from "./revision_edits.js";
 
 const OF_ROBOT = new Set(["gravity", "locked_joints"]);
-const OF_RECORDING = new Set(["columns", "units", "signs", "scale", "skip", "rate", "role", "torque_delay", "windows", "zeros"]);
+const OF_RECORDING = new Set(["columns", "units", "signs", "scale", "skip", "rate", "role", "windows", "zeros"]);
 
 /** A sentence whose remedies are written as what is to be done on this page. */
 export function inPageWords(sentence, remedies, joints = []) {
