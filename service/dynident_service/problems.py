@@ -10,12 +10,20 @@ from typing import Any, TypedDict, Unpack
 from pydantic import BaseModel, Field
 from pydantic_core import ErrorDetails
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Remedy
 
 MEDIA_TYPE = "application/problem+json"
 MOST_FIELDS = 100
 """Upper limit for the wrong fields in a problem; all of them might be larger than the request."""
 _NOWHERE = object()
+
+
+class RemedyView(BaseModel):
+    """A field of the metadata, or of the robot, with the value that puts a finding right."""
+
+    field: str
+    value: object = Field(description="null, or null in it, where only the user can know it")
+    text: str = Field(default="", description="How the sentence writes it")
 
 
 class ProblemField(BaseModel):
@@ -25,6 +33,7 @@ class ProblemField(BaseModel):
     detail: str
     row: int | None = Field(default=None, description="Data row of a file, from 1")
     time: float | None = Field(default=None, description="Seconds of t")
+    remedies: list[RemedyView] | None = Field(default=None, description="Those that the sentence names")
 
 
 class Dependent(BaseModel):
@@ -113,8 +122,19 @@ def to_problem(error: DynidentError | ProblemError, fields_by_parameter: Mapping
         return error.problem
     root, *inside = error.pointer.split("/")[1:] if error.pointer.startswith("/") else [""]
     pointer = "/".join(["", fields_by_parameter[root], *inside]) if root in fields_by_parameter else error.pointer
-    fields = [ProblemField(pointer=pointer, detail=error.detail)]
+    fields = [ProblemField(pointer=pointer, detail=error.detail, remedies=show_remedies(error.remedies) or None)]
     return make_problem(422, error.detail, title=error.title, errors=fields)
+
+
+def show_remedies(remedies: Sequence[Remedy]) -> list[RemedyView]:
+    """Build the views of remedies."""
+    return [RemedyView(field=remedy.field, value=_show_value(remedy.value), text=str(remedy)) for remedy in remedies]
+
+
+def _show_value(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {name: _show_value(inner) for name, inner in value.items()}
+    return None if value is ... else value
 
 
 def to_pointer(location: Sequence[int | str], error_type: str, body: object) -> str:

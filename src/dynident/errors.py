@@ -56,6 +56,22 @@ def _write_json(value: object) -> str:
     return "…" if value is ... else f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def suggest_names(name: str, known: Iterable[str]) -> str:
+    """Return "; did you mean 'stribeck'?" for a name that is none of the known ones; "" where nothing is near.
+
+    Parameters
+    ----------
+    name : str
+        The name that was given.
+    known : iterable of str
+        The names that there are.
+    """
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, list(known), n=3, cutoff=0.7)
+    return f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
+
+
 class DynidentError(ValueError):
     """Raised for input that cannot be used as it is; the message says what is wrong, where, and what would be right.
 

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, suggest_names
 
 _STOCK_PACKAGE = "example-robot-data"
 _STOCK_FOLDER = Path("cmeel.prefix", "share", _STOCK_PACKAGE, "robots")
@@ -56,8 +55,7 @@ def _describe_missing_file(path: Path) -> str:
         return f"{path} is a folder; name the file of the robot's description in it"
     if not path.parent.is_dir():
         return f"there is no file {path}: the folder {path.parent} does not exist"
-    near = get_close_matches(path.name, [other.name for other in path.parent.iterdir()], n=3, cutoff=0.7)
-    return f"there is no file {path}" + (f"; did you mean {' or '.join(near)}?" if near else "")
+    return f"there is no file {path}{suggest_names(path.name, (other.name for other in path.parent.iterdir()))}"
 
 
 def locate_robot(text: str) -> Path | None:
@@ -87,8 +85,6 @@ def locate_robot(text: str) -> Path | None:
         names = (*list_library_arms(), *sorted(stock))
         if not stock:
             names = (*names, f"and, after `pip install {_STOCK_PACKAGE}`, its robots, such as so101")
-        detail = f"there is neither a file nor a well-known robot {text!r}"
-        if near := get_close_matches(text, names, n=3, cutoff=0.7):
-            detail += f"; did you mean {' or '.join(near)}?"
+        detail = f"there is neither a file nor a well-known robot {text!r}{suggest_names(text, names)}"
         detail += f" The robots are: {', '.join(names)}"
     raise DynidentError(detail, pointer="ROBOT", title="Unknown robot")

@@ -114,10 +114,13 @@ def write_option(remedy: Remedy) -> str:
         return "--drive-gains"
     if remedy.field == "rate":
         return "--rate HZ" if value is ... else f"--rate {_write_value(value)}"
+    if remedy.field == "contacts":
+        return "--contacts"
     if remedy.field == "role":
         return f"option --{value}"
     if remedy.field == "locked_joints" and isinstance(value, Mapping):
-        return f"--lock {','.join(value)}"
+        places = (name if not at else f"{name}={_write_value(at)}" for name, at in value.items())
+        return f"--lock {','.join(places)}"
     if remedy.field in ("signs", "scale", "zeros", DELAY):
         return f"{remedy} in --metadata"
     if isinstance(value, Mapping):

@@ -96,3 +96,11 @@ def test_a_model_of_arrays_is_that_of_the_file(desk: Path, robot: dy.Robot, runs
     np.testing.assert_allclose(
         np.asarray(dy.identify(robot, read).params), np.asarray(dy.identify(robot, runs[:1]).params), rtol=1e-6
     )
+
+
+def test_a_frame_of_texts_with_decimal_commas_is_read_as_numbers(runs: dy.Recordings, robot: dy.Robot) -> None:
+    pytest.importorskip("pandas")
+    frame = runs[0].to_frame("pandas").drop(columns="segment")
+    written = frame.assign(q_elbow=[f"{value:.9f}".replace(".", ",") for value in frame["q_elbow"]])
+    plain, texts = (dy.read_recordings(data, robot=robot)[0].to_table()["q_elbow"] for data in (frame, written))
+    np.testing.assert_allclose(texts, plain, atol=1e-8)

@@ -260,7 +260,7 @@ def test_what_is_said_beside_the_metadata_wins_and_the_file_gives_the_name(desk:
 
 def test_what_cannot_be_kept_says_why(desk: Path, robot: dy.Robot, runs: dy.Recordings, tmp_path: Path) -> None:
     with pytest.raises(dy.DynidentError, match="two recordings are called 'run1'"):
-        (runs[:1] + runs[:1]).save(tmp_path)
+        dy.Recordings((runs[0], runs[0])).save(tmp_path)
     t = np.arange(1000) / 100.0
     q = np.sin(t)[:, None] * np.ones(robot.n)
     held = CheckedRecording(recording_from_arrays(t, q, q, joint_names=robot.joint_names, name="held"))
@@ -286,7 +286,9 @@ def test_two_files_of_one_name_are_told_apart(desk: Path, robot: dy.Robot, tmp_p
 
 
 def test_files_are_read_before_they_are_identified_from(robot: dy.Robot, model: dy.Model) -> None:
-    with pytest.raises(dy.DynidentError, match=r"'run1.csv' is not a recording; read files with read_recordings"):
+    with pytest.raises(
+        dy.DynidentError, match=r"'run1.csv' is not a recording; read files and data with read_recordings"
+    ):
         dy.identify(robot, "run1.csv")  # type: ignore[arg-type]
     with pytest.raises(dy.DynidentError, match="at least one recording for the comparison"):
         dy.compare(model, ())
@@ -301,7 +303,7 @@ def test_no_model_file_and_no_effect_are_told(tmp_path: Path, model: dy.Model, f
     with pytest.raises(dy.DynidentError, match=r"there is no file .*none\.npz"):
         dy.load_model(tmp_path / "none.npz")
     (tmp_path / "bad.npz").write_bytes(b"nothing")
-    with pytest.raises(dy.DynidentError, match=r"bad\.npz: this version cannot read the file as an identified model"):
+    with pytest.raises(dy.DynidentError, match=r"bad\.npz: this is no file of a model that this version can read"):
         dy.load_model(tmp_path / "bad.npz")
     with pytest.raises(dy.DynidentError, match=r"name must end in \.npz"):
         model.save(tmp_path / "arm.pkl")

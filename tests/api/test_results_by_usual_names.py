@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -43,6 +44,50 @@ def test_the_covariance_goes_by_two_names_and_agrees_with_the_deviations(model: 
     assert np.asarray(covariance).shape == (len(model.params), len(model.params))
     with pytest.raises(KeyError, match="there is no 'Fc9'; there are: ZZ1"):
         covariance["Fc9", "Fc1"]
+
+
+def test_correlations_and_t_values_are_those_of_the_covariance(model: dy.Model) -> None:
+    correlation = np.asarray(model.correlation)
+    np.testing.assert_allclose(np.diag(correlation), 1.0)
+    expected = model.covariance["Fc1", "Fv1"] / (model.bse["Fc1"] * model.bse["Fv1"])
+    assert model.correlation["Fc1", "Fv1"] == pytest.approx(expected)
+    assert model.tvalues["Fc2"] == pytest.approx(model.params["Fc2"] / model.bse["Fc2"])
+
+
+def test_models_and_diagnoses_are_pickled(model: dy.Model, found: dy.DiagnosedModel) -> None:
+    again = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(again.identification.values, model.identification.values)
+    # As from a file: a temporary file of a recording may be gone by then.
+    with pytest.raises(dy.DynidentError, match="with_data"):
+        again.extend("stribeck@elbow")
+    kept = pickle.loads(pickle.dumps(found))
+    assert kept.recommended == found.recommended
+    assert kept.why_not("stribeck@elbow") == found.why_not("stribeck", "elbow")
+
+
+def test_no_step_is_best_where_filters_differ(robot: dy.Robot, runs: dy.Recordings, model: dy.Model) -> None:
+    other = dy.identify(robot, runs[:1], validation=runs[1:], filters=dy.Filters(torque_cutoff=4.0, decimation=9))
+    assert not any(dy.Ladder((model, other)).to_table()["best"])
+    assert "best" not in repr(dy.Ladder((model, other)))
+    assert other.filters.reasons[-1].startswith("Given by the request")
+    assert not any(reason.startswith(("Torque", "Decimation")) for reason in other.filters.reasons)
+
+
+def test_warnings_say_what_a_slip_did(robot: dy.Robot, runs: dy.Recordings) -> None:
+    bare = dy.identify(robot, runs[:1], validation=runs[:1], effects=["offset"])
+    assert any("no links" in warning and "default" in warning for warning in bare.warnings)
+    assert "samples of the fit" in bare.warnings[0]
+    assert all(" ".join(warning.split()[:4]) in bare.summary() for warning in bare.warnings)
+
+
+def test_joined_recordings_have_names_of_their_own(robot: dy.Robot, runs: dy.Recordings) -> None:
+    data = [
+        runs[:1].to_frame().drop(columns=["recording", "segment"]),
+        runs[1:].to_frame().drop(columns=["recording", "segment"]),
+    ]
+    both = dy.read_recordings(data[0], robot=robot) + dy.read_recordings(data[1], robot=robot)
+    assert both.names == ("recording", "recording_2")
+    assert set(both.to_table()["recording"]) == set(both.names)
 
 
 def test_a_labelled_table_becomes_a_frame_with_an_index(model: dy.Model) -> None:

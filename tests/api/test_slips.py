@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import pytest
 
 import dynident as dy
 from dynident.api.argument_checks import EXPECTED
+from dynident.effects import Column, Effect, ParameterSpec, Signals
 
 Q = np.zeros(4)
 
@@ -21,6 +22,30 @@ class NoEffect:
     """A class that is no effect."""
 
     id = "mine"
+
+
+class Taken(Effect):
+    """An effect whose parameter has the name of Coulomb friction's."""
+
+    id = "taken"
+    title = "Taken"
+    formula = "F"
+    parameters = (ParameterSpec("Fc", "N m", "the sign of the velocity"),)
+    signature = "as dry friction"
+    sources = ("this test",)
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        return [self._column(signals, self.parameters[0], j, signals.dq[j] ** 3) for j in joints]
+
+
+class WithNumPy(Taken):
+    """An effect whose columns are arrays."""
+
+    id = "with_numpy"
+    parameters = (ParameterSpec("Fnp", "N m", "the sign of the velocity"),)
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        return [np.zeros(3) for _ in joints]  # type: ignore[misc]
 
 
 Desk = dict[str, Any]
@@ -33,12 +58,21 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "two models to compare": (lambda d: dy.compare(d["model"], d["model"]), r"dy\.Ladder\(\(a, b\)\)"),
     "a path for a model": (lambda d: dy.validate("model.npz"), "give one model.*load_model"),
     "a path for a robot": (lambda d: dy.identify("arm.urdf", d["runs"]), "robot is 'arm.urdf'; read the robot first"),
-    "a path for recordings": (lambda d: dy.identify(d["robot"], "run1.csv"), "not a recording; read files with"),
+    "a path for recordings": (lambda d: dy.identify(d["robot"], "run1.csv"), "not a recording; read files and data"),
     "robot and recordings exchanged": (lambda d: dy.identify(d["runs"], d["robot"]), "robot is .*; read the robot"),
     "a number for effects": (lambda d: dy.identify(d["robot"], d["runs"], effects=3), "effects is 3; give texts"),
     "a class for an effect": (lambda d: dy.identify(d["robot"], d["runs"], effects=[NoEffect]), "give texts such as"),
     "a dictionary of effects": (lambda d: dy.identify(d["robot"], d["runs"], effects={"stribeck": 1}), "give texts"),
-    "a misspelt effect": (lambda d: d["model"].extend("stribek"), "there is no effect 'stribek'"),
+    "a misspelt effect": (lambda d: d["model"].extend("stribek"), "'stribek'; did you mean 'stribeck'"),
+    "a misspelt joint": (lambda d: dy.diagnose(d["model"]).why_not("stribeck@elbo"), "mean 'elbow'"),
+    "a parameter that is taken": (lambda d: dy.register(Taken), "Fc is a parameter of another effect"),
+    "an effect in NumPy": (lambda d: dy.register(WithNumPy), "functions of CasADi"),
+    "a misspelt argument": (
+        lambda d: dy.identify(d["robot"], d["runs"], validate=d["runs"]),  # type: ignore[call-arg]
+        "did you mean 'validation'",
+    ),
+    "a misspelt filter": (lambda d: dy.Filters(cutoff=5), "no argument 'cutoff'.*position_cutoff"),  # type: ignore[call-arg]
+    "a frame for recordings": (lambda d: dy.identify(d["robot"], d["runs"].to_frame()), "Frame.* is not a rec"),
     "a text for an effect of one's own": (lambda d: dy.register("stribeck"), "no effect; derive a class"),
     "a class that is no effect": (lambda d: dy.register(NoEffect), "no effect; derive a class"),
     "a dictionary for choices": (lambda d: dy.identify(d["robot"], d["runs"], choices={}), "IdentificationChoices"),
@@ -55,7 +89,7 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "a folder of recordings": (lambda d: dy.read_recordings(d["folder"], robot=d["robot"]), "is a folder"),
     "a folder for a robot": (lambda d: dy.load_robot(d["folder"]), "is a folder"),
     "a folder for a model": (lambda d: dy.load_model(d["folder"]), "is a folder"),
-    "a recording for a model": (lambda d: dy.load_model(d["folder"] / "run1.csv"), "cannot read the file"),
+    "a recording for a model": (lambda d: dy.load_model(d["folder"] / "run1.csv"), "no file of a model"),
     "a list of paths": (lambda d: dy.read_recordings(["a.csv"], robot=d["robot"]), "one by one"),
     "arrays without names": (lambda d: dy.read_recordings((Q, Q), robot=d["robot"]), "dictionary of arrays by name"),
     "arrays of two lengths": (lambda d: dy.read_recordings({"t": Q, "q1": Q[:2]}, robot=d["robot"]), "same length"),
@@ -136,8 +170,20 @@ def test_a_drawn_slip_names_the_argument_before_anything_is_computed(number: int
     assert raised.value.pointer == name
 
 
-def test_python_itself_says_which_argument_is_missing_or_unknown(desk_of_slips: Desk) -> None:
-    with pytest.raises(TypeError, match=r"identify\(\) got an unexpected keyword argument 'filter'"):
-        dy.identify(desk_of_slips["robot"], desk_of_slips["runs"], filter=3)  # type: ignore[call-arg]
+def test_python_itself_says_which_argument_is_missing(desk_of_slips: Desk) -> None:
     with pytest.raises(TypeError, match="missing 1 required positional argument: 'recordings'"):
         dy.identify(desk_of_slips["robot"])  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize(
+    ("find", "words"),
+    [
+        (lambda model: model.cov_params, "use covariance"),
+        (lambda model: model.paramters, "did you mean 'parameters'"),
+        (lambda model: model.params.loc, r"to_frame\(\)\.loc"),
+        (lambda model: model.residuals().plot, r"to_frame\(\)\.plot"),
+    ],
+)
+def test_a_name_of_other_packages_leads_to_ours(find: Callable[[Any], object], words: str, model: dy.Model) -> None:
+    with pytest.raises(AttributeError, match=words):
+        find(model)

@@ -10,12 +10,14 @@ import pytest
 from support.drawn_recordings import FloatArray, guess, legged, log, log_of, read, signals
 from support.oracles import arm
 
+from dynident.errors import Remedy
 from dynident.identification import identify
 from dynident.identification.recording_faults.torque_scale import find_excess_friction
 from dynident.identification.recording_faults.tree_fit import list_chains, list_trees
 from dynident.recordings import Check, RecordingError, Revision
 from dynident.robot import Robot
 from dynident.verdict import verdict
+from dynident_cli.request_options import write_option
 
 pytestmark = pytest.mark.sweep
 
@@ -141,7 +143,8 @@ def test_a_finger_that_stands_and_has_no_torque_is_to_be_locked(position: float,
         columns = {key if key == "t" else f"{key[:-1]}_{names[int(key[-1]) - 1]}": v for key, v in columns.items()}
     (asked,) = guess(given.robot, columns).questions
     at = f"={position:g}" if position else ""
-    assert asked.detail == f"{finger} stands still and has no torque: lock it, --lock {finger}{at}."
+    assert write_option(asked.remedies[0]) == f"--lock {finger}{at}"
+    assert asked.detail == f"{finger} stands still and has no torque: lock it, {asked.remedies[0]}."
 
 
 def test_a_joint_of_the_robot_that_the_file_has_not_is_to_be_locked_and_one_of_the_file_alone_is_told() -> None:
@@ -152,7 +155,9 @@ def test_a_joint_of_the_robot_that_the_file_has_not_is_to_be_locked_and_one_of_t
     for kind in ("q", "tau"):
         del lacking[f"wrist_3_joint/{kind}"]
     (asked,) = guess(given.robot, lacking).questions
-    assert asked.detail == "wrist_3_joint is in the robot, but not in the file: lock it, --lock wrist_3_joint."
+    (lock,) = asked.remedies
+    assert asked.detail == f"wrist_3_joint is in the robot, but not in the file: lock it, {lock}."
+    assert lock == Remedy("locked_joints", {"wrist_3_joint": 0})
     whole |= {"finger_joint/q": 0.1 * np.sin(given.t), "finger_joint/tau": np.cos(given.t)}
     found = guess(given.robot, whole)
     assert found.questions == ()

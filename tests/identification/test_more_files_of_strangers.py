@@ -201,7 +201,7 @@ def test_friction_is_no_excess_where_the_masses_say_that_the_torque_is_right(tmp
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("arm5.urdf", "did you mean arm6.urdf"),
+        ("arm5.urdf", "did you mean 'arm6.urdf'"),
         ("none/arm.urdf", "the folder .*none does not exist"),
         ("link.urdf", "is a link to gone.urdf, which does not exist"),
         ("folder.d", "is a folder"),

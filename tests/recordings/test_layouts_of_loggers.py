@@ -374,7 +374,7 @@ def test_one_arm_of_two_is_told_which_joints_to_lock(tmp_path):
     names = ["t", *(f"{joint}_{signal}" for signal in ("position", "effort") for joint in joints)]
     (question,) = propose(read_sample(write_table(tmp_path / "duo.csv", names, values)), robot).questions
     assert question.field == "robot"
-    assert f"--lock {','.join(name for name in robot.joint_names if name.startswith('left_'))}." in question.detail
+    assert list(question.remedies[0].value) == [name for name in robot.joint_names if name.startswith("left_")]
 
 
 @pytest.mark.parametrize(

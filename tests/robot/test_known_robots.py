@@ -52,7 +52,7 @@ def test_a_file_comes_first_and_then_the_arms_of_this_package(stock: Path, tmp_p
 
 def test_an_unknown_name_lists_what_there_is(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(
-        DynidentError, match=r"well-known robot 'ur100'; did you mean ur10\?.* scara, ur10, ur5, a, arm7"
+        DynidentError, match=r"well-known robot 'ur100'; did you mean 'ur10'\?.* scara, ur10, ur5, a, arm7"
     ) as caught:
         locate_robot("ur100")
     assert caught.value.pointer == "ROBOT"

@@ -6,6 +6,7 @@ import io
 import json
 import re
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import httpx2
@@ -21,6 +22,8 @@ from dynident_client import Client, ProblemError
 from dynident_service.measurements import rows_routes
 from dynident_service.problems import ProblemError as ProblemOfService
 from dynident_service.settings import Settings
+from dynident_service.storage.object_store import ObjectStore
+from dynident_service.storage.repository_values import CHANGED
 
 PIECE = 300
 JSON = {"content-type": "application/json"}
@@ -213,6 +216,28 @@ def test_only_the_last_rows_are_sent_again_after_the_end(
     query = {"offset": offset, "finished": True}
     answer = client.patch(f"/v1/measurements/{measurement}/rows", params=query, content=content, headers=media)
     assert answer.status_code == status, answer.text
+
+
+def test_a_revision_while_more_rows_come_is_asked_to_try_again(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measurement = begin(client)
+    # Rows that no other recording has.
+    rows = {**part(0, PIECE), "tau2": (1.001 * RUN["tau2"][:PIECE]).tolist()}
+    path = f"/v1/measurements/{measurement}/rows"
+    assert client.patch(path, params={"offset": 0}, json=rows).status_code == 200
+    fetch = ObjectStore.fetch_file
+
+    def fetch_late(store: ObjectStore, key: str) -> Path:
+        monkeypatch.undo()
+        assert send(client, measurement, PIECE, LENGTH).status_code == 200
+        return fetch(store, key)
+
+    monkeypatch.setattr(ObjectStore, "fetch_file", fetch_late)
+    path = f"/v1/measurements/{measurement}/revisions"
+    answer = client.post(path, json={"name": "meanwhile"})
+    assert (answer.status_code, answer.json()["title"]) == (409, CHANGED), answer.text
+    assert client.post(path, json={"name": "again"}).status_code == 201
 
 
 def test_rows_are_stored_once(client: TestClient, settings: Settings) -> None:

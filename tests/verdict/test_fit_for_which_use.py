@@ -62,6 +62,18 @@ def test_a_good_model_is_fit_for_prediction_and_says_so(model: Identification) -
     assert all(one.next_step for one in found.uses)
 
 
+def test_seconds_in_which_something_else_acted_limit_every_use(model: Identification) -> None:
+    motion, tau = measured(3)
+    push = ((motion.t > 8.0) & (motion.t < 11.0))[:, None] * 0.2 * EFFORT * (np.arange(6) == 0)
+    pushed = run("pushed", motion, tau + push)
+    found = verdict(identify(ROBOT, [pushed], [OTHER]), [pushed], [OTHER])
+    for use in found.uses:
+        assert use.state != "yes", use
+    (feed_forward,) = (one for one in found.uses if one.use == "feed_forward")
+    assert "something else acted on the robot" in feed_forward.reason
+    assert not any("something else" in one.reason for one in verdict(model, [FITTED], [OTHER]).uses)
+
+
 def test_every_next_step_has_its_call_in_python() -> None:
     assert set(_CALLS) == set(get_args(Action))
     for call in _CALLS.values():

@@ -105,6 +105,46 @@ def test_all_files_are_confirmed_at_once_above_their_folded_columns(
 
 
 @pytest.mark.slow
+def test_files_of_single_signals_are_joined_to_one_recording(
+    page: Any, heard: Any, recordings: tuple[Path, Path], tmp_path: Path
+) -> None:
+    rows = [line.split(",") for line in recordings[0].read_text().splitlines()]
+    parts = []
+    for name, columns in (("positions", (0, 1, 2)), ("torques", (0, 3, 4))):
+        parts.append(tmp_path / f"{name}.csv")
+        parts[-1].write_text("\n".join(",".join(row[k] for k in columns) for row in rows))
+    the_robot(page)
+    page.set_input_files("#recordings", [str(path) for path in parts])
+    expect(page.locator("form.card")).to_have_count(2)
+    page.click("#join-all")
+    expect(page.locator("form.card")).to_have_count(1)
+    expect(page.locator("form.card strong").first).to_have_text("positions.csv + torques.csv")
+    page.get_by_role("button", name="Confirm and store").click()
+    expect(page.locator(STORED).get_by_text("positions", exact=True)).to_be_visible()
+    assert heard.complaints == []
+
+
+@pytest.mark.slow
+def test_what_a_finding_names_is_done_by_a_button(page: Any, recordings: tuple[Path, Path], tmp_path: Path) -> None:
+    # Torque in N mm on one joint: a factor, which no check applies by itself.
+    head, *rows = recordings[0].read_text().splitlines()
+    scaled = [",".join((*cells[:4], str(1000.0 * float(cells[4])))) for cells in (row.split(",") for row in rows)]
+    path = tmp_path / "scaled.csv"
+    path.write_text("\n".join((head, *scaled)))
+    the_robot(page)
+    page.set_input_files("#recordings", str(path))
+    confirm = page.get_by_role("button", name="Confirm and store")
+    expect(confirm).to_be_enabled()
+    for choice in page.locator("form.card select[required]").all():
+        choice.select_option(index=1)
+    confirm.click()
+    card = page.locator("form.card, main details").filter(has=page.locator("table.checks")).first
+    card.locator("button.apply").first.wait_for()
+    for text in card.locator("table.checks td").all_inner_texts():
+        assert '": ' not in text, text
+
+
+@pytest.mark.slow
 def test_a_filter_is_stated_and_the_others_are_chosen_from_the_data(
     page: Any, heard: Any, recordings: tuple[Path, Path]
 ) -> None:

@@ -47,6 +47,8 @@ def test_a_joint_that_got_worse_is_warned_of_though_the_whole_error_fell(page: A
     expect(page.locator("#step")).to_contain_class("warning")
     expect(page.locator("#step")).to_contain_text("Worse than before on elbow")
     expect(page.locator("#keep-best")).to_have_count(0)
+    # One click to the curves of the model and of the one before it.
+    assert "pair=a%2Cb" in page.locator("#compare-parent").get_attribute("href")
 
     page.evaluate(SHOW, [lineage(rung("a", [0.20, 0.05], 0.16), rung("b", [0.10, 0.05], 0.09, best=True)), "b"])
     expect(page.locator("#step")).to_contain_class("good")

@@ -151,6 +151,9 @@ def test_the_verdict_is_the_services_and_leads_to_the_next_click(page: Any, mode
         expect(page.locator("#drift-figure polyline")).to_have_count(len(found["drift"]["joint_names"]))
     page.click("#next-click")
     chosen(page, "Data" if found["stop"] else "Missing")
+    if not found["stop"]:
+        # One click: the diagnosis that it is about begins by itself.
+        expect(page.locator("#verdict")).to_be_visible()
 
 
 def test_a_diagnosis_on_its_way_is_found_again_after_a_reload(page: Any, model: str) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dynident.array_types import FloatArray
-from dynident.errors import Remedy
 from dynident.identification.column_inference import Inspection, inspect_file
 from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.recordings import (
@@ -32,7 +31,7 @@ from dynident_service.measurements.wire_types import (
     Standstills,
     StandstillsOfJoint,
 )
-from dynident_service.problems import Problem, ProblemField, to_problem
+from dynident_service.problems import Problem, ProblemField, show_remedies, to_problem
 from dynident_service.shared.field_by_field import from_view, to_body, to_json_numbers, to_request, to_view
 from dynident_service.shared.wire_types import to_plain_json
 from dynident_service.storage.repository_values import Resource
@@ -70,14 +69,22 @@ def describe_inspection(inspection: Inspection, sha256: str) -> wire.InspectionV
     """Build the view of an inspection; without a proposal it has no guesses and questions."""
     proposal = inspection.proposal
     questions = [
-        to_view(wire.QuestionView, question, choices=question.choices or None)
+        to_view(
+            wire.QuestionView,
+            question,
+            choices=question.choices or None,
+            remedies=show_remedies(question.remedies),
+        )
         for question in (proposal.questions if proposal else ())
     ]
     return to_view(
         wire.InspectionView,
         inspection,
         sha256=sha256,
-        guesses=proposal.guesses if proposal else [],
+        guesses=[
+            to_view(wire.GuessView, guess, remedies=show_remedies(guess.remedies))
+            for guess in (proposal.guesses if proposal else ())
+        ],
         questions=questions,
         effort_kind=proposal.effort_kind if proposal else "unknown",
         preview=to_view(wire.PreviewView, inspection),
@@ -202,14 +209,11 @@ def show_checks(checks: Sequence[Check]) -> list[wire.CheckView]:
             wire.CheckView,
             check,
             apply=None if check.apply is None else show_revision(check.apply),
-            remedy=_show_remedy(check.remedies[0]) if check.remedies else None,
+            remedies=(remedies := show_remedies(check.remedies)),
+            remedy=remedies[0] if remedies else None,
         )
         for check in checks
     ]
-
-
-def _show_remedy(remedy: Remedy) -> wire.RemedyView:
-    return wire.RemedyView(field=remedy.field, value=None if remedy.value is ... else remedy.value)
 
 
 def describe_file_problem(error: RecordingError) -> Problem:
@@ -217,7 +221,8 @@ def describe_file_problem(error: RecordingError) -> Problem:
     problem = to_problem(error)
     # A pointer to metadata starts with "/" and lies below the form field; a column of the file is named as it is.
     pointer = f"/metadata{error.pointer}" if error.pointer.startswith("/") else error.pointer
-    field = ProblemField(pointer=pointer, detail=error.detail, row=error.row, time=error.time)
+    remedies = show_remedies(error.remedies) or None
+    field = ProblemField(pointer=pointer, detail=error.detail, row=error.row, time=error.time, remedies=remedies)
     checks = [check.model_dump() for check in show_checks(error.checks)]
     return problem.model_copy(update={"errors": [field], "checks": checks or None})
 

@@ -41,13 +41,12 @@ from dynident_service.problems import (
     Problem,
     ProblemError,
     ProblemField,
-    make_not_found,
     make_unusable,
     make_validation_problem,
 )
 from dynident_service.robots.wire_types import RobotResult
 from dynident_service.science_preload import hold_import_lock
-from dynident_service.shared.required_resources import require_resource
+from dynident_service.shared.required_resources import copy_original, find_original, require_resource
 from dynident_service.shared.resource_routes import (
     LabelledPagesDep,
     RetryKey,
@@ -195,14 +194,6 @@ def get_measurement_content(measurement_id: str, services: ServicesDep) -> Strea
     # The key is the hash of the content, and thereby an ETag as it should be.
     headers = {"Content-Length": str(original.size), "ETag": f'"{original.key}"'}
     return StreamingResponse(content, media_type=original.media_type, headers=headers)
-
-
-def find_original(measurement: Resource, otherwise: str = "original") -> OwnedObject:
-    """Give the file of a measurement as it was uploaded, or the object of another role; 404 where there is none."""
-    owned = measurement.objects.get("original") or measurement.objects.get(otherwise)
-    if owned is None:
-        raise make_not_found("file of measurement", measurement.id)
-    return owned
 
 
 _FIRST_ROWS = 20
@@ -469,10 +460,10 @@ def _prepare_revision(
     original = find_original(parent, ROWS)
     sha256 = (parent.result or {}).get("sha256") or original.key
     robot = services.resources.get("robot", metadata.robot_id).request
-    source = services.objects.fetch_file(original.key)
     if original.role == ROWS:
-        # The stored file is deleted when more rows come.
-        source = Path(shutil.copyfile(source, folder / "source"))
+        source = copy_original(services, parent, folder)
+    else:
+        source = services.objects.fetch_file(original.key)
     return ReceivedFile(metadata, source, folder, sha256, key, robot, parent=parent, edits=edits)
 
 

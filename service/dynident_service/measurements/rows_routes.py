@@ -5,7 +5,6 @@ Holds the shortest time between two estimates (1 s), and how often rows are comp
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -21,7 +20,7 @@ from dynident_service.measurements.routes import IMPORT, show_measurement
 from dynident_service.measurements.wire_types import ROWS, LiveEstimateView, MeasurementMetadata, MeasurementView
 from dynident_service.problems import ProblemError
 from dynident_service.request_limits import MOST_SAMPLES
-from dynident_service.shared.required_resources import is_under_way, require_design
+from dynident_service.shared.required_resources import copy_original, is_under_way, require_design
 from dynident_service.shared.upload_forms import MEDIA_TYPES, hash_file, require_room_for
 from dynident_service.shared.wire_types import to_plain_json
 from dynident_service.storage.object_store import ObjectGone
@@ -117,7 +116,7 @@ async def _join_rows(
 ) -> int:
     """Write the stored rows and those of the body into `rows.parquet` of a folder, and return their number."""
     await to_thread.run_sync(require_room_for, services, size)
-    stored = await to_thread.run_sync(_copy_rows, services, measurement, folder)
+    stored = await to_thread.run_sync(copy_original, services, measurement, folder) if measurement.objects else None
     arguments: dict[str, Any] = {
         "stored": None if stored is None else str(stored),
         "sent": str(body),
@@ -203,27 +202,11 @@ async def _finish(request: Request, services: Services, measurement: Resource, f
     return await to_thread.run_sync(store)
 
 
-def _copy_rows(services: Services, measurement: Resource, folder: Path) -> Path | None:
-    """Copy the rows so far into a folder: the stored file is deleted when the next rows come."""
-    owned = measurement.objects.get(ROWS) or measurement.objects.get("original")
-    if owned is None:
-        return None
-    copy = folder / "stored.parquet"
-    try:
-        shutil.copyfile(services.objects.fetch_file(owned.key), copy)
-    except (FileNotFoundError, ProblemError) as error:
-        now = services.resources.get("measurement", measurement.id)
-        if now.objects == measurement.objects:
-            raise
-        raise ProblemError(409, "More rows have come meanwhile; try again.", title=CHANGED) from error
-    return copy
-
-
 def _describe_rows(services: Services, measurement: Resource, folder: Path) -> dict[str, Any]:
     """Return what a child has to know of the rows so far."""
     metadata = MeasurementMetadata.model_validate(measurement.request)
     return {
-        "source": str(_copy_rows(services, measurement, folder)),
+        "source": str(copy_original(services, measurement, folder)),
         "robot": dict(services.resources.get("robot", metadata.robot_id).request),
         "metadata": to_plain_json(metadata),
     }

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from pydantic import Field, SerializerFunctionWrapHandler, computed_field, model_serializer
 
 from dynident.recordings.recording_metadata import EffortKind, RecordingMetadata, Revision, Role
+from dynident_service.problems import RemedyView
 from dynident_service.shared.request_bodies import derive_body
 from dynident_service.shared.wire_types import Identifier, Labelled, Name, RequestModel, ViewModel
 
@@ -48,13 +49,6 @@ class MeasurementMetadata(RequestModel):
     name: Name
 
 
-class RemedyView(ViewModel):
-    """A field of the metadata, or of the robot, with the value that puts a finding right."""
-
-    field: str
-    value: object = Field(description="null where only the user can know it")
-
-
 class CheckView(ViewModel):
     """One check, what it found, and what to do about it."""
 
@@ -72,7 +66,8 @@ class CheckView(ViewModel):
         description="The correction, if it is known: a body for POST /v1/measurements/{id}/revisions; for a file that "
         "was refused, fields for the metadata of the next upload",
     )
-    remedy: RemedyView | None = Field(default=None, description="The first remedy that the sentence names")
+    remedies: list[RemedyView] = Field(default=[], description="Remedies that the sentence names")
+    remedy: RemedyView | None = Field(default=None, description="The first of them")
 
     @computed_field  # type: ignore[prop-decorator]
     @property
@@ -219,6 +214,7 @@ class GuessView(ViewModel):
     value: str
     confidence: float = Field(description="0 to 1")
     reason: str
+    remedies: list[RemedyView] = Field(default=[], description="Those that the reason names")
 
 
 class QuestionView(ViewModel):
@@ -227,6 +223,7 @@ class QuestionView(ViewModel):
     field: str
     detail: str
     choices: list[str] | None = None
+    remedies: list[RemedyView] = Field(default=[], description="Those that the question names")
 
 
 class PreviewView(ViewModel):

@@ -1,15 +1,21 @@
-"""Check the resources that a request names: they exist, have succeeded, fit each other."""
+"""Check the resources that a request names (they exist, have succeeded, fit each other), and find their files."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
 
-from dynident_service.problems import make_not_found, make_unusable
+from dynident_service.measurements.wire_types import ROWS
+from dynident_service.problems import ProblemError, make_not_found, make_unusable
 from dynident_service.robots.wire_types import JointView, RobotResult
-from dynident_service.storage.repository_values import Dependency, Kind, Resource
+from dynident_service.storage.repository_values import CHANGED, Dependency, Kind, OwnedObject, Resource
 from dynident_service.storage.resource_repository import Resources
+
+if TYPE_CHECKING:
+    from dynident_service.storage_and_engine import Services
 
 _LATEST = 20
 """Resources that are looked through for the newest one."""
@@ -73,6 +79,27 @@ def require_resource(services: HasResources, kind: Kind, identifier: str, pointe
 def is_under_way(resource: Resource) -> bool:
     """Return whether a resource is a recording whose rows still come."""
     return bool((resource.result or {}).get("under_way"))
+
+
+def find_original(measurement: Resource, otherwise: str = "original") -> OwnedObject:
+    """Give the file of a measurement as it was uploaded, or the object of another role; 404 where there is none."""
+    owned = measurement.objects.get("original") or measurement.objects.get(otherwise)
+    if owned is None:
+        raise make_not_found("file of measurement", measurement.id)
+    return owned
+
+
+def copy_original(services: Services, measurement: Resource, folder: Path) -> Path:
+    """Copy the file of a measurement, or its rows so far, whose file is deleted when the next ones come."""
+    copy = folder / "stored.parquet"
+    try:
+        shutil.copyfile(services.objects.fetch_file(find_original(measurement, ROWS).key), copy)
+    except (FileNotFoundError, ProblemError) as error:
+        now = services.resources.get("measurement", measurement.id)
+        if now.objects == measurement.objects:
+            raise
+        raise ProblemError(409, "More rows have come meanwhile; try again.", title=CHANGED) from error
+    return copy
 
 
 def require_robot(services: HasResources, identifier: str) -> Resource:

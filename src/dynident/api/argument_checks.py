@@ -8,16 +8,17 @@ from dataclasses import dataclass
 from functools import wraps
 from numbers import Integral, Real
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from dynident.advice.campaign_request import CampaignRequest
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, suggest_names
 from dynident.excitation import DesignRequest
 from dynident.identification import IdentificationChoices
 from dynident.identification.methods.base_classes import Estimator
 from dynident.recordings import RecordingMetadata
 from dynident.robot import Drive, Limits, Robot
 from dynident.robot.description_formats import BASE_JOINTS
+from dynident.schema.fields import check_names
 
 _LONGEST = 60
 _TITLE = "Unusable argument"
@@ -146,7 +147,8 @@ def check_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
         try:
             given = signature.bind(*args, **kwargs).arguments
         except TypeError:
-            # Python's own message about missing and unknown arguments is better than that of `bind`.
+            check_names(function.__name__, kwargs, signature.parameters)
+            # Python's own message about missing arguments is better than that of `bind`.
             return function(*args, **kwargs)
         for name, value in given.items():
             expected = EXPECTED.get(f"{function.__qualname__}.{name}") or EXPECTED.get(name)
@@ -155,6 +157,40 @@ def check_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
         return function(*args, **kwargs)
 
     return call_with_checks
+
+
+ELSEWHERE: Mapping[str, str] = {
+    "cov_params": "covariance",
+    "corr": "correlation",
+    "std_errors": "bse",
+    "coef_": "params",
+    "resid": "residuals()",
+    "fittedvalues": "dynident.compare(model)",
+    "score": "held_out_moving.relative_total",
+    "nobs": "identification.data",
+    "identifiable": 'parameters.to_frame()["judgement"]',
+    "why": "why_not(effect, joint)",
+    "explain": "why_not(effect, joint)",
+    "loc": 'table["row", "column"], or to_frame().loc',
+    "values": "numpy.asarray(table)",
+    "plot": "to_frame().plot(…)",
+}
+"""Where results have what statsmodels, scikit-learn and pandas call so."""
+
+
+class KnownNames:
+    """Base of results: the error about an attribute that does not exist names the one that was meant."""
+
+    if not TYPE_CHECKING:
+        # Hidden from type checkers: with a __getattr__ they would accept every name.
+
+        def __getattr__(self, name: str) -> object:
+            text = f"{type(self).__name__} has no attribute {name!r}"
+            # Names with an underscore are asked for by programs, which try many.
+            if not name.startswith("_"):
+                known = [item for item in dir(type(self)) if not item.startswith("_")]
+                text += f"; use {ELSEWHERE[name]}" if name in ELSEWHERE else suggest_names(name, known)
+            raise AttributeError(text, name=name, obj=self)
 
 
 def require(holds: bool, value: object, name: str, remedy: str) -> None:

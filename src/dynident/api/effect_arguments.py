@@ -190,7 +190,10 @@ def register(effect: AnyEffect) -> AnyEffect:
     # The class is the user's own: whatever it raises belongs into the message.
     except Exception as error:
         raise DynidentError(
-            f"{name} fails in its check: {type(error).__name__}: {error}", title=_NOT_REGISTERED
+            f"{name} fails in its check: {type(error).__name__}: {error}. Its columns(signals, joints, shape) return "
+            "self._column(…) for each joint; the torque is written with functions of CasADi (casadi.tanh, "
+            "casadi.if_else), not with NumPy's or Python's if.",
+            title=_NOT_REGISTERED,
         ) from error
     CATALOGUE.add(instance)
     return effect

@@ -36,7 +36,7 @@ NO_RECORDINGS = Recordings(())
 class Model(ModelResults):
     """An identified model.
 
-    A model that was read from a file has no recordings until `with_data` adds them.
+    A model that was read from a file, or unpickled, has no recordings until `with_data` adds them.
 
     Parameters
     ----------
@@ -57,6 +57,10 @@ class Model(ModelResults):
 
     recordings: Recordings = NO_RECORDINGS
     validation: Recordings = NO_RECORDINGS
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # As in a file: temporary files of recordings may be gone when a pickle is read.
+        return (Model, (self.identification,))
 
     @property
     def _held_out(self) -> tuple[Recording, ...]:

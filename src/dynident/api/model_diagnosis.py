@@ -148,7 +148,7 @@ class DiagnosedModel(Framed):
         Parameters
         ----------
         effect : str
-            Id of the effect.
+            Id of the effect, or with its joint: "backlash@elbow".
         joint : str
             Name of the joint; without it, the reason is that of the place where the effect explains most.
 

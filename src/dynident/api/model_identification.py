@@ -361,6 +361,6 @@ def as_model(model: Model | Identification) -> Model:
         isinstance(model, (Model, Identification)),
         model,
         "model",
-        'give one model, as identify(…) gives it or as it is read from its file: dy.load_model("model.npz")',
+        'give one model, as identify(…) gives it or load_model("model.npz") reads it; dy.Ladder((a, b)) compares two',
     )
     return model if isinstance(model, Model) else Model(model, NO_RECORDINGS, NO_RECORDINGS)

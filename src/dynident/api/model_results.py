@@ -11,6 +11,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dynident.api.argument_checks import KnownNames
 from dynident.api.motion_arguments import Motion, check_level, read_motion, read_times
 from dynident.api.named_tables import Table
 from dynident.api.parameter_tables import ErrorTable, Parameters, PlainText, format_summary
@@ -36,7 +37,7 @@ from dynident.verdict import explain_stop
 
 
 @dataclass(frozen=True, eq=False)
-class ModelResults:
+class ModelResults(KnownNames):
     """Parameters of an identified model, their uncertainty, and what can be computed from them.
 
     Parameters
@@ -101,6 +102,8 @@ class ModelResults:
     def params(self) -> Table:
         """Values of the base parameters by name, in SI units; `parameters` has units and judgements beside them.
 
+        As a series of pandas: `model.params.to_frame()["value"]`.
+
         Examples
         --------
         >>> model.params["Fc1"]  # doctest: +SKIP
@@ -123,6 +126,28 @@ class ModelResults:
         matrix, names = self.identification.statistics.covariance, self._names
         columns = {name: matrix[:, k] for k, name in enumerate(names)}
         return Table(columns, labels=names, label_name="parameter", title="Covariance of the base parameters, SI units")
+
+    @property
+    def correlation(self) -> Table:
+        """Correlation of the base parameters by name, −1 to 1: `model.correlation["Fc1", "Fv1"]`."""
+        matrix, deviations = (
+            self.identification.statistics.covariance,
+            self.identification.statistics.standard_deviations,
+        )
+        # A parameter that was set has no deviation.
+        scale = np.where(deviations > 0, deviations, np.nan)
+        names = self._names
+        columns = {name: matrix[:, k] / (scale * scale[k]) for k, name in enumerate(names)}
+        return Table(columns, labels=names, label_name="parameter", title="Correlation of the base parameters")
+
+    @property
+    def tvalues(self) -> Table:
+        """Base parameters divided by their standard deviations, by name: `model.tvalues["Fc1"]`."""
+        deviations = self.identification.statistics.standard_deviations
+        ratios = self.identification.values / np.where(deviations > 0, deviations, np.nan)
+        return Table(
+            {"t": ratios}, labels=self._names, label_name="parameter", title="Parameters over their deviations"
+        )
 
     def conf_int(self, level: float = 0.95) -> Table:
         """Return the intervals that hold the true values of the parameters, by Student's t.
@@ -210,9 +235,9 @@ class ModelResults:
         -------
         array of the shape of q, or PredictedTorque
             Torque in N m, or N; projected as its equations are, if the robot has contacts; NaN for a joint whose torque
-            was not recorded. With `interval` an object
-            with `torque`, and `lower` and `upper` of what would be measured: the covariance of the parameters and the
-            variance of the residual. `mean_half_width` belongs to the model's own torque, without the residual.
+            was not recorded. With `interval` an object with `torque`, and `lower` and `upper` of what would be measured
+            and filtered as the recordings were: the covariance of the parameters and the variance of the residual.
+            `mean_half_width` belongs to the model's own torque, without the residual.
 
         Raises
         ------
@@ -378,6 +403,12 @@ class ModelResults:
         file = export_model(self.identification, ENDINGS[path.suffix.lower()], nearest=nearest, held_out=self._held_out)
         write_atomically(path, file.content)
         return ExportedFile(str(path), file.media_type, file.content, file.notes)
+
+    @property
+    def _deviations(self) -> FloatArray:
+        """Standard deviations (b,), NaN of a parameter that was set."""
+        deviations = self.identification.statistics.standard_deviations
+        return np.where(deviations > 0, deviations, np.nan)
 
     @property
     def _estimate(self) -> Estimate:

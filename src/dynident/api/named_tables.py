@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.api.argument_checks import KnownNames
 from dynident.errors import DynidentError
 from dynident.number_format import format_number
 from dynident.optional_dependencies import format_install_hint
@@ -30,7 +31,7 @@ _SHOWN_ROWS, _WIDTH = 30, 98
 """Rows and characters of a table that is printed: a screen of a terminal or a notebook."""
 
 
-class Framed(ABC):
+class Framed(KnownNames, ABC):
     """Base class of results that are tables; each subclass states its columns and rows."""
 
     @overload

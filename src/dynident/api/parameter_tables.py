@@ -264,7 +264,6 @@ def format_summary(identification: Identification) -> str:
         ("determined parameters", f"{n_determined} of {format_count(len(parameters), 'base parameter')}"),
         ("condition number of W", describe_condition_number(identification)),
         ("equations per parameter", f"{identification.equations_per_parameter:.0f}"),
-        ("warnings", str(len(identification.warnings) or "none")),
     ]
     width = max(len(name) for name, _ in facts)
     indent = " " * (width + 4)
@@ -284,6 +283,12 @@ def format_summary(identification: Identification) -> str:
                 line
                 for name, table in zip(("Errors", "Parameters"), tables, strict=True)
                 for line in ("", table.to_text(name))
+            ),
+            *(["", "Warnings"] if identification.warnings else []),
+            *(
+                line
+                for warning in identification.warnings
+                for line in wrap(warning, _WIDTH, initial_indent="  - ", subsequent_indent="    ")
             ),
         ]
     )

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import overload
 
@@ -24,7 +24,7 @@ from dynident.presentation.recording_tables import (
     format_windows,
 )
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
-from dynident.recordings.file_names_and_digests import compute_digest, split_path
+from dynident.recordings.file_names_and_digests import compute_digest, make_unique_names, split_path
 from dynident.recordings.row_storage import StoredSamples, load_stored_samples
 from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_list, render_paragraph
@@ -271,7 +271,14 @@ class Recordings(Sequence[CheckedRecording], Framed):
         return item in self.names if isinstance(item, str) else item in self.items
 
     def __add__(self, other: SomeRecordings) -> Recordings:
-        return Recordings(self.items + as_recordings(other).items)
+        added = as_recordings(other).items
+        # Data from memory have the same name unless one is stated; tables and models tell recordings apart by it.
+        names = make_unique_names(Path(item.name) for item in (*self.items, *added))[len(self.items) :]
+        renamed = (
+            item if item.name == name else replace(item, recording=replace(item.recording, name=name))
+            for item, name in zip(added, names, strict=True)
+        )
+        return Recordings((*self.items, *renamed))
 
     def __repr__(self) -> str:
         lines = [f"  {_format_line(item.recording)}" for item in self.items[:_SHOWN]]
@@ -318,8 +325,9 @@ def as_recordings(recordings: SomeRecordings) -> Recordings:
     """
     if isinstance(recordings, Recordings):
         return recordings
-    # A text counts as one item, so that a file's name is refused as a whole and not letter by letter.
-    is_one = isinstance(recordings, (CheckedRecording, Recording, str)) or not isinstance(recordings, Iterable)
+    # A text counts as one item, so that a file's name is refused as a whole and not letter by letter; a frame, too.
+    is_one = isinstance(recordings, (CheckedRecording, Recording, str, Mapping)) or hasattr(recordings, "columns")
+    is_one = is_one or not isinstance(recordings, Iterable)
     items: list[object] = [recordings] if is_one else list(recordings)  # type: ignore[arg-type]
     return Recordings(tuple(_to_checked(item) for item in items))
 
@@ -330,7 +338,7 @@ def _to_checked(item: object) -> CheckedRecording:
     if isinstance(item, Recording):
         return CheckedRecording(item)
     raise DynidentError(
-        f"{describe_value(item)} is not a recording; read files with read_recordings(…, robot=robot) first",
+        f"{describe_value(item)} is not a recording; read files and data with read_recordings(…, robot=robot) first",
         title="Not a recording",
     )
 

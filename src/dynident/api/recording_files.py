@@ -393,13 +393,7 @@ def revise(
             f"{recording.name} was not read from a file with read_recordings, so it cannot be revised",
             title="Nothing to revise",
         )
-    try:
-        revision = Revision(**fields) if change is None else replace(change, **fields)
-    except TypeError as error:
-        field_names = ", ".join(Revision.__dataclass_fields__)
-        raise DynidentError(
-            f"{error}; the fields of a revision are: {field_names}", title="Nothing to revise"
-        ) from error
+    revision = Revision(**fields) if change is None else replace(change, **fields)
     source = recording.source
     # Edits are kept one by one beside the metadata that they lead to, so that a report can list what was changed.
     edits = (*source.edits, revision)

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as compute
 import pyarrow.parquet as pq
 
 from dynident.api.argument_checks import describe_value
@@ -137,8 +138,18 @@ def _from_frame(frame: Any) -> pa.Table:
             nanoseconds = table.column(place).cast(pa.duration("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
             seconds = pa.chunked_array([np.asarray(nanoseconds) * 1e-9])
             table = table.set_column(place, field.name, seconds)
+        elif pa.types.is_string(field.type) or pa.types.is_large_string(field.type):
+            table = table.set_column(place, field.name, _read_decimal_commas(table.column(place)))
     # What pandas wrote about its index would be read again by others.
     return table.replace_schema_metadata(None)
+
+
+def _read_decimal_commas(texts: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Return texts such as "-1,117" as numbers; other texts as they are."""
+    try:
+        return compute.replace_substring(texts, ",", ".").cast(pa.float64())
+    except pa.ArrowInvalid:
+        return texts
 
 
 def _expand_columns(source: Mapping[str, Any], robot: Robot) -> tuple[dict[str, Any], float | None]:

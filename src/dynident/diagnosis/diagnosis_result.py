@@ -10,7 +10,7 @@ from typing import Literal
 from dynident.array_types import FloatArray
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason, find_outcome
 from dynident.effects import EffectChoice, get_effect
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, suggest_names
 
 Adequacy = Literal["adequate", "missing_effect", "unexplained", "cannot_tell"]
 Variable = Literal["position", "velocity", "acceleration", "load", "time", "other_joints"]
@@ -396,7 +396,7 @@ class Diagnosis:
         Parameters
         ----------
         effect : str
-            Id of the effect.
+            Id of the effect, or with its joint as for `Model.extend`: "stribeck@elbow".
         joint : str
             Name of the joint; without it, the reason is that of the place where the effect explains most.
 
@@ -413,8 +413,10 @@ class Diagnosis:
         Examples
         --------
         >>> diagnosis.why_not("backlash", "elbow")  # doctest: +SKIP
-        Reason(code='too_small', step=None, values=(('least', 0.04), ('measure', 'squared_error'), ('share', 0.012)))
+        Reason(too_small: …)
         """
+        effect, _, at = effect.partition("@")
+        joint = joint or at
         get_effect(effect, "effect")
         if not self.outcomes:
             raise DynidentError("this diagnosis was made by an earlier version and holds no reasons; diagnose again")
@@ -424,7 +426,8 @@ class Diagnosis:
         joints = dict.fromkeys(name for outcome in self.outcomes for name in outcome.choice.joints)
         if joint and joint not in joints:
             known = ", ".join(joints)
-            raise DynidentError(f"there is no joint {joint!r}; the joints are {known}", pointer="joint")
+            nearest = suggest_names(joint, joints) or "."
+            raise DynidentError(f"there is no joint {joint!r}{nearest} The joints are {known}", pointer="joint")
         # Inertia is never a candidate: it is the model itself.
         return Reason.build("not_tried", why="it is part of every model")
 

@@ -86,6 +86,9 @@ class Reason:
     def __str__(self) -> str:
         return self.text
 
+    def __repr__(self) -> str:
+        return f"Reason({self.code}: {self.text})"
+
 
 @dataclass(frozen=True)
 class CandidateOutcome:

@@ -50,7 +50,7 @@ from dynident.effects.motors import DriveGainError, DriveGainSaturation, RotorCo
 from dynident.effects.payload_contact_vibration import BaseVibration, ExternalContact, Payload
 from dynident.effects.presliding import BreakAway, Presliding
 from dynident.effects.springs import CableForce, GravityCompensator
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, suggest_names
 from dynident.robot import robot_from_modified_dh
 
 ENTRY_POINT_GROUP = "dynident.effects"
@@ -223,6 +223,16 @@ class Catalogue(Mapping[str, Effect]):
                 pointer="id",
                 title="Effect not registered",
             )
+        # Parameters are found by name, so that two effects in one model must not share one.
+        for spec in effect.parameters:
+            others = (other for other in self.values() if other.id != effect.id)
+            owner = next((other for other in others if spec.name in {own.name for own in other.parameters}), None)
+            if owner is not None:
+                raise DynidentError(
+                    f"{spec.name} is a parameter of another effect, {owner.title}; choose another name",
+                    pointer="parameters",
+                    title="Effect not registered",
+                )
         self._effects[effect.id] = effect
         self._own_ids.add(effect.id)
 
@@ -286,9 +296,9 @@ def get_effect(identifier: str, pointer: str = "") -> Effect:
     try:
         return CATALOGUE[identifier]
     except KeyError:
-        effect_ids = ", ".join(CATALOGUE)
+        effect_ids, nearest = ", ".join(CATALOGUE), suggest_names(identifier, CATALOGUE) or "."
         raise UnknownEffectError(
-            f"there is no effect {identifier!r}; choose from: {effect_ids}",
+            f"there is no effect {identifier!r}{nearest} The effects are: {effect_ids}",
             pointer=pointer,
             title="Unknown effect",
         ) from None

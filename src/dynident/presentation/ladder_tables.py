@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 from dynident.effects import EffectChoice
@@ -26,7 +26,7 @@ class Step:
     """One model of a ladder: what its step changed, and its errors where joints move (on all rows where none does).
 
     `held_out_all` is the held-out error on all rows; `confirmed_by` are the kinds of held-out rows that confirm what
-    was added.
+    was added. `task` tells the held-out rows and their filters: errors of different ones do not compare.
     """
 
     added: Sequence[EffectChoice]
@@ -36,6 +36,7 @@ class Step:
     held_out: ErrorNumbers | None
     held_out_all: float | None
     confirmed_by: Sequence[str] = ()
+    task: object = None
 
     def describe_change(self, joints: Sequence[str]) -> str:
         """Return in words what the step added and removed."""
@@ -53,6 +54,7 @@ def make_step(model: Identification) -> Step:
         None if model.held_out_judged is None else ErrorFigures.from_errors(model.held_out_judged),
         None if model.held_out is None else model.held_out.relative_total,
         list_confirming_rows(model) or (),
+        (replace(model.preprocessing, reasons=()), model.data.validation_names),
     )
 
 
@@ -62,7 +64,12 @@ def list_steps(identification: Identification) -> list[Step]:
 
 
 def find_best(steps: Sequence[Step]) -> BestStep | None:
-    """Return which step of a ladder predicts held-out data best; None where one of them has no held-out error."""
+    """Return which step of a ladder predicts held-out data best.
+
+    None where one of them has no held-out error, or its own recordings or filters.
+    """
+    if any(step.task != steps[0].task for step in steps):
+        return None
     totals = [step.held_out.relative_total for step in steps if step.held_out is not None]
     known = [total for total in totals if total is not None]
     preferred = [bool(step.confirmed_by or step.removed) for step in steps]

@@ -179,7 +179,11 @@ def preprocessing_from_request(
         else:
             # Torque is worth no more than the positions that have to explain it.
             torque = automatic.torque_cutoff if position is None else min(position, NYQUIST_SHARE * 0.5 * rate)
-        reasons = automatic.reasons if position == automatic.position_cutoff else (_explain_torque_cutoff(torque),)
+        # Only what was left open was chosen for these reasons; that of the decimation is found anew below.
+        chosen = automatic.reasons[:2]
+        if "torque_cutoff" in fields:
+            chosen = tuple(reason for reason in chosen if reason.startswith("Position"))
+        reasons = (_explain_torque_cutoff(torque),) if "position_cutoff" in fields else chosen
         preprocessing = Preprocessing(position, torque, reasons=reasons)
     preprocessing = replace(
         preprocessing, filter_order=int(fields.get("filter_order", preprocessing.filter_order) or 0)

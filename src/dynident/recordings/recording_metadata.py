@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from math import isfinite
 from typing import Any, Literal, TypedDict, get_args
 
@@ -406,6 +407,9 @@ class Check:
     rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     remedies: tuple[Remedy, ...] = ()
 
+    def __str__(self) -> str:
+        return f"{self.name.replace('_', ' ')}: {self.detail}"
+
     @property
     def is_accepted(self) -> bool:
         """Whether the user has said that the recording is right all the same."""
@@ -450,23 +454,9 @@ class RecordingError(DynidentError):
         self.checks = checks
 
     def __reduce__(self) -> tuple[object, ...]:
-        return (
-            _rebuild_error,
-            (self.detail, self.pointer, self.title, self.row, self.time, self.checks, self.remedies),
-        )
-
-
-def _rebuild_error(
-    detail: str,
-    pointer: str,
-    title: str,
-    row: int | None,
-    time: float | None,
-    checks: tuple[Check, ...],
-    remedies: tuple[Remedy, ...],
-) -> RecordingError:
-    """Return the error again after pickling, which keeps no keyword arguments."""
-    return RecordingError(detail, pointer=pointer, title=title, row=row, time=time, checks=checks, remedies=remedies)
+        # Pickling keeps no keyword arguments by itself.
+        names = ("pointer", "title", "row", "time", "checks", "remedies")
+        return (partial(RecordingError, **{name: getattr(self, name) for name in names}), (self.detail,))
 
 
 class RevisionFields(TypedDict, total=False):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Remedy
 from dynident.robot.description_formats import BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.xml_text import DEEPEST, Element, parse_xml, read_root, write_with_line_numbers
@@ -232,11 +232,11 @@ def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail,
                 )
             else:
                 problem, alternative = "floats freely, but the base is stated to be fixed", ""
-            detail = (
-                f"{owner} {problem}. If it was clamped while the robot was recorded, lock the joint: --lock {name}, or "
-                f'"locked_joints": {{"{name}": 0}}{alternative}.'
-            )
-            raise fail(detail, child.line)
+            lock = Remedy("locked_joints", {name: 0})
+            clamped = f"If it was clamped while the robot was recorded, lock the joint: {lock}{alternative}."
+            error = fail(f"{owner} {problem}. {clamped}", child.line)
+            error.remedies = (lock,)
+            raise error
         if child.tag == "body":
             turns = moves or any(
                 element_of_body.tag in ("joint", "freejoint") for element_of_body in _iter_body_elements(child)

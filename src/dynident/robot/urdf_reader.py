@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pinocchio as pin
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Remedy
 from dynident.robot.description_formats import BASE_JOINTS, UPRIGHT, BaseKind
 from dynident.robot.json_fields import join_names
 from dynident.robot.limits_and_drives import Drive, Limits
@@ -251,12 +251,12 @@ def _check_kind(name: str, joint: Element, fail: _Fail) -> None:
     if (kind := joint.attributes.get("type", "")) == "fixed":
         return
     if kind in _OF_MORE_FREEDOMS:
-        raise fail(
-            f"Joint '{name}' is {kind}; only revolute, continuous and prismatic joints can move, and a floating joint "
-            "that carries the root link. If the joint was clamped while the robot was recorded, lock it: "
-            f'--lock {name}, or "locked_joints": {{"{name}": 0}}.',
-            joint.line,
-        )
+        lock = Remedy("locked_joints", {name: 0})
+        detail = f"Joint '{name}' is {kind}; only revolute, continuous and prismatic joints can move, and a floating "
+        detail += f"joint that carries the root link. If it was clamped while the robot was recorded, lock it: {lock}."
+        error = fail(detail, joint.line)
+        error.remedies = (lock,)
+        raise error
     if kind not in MOVING:
         raise fail(f"Joint '{name}' has the type '{kind}'; expected {join_names((*MOVING, 'fixed'))}.", joint.line)
 

@@ -11,12 +11,12 @@ all requests, as much as the whole help of a command takes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias, TypedDict, TypeVar, Unpack
+from typing import TYPE_CHECKING, Literal, Protocol, Self, TypeAlias, TypedDict, TypeVar, Unpack
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, suggest_names
 
 if TYPE_CHECKING:
     from dataclasses import _MISSING_TYPE
@@ -342,6 +342,28 @@ def get_default(request_field: Field[T]) -> T | Missing:
     return request_field.default if request_field.default_factory is MISSING else request_field.default_factory()
 
 
+def check_names(owner: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Check the names of arguments.
+
+    Parameters
+    ----------
+    owner : str
+        The function or class that takes them.
+    given, known : iterable of str
+        Names that it was given, and those that it takes.
+
+    Raises
+    ------
+    DynidentError
+        For the first that it does not take: says which it takes.
+    """
+    names = [name for name in known if name not in ("self", "cls")]
+    for wrong in [name for name in given if name not in names][:1]:
+        nearest, all_names = suggest_names(wrong, names) or ".", ", ".join(names)
+        detail = f"{owner} takes no argument {wrong!r}{nearest} Its arguments are: {all_names}"
+        raise DynidentError(detail, pointer=wrong, title="Unknown argument")
+
+
 class Request:
     """Base of the dataclasses that state a request: a value that its field does not take is refused.
 
@@ -353,6 +375,11 @@ class Request:
     DynidentError
         For the first number out of range, list of a wrong length, or unknown name; its pointer names the place.
     """
+
+    def __new__(cls, *_: object, **given: object) -> Self:
+        """Refuse unknown names: the error of `__init__` does not tell the known ones."""
+        check_names(cls.__name__, given, [request_field.name for request_field in fields(cls)])  # type: ignore[arg-type]
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         # A base class is no dataclass itself, only what derives from it is.

@@ -350,7 +350,7 @@ def _judge_drift(drift: Drift) -> UseFinding:
             f"{figures[0].lower()}{figures[1:]}"
         )
         return UseFinding("limited", sentence, DIAGNOSE)
-    return UseFinding("yes", figures)
+    return UseFinding("yes", f"For {drift.judged_until:g} s at a time, or longer with a controller. {figures}")
 
 
 GAINS = NextStep("Record the motion of the identification with a load of known mass.", "check_gains")

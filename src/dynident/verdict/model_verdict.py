@@ -215,6 +215,7 @@ def verdict(
         silent = ", ".join(identification.model.robot.joints_without_torque)
         sentence = f"Not for {silent}, whose torque was not recorded."
         reservations.append(UseFinding("limited", sentence, NextStep(f"Record the torque of {silent}, too.")))
+    reservations += _list_disturbances(identification)
     against = _find_universal_objection(identification, stop, common, checks or {})
     held_out = identification.held_out
     drift, force, mass, contact = None, None, None, None
@@ -267,6 +268,21 @@ def _validate_contacts(evidence: HeldOutEvidence) -> tuple[CollisionValidation |
         return validate_collision(evidence.identification, evidence.recordings), ""
     except DynidentError as error:
         return None, error.detail
+
+
+def _list_disturbances(identification: Identification) -> list[UseFinding]:
+    """List the seconds of the fit in which something else than the robot acted, as limits of every use."""
+    spans = () if identification.model.is_at_rest else find_outlying_spans(identification.data.training).spans
+    step = NextStep("Leave these seconds out of the fit, or find what acted there.", "diagnose")
+    return [
+        UseFinding(
+            "limited",
+            f"From {span.start:.1f} to {span.end:.1f} s of the fit something else acted on the robot, which shifts all "
+            "parameters.",
+            step,
+        )
+        for span in spans
+    ]
 
 
 _ANOTHER = NextStep("Hold out another motion: this one is the motion of the fit.")

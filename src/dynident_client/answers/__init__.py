@@ -109,7 +109,6 @@ from dynident_client.answers.resources import (
     Quota,
     RawSignals,
     Readiness,
-    RemedyView,
     ShapeParameter,
     ShapeWord,
     Standstills,
@@ -127,6 +126,7 @@ from dynident_client.answers.shared_answers import (
     ErrorsView,
     Problem,
     ProblemField,
+    RemedyView,
     UsedPreprocessing,
 )
 from dynident_client.answers.validations import (

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypedDict
 
+from dynident_client.answers.shared_answers import RemedyView
+
 
 class CapsuleView(TypedDict):
     """All points within a radius of a segment, fixed to a frame: encloses a part of the link's collision geometry."""
@@ -36,8 +38,10 @@ class CheckView(TypedDict):
     """Column of the file"""
     detail: str
     name: str
+    remedies: list[RemedyView]
+    """Remedies that the sentence names"""
     remedy: RemedyView | None
-    """The first remedy that the sentence names"""
+    """The first of them"""
     row: int | None
     """Data row of the file, from 1"""
     rows: dict[str, list[int]]
@@ -235,6 +239,8 @@ class QuestionView(TypedDict):
     choices: list[str] | None
     detail: str
     field: str
+    remedies: list[RemedyView]
+    """Those that the question names"""
 
 
 class Quota(TypedDict):
@@ -265,14 +271,6 @@ class Readiness(TypedDict):
 
     checks: dict[str, str]
     status: Literal["ready", "not_ready"]
-
-
-class RemedyView(TypedDict):
-    """A field of the metadata, or of the robot, with the value that puts a finding right."""
-
-    field: str
-    value: Any
-    """null where only the user can know it"""
 
 
 class ShapeParameter(TypedDict):

@@ -134,10 +134,22 @@ class ProblemField(TypedDict, total=False):
     detail: str
     pointer: str
     """A JSON pointer into the body, a column of a file, or the name of a parameter."""
+    remedies: list[RemedyView] | None
+    """Those that the sentence names"""
     row: int | None
     """Data row of a file, from 1"""
     time: float | None
     """Seconds of t"""
+
+
+class RemedyView(TypedDict):
+    """A field of the metadata, or of the robot, with the value that puts a finding right."""
+
+    field: str
+    text: str
+    """How the sentence writes it"""
+    value: Any
+    """null, or null in it, where only the user can know it"""
 
 
 class UsedPreprocessing(TypedDict):

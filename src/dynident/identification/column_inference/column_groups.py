@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.errors import Remedy
 from dynident.identification.column_inference.column_names import (
     ColumnName,
     Signal,
@@ -71,8 +72,8 @@ def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Questio
     if positions is None:
         return None
     names = [name for joint, name in enumerate(robot.joint_names) if joint not in positions[1]]
-    where = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, but not in the file"
-    return Question("robot", f"{where}: lock {_get_pronoun(names)}, --lock {','.join(names)}.")
+    are = "are" if len(names) > 1 else "is"
+    return _ask_to_lock(f"{', '.join(names)} {are} in the robot, but not in the file", dict.fromkeys(names, 0))
 
 
 def find_torque_of_most_joints(
@@ -104,12 +105,9 @@ def find_torque_of_most_joints(
     # identified.
     still = [k for k in range(robot.n) if k not in columns and np.ptp(positions[:, k]) <= MOVED[robot.joints[k].kind]]
     if still:
-        names = [robot.joint_names[joint] for joint in still]
-        locks = [_write_lock(name, positions[:, joint]) for name, joint in zip(names, still, strict=True)]
-        verbs = "stand still and have" if len(names) > 1 else "stands still and has"
-        return Question(
-            "robot", f"{', '.join(names)} {verbs} no torque: lock {_get_pronoun(names)}, --lock {','.join(locks)}."
-        )
+        places = {robot.joint_names[joint]: _find_place(positions[:, joint]) for joint in still}
+        verbs = "stand still and have" if len(places) > 1 else "stands still and has"
+        return _ask_to_lock(f"{', '.join(places)} {verbs} no torque", places)
     members = tuple(columns.get(joint, empty) for joint in range(robot.n))
     return ColumnGroup(
         members, first.signal, first.unit, first.rank, first, "by their names they belong to most joints"
@@ -125,13 +123,15 @@ def _find_columns_of_most_joints(
     return min(measured, key=lambda group: (group[0].rank, group[0].signal != "tau"), default=None)
 
 
-def _get_pronoun(names: Sequence[str]) -> str:
-    return "them" if len(names) > 1 else "it"
+def _ask_to_lock(why: str, places: Mapping[str, float]) -> Question:
+    remedy = Remedy("locked_joints", places)
+    return Question("robot", f"{why}: lock {'them' if len(places) > 1 else 'it'}, {remedy}.", remedies=(remedy,))
 
 
-def _write_lock(name: str, position: FloatArray) -> str:
+def _find_place(position: FloatArray) -> float:
+    """Return where a joint stands still; 0 where that is nearly so, or in no unit of ours."""
     at = float(np.median(position))
-    return f"{name}={at:.4g}" if _AT_ZERO < abs(at) < _MOST else name
+    return float(f"{at:.4g}") if _AT_ZERO < abs(at) < _MOST else 0
 
 
 _LETTERS = "xyz"

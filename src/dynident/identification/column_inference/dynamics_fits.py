@@ -484,11 +484,9 @@ def check_against_dynamics(
             Guess("check", f"{format_percent(unexplained.average_share, decimals=0)} unexplained", 0.9, reason),
         ], questions
     # The most probable cause comes first, before all other guesses.
-    cause = f"; most probably: {causes[0].detail}" if causes else ""
-    return [
-        Guess("check", f"{format_percent(unexplained.average_share, decimals=0)} unexplained", 0.4, f"{reason}{cause}"),
-        *guesses,
-    ], questions
+    cause, remedies = (f"; most probably: {causes[0].detail}", causes[0].remedies) if causes else ("", ())
+    share = f"{format_percent(unexplained.average_share, decimals=0)} unexplained"
+    return [Guess("check", share, 0.4, f"{reason}{cause}", remedies), *guesses], questions
 
 
 def _is_finding(check: Check, *, in_si: bool) -> bool:

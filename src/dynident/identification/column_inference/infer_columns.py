@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.errors import Remedy
 from dynident.identification.column_inference import dynamics_fits
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import (
@@ -198,8 +199,9 @@ class _ColumnInference(WorkingProposal):
                 continue
             raw[:, column] = self.values[:, column] = 0.0
             name = self.robot.joint_names[joint]
-            reason = f"{name} has no torque: its equation is left out (only a finger: --lock {name})"
-            self.add_guess(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason)
+            lock = Remedy("locked_joints", {name: 0})
+            reason = f"{name} has no torque: its equation is left out (only a finger: {lock})"
+            self.add_guess(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason, (lock,))
             self.silent.append(joint)
         self.sample = replace(self.sample, values=raw)
 

@@ -68,7 +68,9 @@ class WorkingProposal:
         links = [joint.link for joint in self.robot.joints if joint.link]
         return read_names(self.sample.names, self.sample.units, [*self.robot.joint_names, *links])
 
-    def add_guess(self, name: str, value: str, confidence: float, reason: str) -> None:
+    def add_guess(
+        self, name: str, value: str, confidence: float, reason: str, remedies: tuple[Remedy, ...] = ()
+    ) -> None:
         """Add a guess, its confidence, and its reason.
 
         Parameters
@@ -81,8 +83,10 @@ class WorkingProposal:
             From 0 to 1.
         reason : str
             The reason, as a clause.
+        remedies : tuple of Remedy
+            Those that the reason quotes.
         """
-        self.guesses.append(Guess(name, value, round(confidence, 2), reason))
+        self.guesses.append(Guess(name, value, round(confidence, 2), reason, remedies))
 
     def add_question(self, name: str, detail: str, choices: tuple[str, ...] = ()) -> None:
         """Add a question that only a person can answer.

@@ -371,17 +371,18 @@ def add_base_columns(work: WorkingProposal, robot: Robot) -> None:
         work.add_question("columns", error.detail)
         return
     links = ", ".join(f"{reaction.link} ({'world' if reaction.in_world else 'link'} frame)" for reaction in reactions)
-    reason = "forces of the surroundings on links, by the names of the columns"
+    reason, remedies = "forces of the surroundings on links, by the names of the columns", tuple[Remedy, ...]()
     if robot.contacts:
         links = ", ".join(contact.link for contact in robot.contacts)
         reason = "eliminated, as you say of these contacts"
     elif not reactions:
-        links = "none"
+        feet = Remedy("contacts")
+        links, remedies = "none", (feet,)
         reason = (
             "no columns are <link>_fx … <link>_mz: the file is read as that of a robot that nothing touches; name "
-            "feet on the ground by --contacts"
+            f"feet on the ground by {feet}"
         )
-    work.add_guess("columns/wrenches", links, 0.9, reason)
+    work.add_guess("columns/wrenches", links, 0.9, reason, remedies)
 
 
 _SHOWN_NAMES = 40

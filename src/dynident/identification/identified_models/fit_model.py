@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.effects import DEFAULT_EFFECTS, OFFSETS, ReferenceParameters, get_role
+from dynident.effects import DEFAULT_EFFECTS, LINKS, OFFSETS, ReferenceParameters, get_role
 from dynident.estimation import (
     LinearisedSolution,
     Reduction,
@@ -74,6 +74,7 @@ def list_warnings(identification: Identification) -> tuple[str, ...]:
             "The inertia matrix is not positive definite in every posture: these parameters are not physically "
             "possible. Use them only for prediction near the recorded motion."
         )
+    sentences += _warn_of_no_links(identification)
     sentences += _warn_of_disturbance(identification)
     sentences += _warn_of_misfit(identification)
     sentences += _warn_of_unsettled(identification)
@@ -87,6 +88,17 @@ def list_warnings(identification: Identification) -> tuple[str, ...]:
     if absorbed:
         sentences.append(f"Left out, because they cannot be separated from other parameters: {', '.join(absorbed)}.")
     return tuple(sentences)
+
+
+def _warn_of_no_links(identification: Identification) -> list[str]:
+    """Warn of a list of effects that replaced the usual ones, where it was probably meant to add to them."""
+    chosen = [choice.effect for choice in identification.choices.effects]
+    if LINKS.effect in chosen:
+        return []
+    return [
+        f"The model has no links: its effects are {', '.join(dict.fromkeys(chosen))} alone. To add to the usual "
+        f"effects ({', '.join(choice.effect for choice in DEFAULT_EFFECTS)}), name default as well."
+    ]
 
 
 def _warn_of_missing_torque(identification: Identification) -> list[str]:

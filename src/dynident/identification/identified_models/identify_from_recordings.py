@@ -72,7 +72,13 @@ def add_digests(
     hashes = [SampleHashes.from_recording(recording) for recording in recordings]
     digests = tuple(own.digest for own in hashes)
     copied = find_copied_recordings(hashes, validation)
-    return replace(identification, data=replace(identification.data, digests=digests, copied=copied))
+    warnings = identification.warnings
+    if copied:
+        sentence = (
+            f"The held-out error says nothing: {', '.join(copied)} has samples of the fit. Hold out another motion."
+        )
+        warnings = (sentence, *warnings)
+    return replace(identification, data=replace(identification.data, digests=digests, copied=copied), warnings=warnings)
 
 
 def check_same_recordings(identification: Identification, recordings: Sequence[Recording]) -> None:

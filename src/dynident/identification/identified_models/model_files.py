@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import io
 import json
 from collections.abc import Mapping
@@ -172,9 +173,13 @@ def from_bytes(content: bytes) -> Identification:
         raise
     except Exception as error:  # what damaged bytes raise is no closed list: zip, zlib, numpy, json, missing keys
         raise DynidentError(
-            "this version cannot read the file as an identified model; give a file that an identification wrote",
+            "this is no file of a model that this version can read; give a file that an identification wrote",
             title="Unreadable model",
         ) from error
+
+
+# CasADi's expressions cannot be pickled by themselves: a model is pickled as its file.
+copyreg.pickle(Identification, lambda identification: (from_bytes, (to_bytes(identification),)))
 
 
 def _read_identification(content: bytes) -> Identification:

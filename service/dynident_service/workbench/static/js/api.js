@@ -87,10 +87,11 @@ export function remove(path) {
 }
 
 /** Upload a recording; `onProgress` is told the share that has gone. */
-export function upload(path, file, metadata, { onProgress = null, signal = undefined } = {}) {
+export function upload(path, file, metadata, { further = [], onProgress = null, signal = undefined } = {}) {
   const form = new FormData();
   form.append("metadata", JSON.stringify(metadata));
   form.append("file", file, file.name);
+  for (const one of further) form.append("further", one, one.name);
   // fetch does not tell how far an upload is.
   const request = new XMLHttpRequest();
   const key = apiKey.get();

@@ -48,6 +48,8 @@ export async function identificationForm(robot) {
     uses.update(measurements);
   };
   const send = sending(submit, said, async (form) => {
+    // What was confirmed a moment ago is waited for.
+    await Promise.all([...document.querySelectorAll("form.card")].map((one) => one.storing));
     if (document.querySelector("form.card")) return void put(said, complaint("A file is not stored yet: confirm it, or leave it out."));
     const boxes = [...form.querySelectorAll("input[name=effect]:checked")];
     boxes.forEach((box, index) => { box.parentElement.dataset.pointer = `/effects/${index}`; });

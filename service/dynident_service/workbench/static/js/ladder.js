@@ -20,6 +20,7 @@ export function ladderSection(model, signal) {
   return h("section", { "aria-labelledby": "ladder-title" },
     h("h2", { id: "ladder-title", tabindex: "-1" }, "Ladder"),
     h("p", { class: model.lastStep.is_better ? "box good" : "box warning", id: "step" }, model.lastStep.text),
+    h("p", {}, h("a", { class: "button", id: "compare-parent", href: address({ view: "models", pair: [model.identification.parent_id, model.id].join(",") }) }, "Compare the curves of both models")),
     h("div", { class: "two wide-right" }, totalsFigure(rungs, heldOut), waterfall(model, errors, kind)),
     rungTable(model, rungs, signal),
     shownTable(model.ladder.joints, { id: "ladder-joints" }),

@@ -62,8 +62,15 @@ export function measurementForm(robot, { forms, metadata, chosen, onStored, onRo
   for (const card of forms.querySelectorAll(":scope > form")) card.dispatchEvent(new Event("robot"));
   const earlier = h("div");
   const all = h("button", { type: "button", class: "main", id: "confirm-all" }, "Confirm all");
-  const several = h("p", { class: "actions", hidden: true }, all, h("span", { class: "note" }, "stores every file below as it is guessed; a file with an open question stays"));
+  const join = h("button", { type: "button", id: "join-all" }, "All of them are one recording");
+  const several = h("p", { class: "actions", hidden: true }, all, h("span", { class: "note" }, "stores every file below as it is guessed; a file with an open question stays"), join, h("span", { class: "note" }, "where each file has one signal, such as positions or torques"));
   const cards = () => [...forms.querySelectorAll(":scope > form")];
+  join.addEventListener("click", () => {
+    const parts = cards().filter((card) => card.files.length);
+    const [file, ...further] = parts.flatMap((card) => card.files);
+    for (const card of parts) card.leave();
+    forms.append(fileCard({ file, further, role: role(file.name) }, hands));
+  });
   all.addEventListener("click", async () => {
     all.disabled = true;
     for (const card of cards()) await card.confirm();

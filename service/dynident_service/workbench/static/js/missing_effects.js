@@ -34,6 +34,13 @@ export function missingSection(model, signal) {
   };
   model.addEventListener("diagnosis", follow);
   follow();
+  // The click that led here has asked for it.
+  const begin = () => {
+    if (model.wantsDiagnosis && !model.diagnosis) button.click();
+    model.wantsDiagnosis = false;
+  };
+  model.addEventListener("wanted", begin);
+  begin();
   return section("missing", "What is missing",
     h("p", { class: "actions" }, button, h("span", { class: "note" }, "compares every effect of the catalogue with the residual of the model")),
     said,

@@ -32,12 +32,20 @@ export class ModelList {
     for (const link of this.items.querySelectorAll("a")) this.#markLink(link);
   }
 
-  /** Read the list anew. */
+  /** Read the list anew; once more where something has changed while it was read. */
   async refresh() {
-    this.again ??= this.#read().finally(() => {
+    this.changed = true;
+    this.again ??= this.#readUntilItIsNew().finally(() => {
       this.again = null;
     });
     await this.again;
+  }
+
+  async #readUntilItIsNew() {
+    while (this.changed) {
+      this.changed = false;
+      await this.#read();
+    }
   }
 
   async #read() {

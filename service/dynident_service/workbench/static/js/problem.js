@@ -2,13 +2,14 @@
 
 import { h, put } from "./dom.js";
 import { checksTable } from "./recording_checks.js";
+import { inPageWords } from "./recordings/remedies.js";
 
 /** A box that says what is wrong; with `again`, a button that tries once more. */
 export function problemBox(error, again = null) {
   const details = (error.fields ?? []).filter((field) => field.detail !== error.message);
   return h("div", { class: "box error", role: "alert" },
-    h("p", {}, h("strong", {}, `${error.title ?? "The page failed"}. `), error.message),
-    details.length ? h("ul", {}, details.map((one) => h("li", {}, place(one), one.detail))) : null,
+    h("p", {}, h("strong", {}, `${error.title ?? "The page failed"}. `), inPageWords(error.message, (error.fields ?? []).flatMap((field) => field.remedies ?? []))),
+    details.length ? h("ul", {}, details.map((one) => h("li", {}, place(one), inPageWords(one.detail, one.remedies)))) : null,
     error.dependents?.length ? h("p", {}, `Used by: ${error.dependents.map((one) => one.id).join(", ")}`) : null,
     error.checks?.length ? checksTable(error.checks) : null,
     again ? h("button", { type: "button", onclick: again }, "Try again") : null,
@@ -26,7 +27,7 @@ export function showInForm(form, target, error) {
       continue;
     }
     beside.classList.add("wrong");
-    beside.append(h("p", { class: "complaint", role: "alert" }, one.detail));
+    beside.append(h("p", { class: "complaint", role: "alert" }, inPageWords(one.detail, one.remedies)));
     beside.querySelector("input, select, textarea")?.setAttribute("aria-invalid", "true");
   }
   const all = (error.fields ?? []).length > 0 && left.length === 0;

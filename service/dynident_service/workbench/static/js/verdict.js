@@ -61,5 +61,10 @@ function nextClick(model, found) {
   const [tab, words] = found.stop ? ["data", "Look at the data"] : !diagnosis ? ["missing", "Find what is missing"]
     : diagnosis.verdict === "adequate" ? ["trust", "Validate the model"]
     : ["missing", diagnosis.verdict === "cannot_tell" ? "See what these data cannot tell" : "See what is missing"];
-  return [h("span", { class: "note" }, "Next:"), h("button", { type: "button", class: "main", id: "next-click", onclick: () => goToTab(tab) }, words)];
+  const open = (name) => {
+    model.wantsDiagnosis = name === "missing" && !diagnosis;
+    goToTab(name);
+    model.dispatchEvent(new Event("wanted"));
+  };
+  return [h("span", { class: "note" }, "Next:"), h("button", { type: "button", class: "main", id: "next-click", onclick: () => open(tab) }, words)];
 }

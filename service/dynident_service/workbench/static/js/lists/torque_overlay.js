@@ -51,8 +51,11 @@ export function overlaySection(models, names, signal) {
     const line = (label, stroke, width = 1.2) => ({ label, stroke, width, points: { show: false }, value });
     const colours = [colour("predicted"), colour("residual")];
     const at = (name) => [first.values[name], onTimesOf(first, second, name)];
+    // At rest a prediction has no sign of friction, so none is drawn there.
+    const { standing } = first.values;
+    const moving = (values) => (standing ? values.map((value, index) => (standing[index] ? null : value)) : values);
     const kinds = {
-      torque: [[line("measured", colour("measured"), 1.6), ...names.map((name, index) => line(name, colours[index]))], [first.values.measured, ...at("predicted")]],
+      torque: [[line("measured", colour("measured"), 1.6), ...names.map((name, index) => line(name, colours[index]))], [first.values.measured, ...at("predicted").map(moving)]],
       residual: [names.map((name, index) => line(`residual of ${name}`, colours[index])), at("residual")],
     };
     for (const [kind, [series, values]] of Object.entries(kinds)) {

@@ -11,11 +11,12 @@ import { choicesOf } from "../schema.js";
 import { ColumnsTable } from "./columns_table.js";
 import { editInWords, withEdit } from "./revision_edits.js";
 import { Guesses } from "./guesses.js";
+import { actionOf, robotButton } from "./remedies.js";
 import { revise } from "./revise.js";
 import { drivesOf, placesOf } from "./robot_facts.js";
 
-/** The form of one file, or of an import that is there already; it belongs to the robot that is `chosen()` when it is sent. */
-export function fileCard({ file = null, found = null, role }, { metadata: known, chosen, onStored, onRobot }) {
+/** The form of one file, with the `further` ones of its recording, or of an import that is there already; it belongs to the robot that is `chosen()` when it is sent. */
+export function fileCard({ file = null, further = [], found = null, role }, { metadata: known, chosen, onStored, onRobot }) {
   const fields = saidFields((found?.proposed.name ?? file.name).replace(/\.[^.]*$/, ""), known, role);
   const columns = new ColumnsTable();
   const guesses = new Guesses(choicesOf(known.effort_kind));
@@ -46,15 +47,20 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     asked.units = Object.fromEntries(Object.entries(asked.units).filter(([, unit]) => unit && unit !== "si"));
     const before = found;
     try {
-      found = await upload("/imports", file, asked, { onProgress: move, signal });
+      found = await upload("/imports", file, asked, { further, onProgress: move, signal });
       if (before) forget(before);
       show(robot);
     } catch (error) {
       if (signal !== running.signal) return;
       submit.disabled = !found;
       const stopped = error.name === "AbortError";
-      put(doing, stopped ? h("p", { class: "note" }, "Cancelled; nothing was stored. ", h("button", { type: "button", class: "small", onclick: look }, "Inspect it")) : problemBox(error, look));
+      put(doing, stopped ? h("p", { class: "note" }, "Cancelled; nothing was stored. ", h("button", { type: "button", class: "small", onclick: look }, "Inspect it")) : problemBox(error, look), robotButtons((error.fields ?? []).flatMap((one) => one.remedies ?? []), doing));
     }
+  };
+  // Where the robot is to be made anew: locked, or mounted otherwise.
+  const robotButtons = (remedies, trouble) => {
+    const facts = actionOf({ remedies })?.facts;
+    return facts ? h("p", { class: "actions" }, robotButton(facts, chosen(), onRobot, (error) => put(trouble, problemBox(error)))) : null;
   };
   const show = (robot) => {
     put(doing);
@@ -77,6 +83,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     const places = asks("columns/q") || asks("columns/tau");
     put(
       robotsFacts,
+      robotButtons(found.questions.flatMap((one) => one.remedies ?? []), robotsFacts),
       gains ? h("details", { open: true }, h("summary", {}, "The drive gains of these currents"), drivesOf(robot, onRobot)) : null,
       places ? h("details", {}, h("summary", {}, "The file has no columns for some joints: are they locked?"), placesOf(robot, onRobot)) : null,
     );
@@ -90,32 +97,47 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     effort_kind: guesses.effort,
     accept: [...accepted],
   }, edits);
-  const send = async (event) => {
+  const send = (event) => {
     event?.preventDefault();
+    form.storing = store();
+    return form.storing;
+  };
+  const store = async () => {
     clearForm(form, said);
     submit.disabled = true;
     const { signal, move } = work("Checking and storing");
+    const trouble = h("div");
     move(1);
     try {
       stored(await post("/measurements", { import_id: found.id, metadata: metadata() }, { signal }));
     } catch (error) {
       const { checks = [] } = error;
       error.checks = [];
+      // The table below says it, with what can be done about it.
+      if (checks.some((one) => one.status === "error")) Object.assign(error, { message: "The checks below say what is wrong, and what to do about it.", fields: [] });
       if (error.name === "AbortError") put(said, h("p", { class: "note" }, "Cancelled; nothing was stored. Confirm to try again."));
       else showInForm(form, said, error);
-      if (checks.length) said.append(checksTable(checks, accept, { onApply: apply, inWords: inOurWords }));
+      if (checks.length) said.append(checksTable(checks, accept, { ...inOurHands(trouble), onApply: apply }));
+      said.append(trouble);
     }
     submit.disabled = false;
     put(doing);
   };
+  const inOurHands = (trouble) => ({
+    inWords: inOurWords,
+    joints: chosen().joints.map((one) => one.name),
+    robot: chosen(),
+    onRobot,
+    onError: (error) => put(trouble, problemBox(error)),
+  });
   const inOurWords = (edit) => editInWords(edit, chosen().joints.map((one) => one.name));
   const accept = (check) => {
     accepted.add(check);
     send();
   };
-  const apply = (check) => {
-    edits = withEdit(edits, check.apply);
-    if (check.apply.windows) fields.windows.value = "";
+  const apply = (edit) => {
+    edits = withEdit(edits, edit);
+    if (edit.windows) fields.windows.value = "";
     put(applied, `Applied: ${inOurWords(edits)}. `, h("button", { type: "button", class: "small", onclick: () => { edits = {}; put(applied); } }, "Undo"));
     send();
   };
@@ -124,8 +146,8 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     announce(words);
     const trouble = h("div");
     const link = h("a", { href: address({ view: "recording", measurement: measurement.id }) }, "its signals, windows and checks");
-    const again = (check) => revise(measurement, check.apply, trouble);
-    form.replaceWith(h("details", { open: measurement.checks.some((one) => one.status !== "ok") }, h("summary", {}, words), h("p", {}, "Look at ", link, "."), trouble, checksTable(measurement.checks, null, { onApply: again, inWords: inOurWords })));
+    const again = (edit) => revise(measurement, edit, trouble);
+    form.replaceWith(h("details", { open: measurement.checks.some((one) => one.status !== "ok") }, h("summary", {}, words), h("p", {}, "Look at ", link, "."), trouble, checksTable(measurement.checks, null, { ...inOurHands(trouble), onApply: again })));
     onStored(measurement);
   };
   const leave = () => {
@@ -133,7 +155,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     form.remove();
     if (found) forget(found);
   };
-  const nameOfFile = () => (file ? file.name : found.proposed.name);
+  const nameOfFile = () => (file ? [file, ...further].map((one) => one.name).join(" + ") : found.proposed.name);
 
   guesses.addEventListener("effort", ({ detail }) => (detail === "motor_current" ? columns.rename("tau", "current") : columns.rename("current", "tau")));
   columns.addEventListener("change", () => {
@@ -142,7 +164,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     askOfRobot(chosen());
   });
   const applied = h("p", { class: "note" });
-  const size = file ? ` (${number(file.size / 1e6, 2)} MB)` : " (inspected before)";
+  const size = file ? ` (${number([file, ...further].reduce((sum, one) => sum + one.size, 0) / 1e6, 2)} MB)` : " (inspected before)";
   const columnsTitle = h("summary");
   const table = h("details", { hidden: true }, columnsTitle, columns.element, h("p", { class: "note" }, "Change a guess if it is wrong. Two columns cannot be the same signal: if you choose a signal twice, the two columns are exchanged."));
   put(looked, h("h3", {}, "What the file seems to contain"), guesses.element, robotsFacts);
@@ -156,6 +178,8 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     h("p", { class: "actions" }, submit, h("button", { type: "button", onclick: leave }, "Leave it out")),
     table,
   );
+  form.files = file ? [file, ...further] : [];
+  form.leave = leave;
   // For a button that confirms several: whether all that is asked for is answered, and then whether it was stored.
   form.confirm = async () => !submit.disabled && form.reportValidity() && send();
   // Another robot: its joints and gains are what the file is to be looked at for.
@@ -178,12 +202,14 @@ function saidFields(called, known, role) {
   const roles = select(choicesOf(known.role), role, (value) => { load.hidden = value !== "payload"; }, { name: "role" });
   load.hidden = role !== "payload";
   const windows = h("input", { name: "windows", placeholder: "all; or 2 to 10, 15 to 30" });
+  const rate = h("input", { name: "rate", type: "number", step: "any", min: 0, placeholder: "by the file's times" });
   const delay = h("input", { name: "delay", type: "number", step: "any", placeholder: "0" });
   const element = h("div", { class: "fields" },
     field("Name", name, { pointer: "/metadata/name" }),
     field("Role", roles, { pointer: "/metadata/role", hint: "Guessed from the file's name (train, fit, excitation; val, test, held); without such a word the longest file is fitted." }),
     load,
     field("Windows (s of t)", windows, { pointer: "/metadata/windows", hint: "The intervals to use; you can drag them after the file is stored." }),
+    field("Rows per second", rate, { pointer: "/metadata/rate", hint: "Only for a file without times." }),
     field("Delay of the torque (ms)", delay, { pointer: "/metadata/torque_delay" }),
   );
   const values = () => ({
@@ -191,6 +217,7 @@ function saidFields(called, known, role) {
     role: roles.value,
     payload: roles.value === "payload" && mass.value ? { mass: Number(mass.value) } : null,
     windows: windowsIn(windows.value),
+    ...(rate.value ? { rate: Number(rate.value) } : {}),
     torque_delay: Number(delay.value) / 1000 || 0,
   });
   return { element, name, windows, values };

@@ -2,6 +2,7 @@
 
 import { h, put, select } from "../dom.js";
 import { percent } from "../format.js";
+import { inPageWords } from "./remedies.js";
 import { signalInWords } from "./revision_edits.js";
 
 const SURE = 0.7;
@@ -63,7 +64,7 @@ export class Guesses extends EventTarget {
     const others = questions.filter((one) => !rows.some(([, , , question]) => question === one));
     put(
       this.element,
-      others.map((one) => h("p", { class: "box warning", "data-question": one.field }, one.detail, one.choices?.length ? h("small", {}, ` (${one.choices.slice(0, 12).join(", ")})`) : null)),
+      others.map((one) => h("p", { class: "box warning", "data-question": one.field }, inPageWords(one.detail, one.remedies, this.joints), one.choices?.length ? h("small", {}, ` (${one.choices.slice(0, 12).join(", ")})`) : null)),
       h("dl", { class: "facts guesses" }, rows.map(([name, value, guess, question]) => [h("dt", {}, name), h("dd", {}, value, " ", reasonOf(guess, question))])),
     );
   }
@@ -101,9 +102,9 @@ export class Guesses extends EventTarget {
 }
 
 function reasonOf(guess, question) {
-  if (question) return h("span", { class: "mark warning" }, question.detail);
+  if (question) return h("span", { class: "mark warning" }, inPageWords(question.detail, question.remedies));
   if (!guess) return null;
   const sure = guess.confidence >= SURE;
   const looks = guess.field.startsWith("units/") ? `looks like ${guess.value}: ` : "";
-  return h("span", { class: sure ? "note" : "mark warning" }, `${looks}${guess.reason} (${percent(guess.confidence, 2)} sure)`);
+  return h("span", { class: sure ? "note" : "mark warning" }, `${looks}${inPageWords(guess.reason, guess.remedies)} (${percent(guess.confidence, 2)} sure)`);
 }

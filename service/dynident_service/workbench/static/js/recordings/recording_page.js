@@ -7,6 +7,7 @@ import { h, put, right, row, section, table } from "../dom.js";
 import { counted, moment, percent, quantity } from "../format.js";
 import { address } from "../page_address.js";
 import { liveSection } from "./live_estimates.js";
+import { actionOf } from "./remedies.js";
 import { editInWords, stretchesInWords } from "./revision_edits.js";
 import { RawStack } from "./raw_stack.js";
 import { revise, revisionsOf, takeBack } from "./revise.js";
@@ -104,14 +105,14 @@ function signalsSection(measurement, robot, signal) {
 
 function checksSection(measurement) {
   const said = h("div");
-  const apply = (check) => revise(measurement, check.apply, said);
+  const apply = (edit) => revise(measurement, edit, said);
   const inWords = (edit) => editInWords(edit, measurement.joints);
-  const cures = measurement.checks.filter((one) => one.apply);
+  const cures = measurement.checks.filter((one) => actionOf(one)?.edit);
   const hint = cures.length ? "Apply makes a revision of the recording, which can be undone; the file stays as it is." : "The checks propose no change.";
   return section("checks", "Checks",
     h("p", { class: "note" }, `${checksInWords(measurement.checks)}. ${hint}`),
     said,
-    checksTable(measurement.checks, null, { onApply: apply, inWords }),
+    checksTable(measurement.checks, null, { onApply: apply, inWords, joints: measurement.joints }),
     standstill(measurement),
   );
 }

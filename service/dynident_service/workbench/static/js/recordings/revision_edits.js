@@ -15,6 +15,9 @@ export function editInWords(edit, joints) {
     signs: (map) => Object.entries(map).map(([signal, sign]) => `${signalInWords(signal, joints)} ${sign < 0 ? "with the opposite sign" : "as in the file"}`).join(", "),
     scale: (map) => Object.entries(map).map(([signal, factor]) => `${signalInWords(signal, joints)} times ${number(factor)}`).join(", "),
     torque_delay: (delay) => `torque ${number(1000 * delay)} ms late`,
+    zeros: (map) => Object.entries(map).map(([signal, zero]) => `${signalInWords(signal, joints)} counted from ${number(zero)}`).join(", "),
+    skip: (steps) => `without the correction ${steps.map((one) => one.replaceAll("_", " ")).join(", ")}`,
+    rate: (rate) => `${number(rate)} rows per second`,
     role: (role) => `used for ${role}`,
     name: (name) => `called ${name}`,
   };

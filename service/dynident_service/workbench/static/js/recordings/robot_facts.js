@@ -42,11 +42,16 @@ export function placeFields(joints, gravity = null) {
     const box = h("input", { type: "checkbox", "data-locks": joint.name, checked: joint.locked !== undefined, "aria-label": `${joint.name} is locked`, onchange: () => { place.disabled = !box.checked; } });
     return row([joint.name, box, h("div", { "data-pointer": `/locked_joints/${joint.name}` }, place, ` ${unit}`)]);
   });
-  const fields = AXES.map((axis, index) => h("label", {}, `${axis} `, h("input", { type: "number", step: "any", class: "short", "data-gravity": axis, value: gravity?.[index] ?? "", placeholder: index === 2 ? "−9.81" : "0" })));
+  const fields = AXES.map((axis, index) => h("label", {}, `${axis} `, h("input", { type: "number", step: "any", class: "short", "data-gravity": axis, value: gravity?.[index] ?? "", placeholder: index === 2 ? "−9.81" : "0", oninput: zerosBeside })));
   return [
     table("Joints that are locked: no recording has columns for them", ["joint", "locked", "at"], rows, { class: "narrow" }),
     h("fieldset", { class: "actions", "data-pointer": "/gravity" }, h("legend", {}, "Gravity in the frame of the base (m/s²)"), fields, h("span", { class: "note" }, "empty: 9.81 downwards along −z. A robot on a wall or a ceiling has another.")),
   ];
+}
+
+/** Once one component is stated, the others are numbers, too: what a placeholder shows would not be sent. */
+function zerosBeside(event) {
+  for (const input of event.target.closest("fieldset").querySelectorAll("[data-gravity]")) if (input.value === "") input.value = "0";
 }
 
 /** What is filled in, as a robot's request takes it: { drives, locked_joints, gravity }. */
@@ -78,7 +83,9 @@ export function placesOf(robot, onRobot) {
   const { request } = robot;
   const locked = request.locked_joints ?? {};
   const others = Object.keys(locked).filter((name) => !robot.joints.some((one) => one.name === name));
-  const joints = [...robot.joints, ...others.map((name) => ({ name, type: "revolute" }))];
+  // The base of a robot that floats moves by joints of its own, which no description has.
+  const own = robot.joints.filter((one) => robot.base === "fixed" || !one.name.startsWith("base_"));
+  const joints = [...own, ...others.map((name) => ({ name, type: "revolute" }))];
   const body = h("div", {}, placeFields(joints.map((one) => ({ ...one, locked: locked[one.name] })), request.gravity));
   const wanted = () => {
     const { locked_joints, gravity } = factsIn(body);
