@@ -42,7 +42,7 @@ def test_a_foreign_file_is_proposed_and_becomes_a_measurement_in_one_call(client
     assert found["effort_kind"] == "joint_torque"
     assert found["preview"]["columns"][0] == "Zeit [ms]"
     assert len(found["preview"]["rows"][0]) == 5
-    assert {"field", "value", "confidence", "reason"} == set(found["guesses"][0])
+    assert {"field", "value", "confidence", "reason", "remedies"} == set(found["guesses"][0])
     assert client.get(f"/v1/imports/{found['id']}").json() == found
     assert client.get("/v1/imports").json()["items"][0] == found
 

@@ -72,7 +72,10 @@ def test_what_was_put_right_is_listed_and_can_be_undone(client: TestClient, robo
     # Data rows are counted from 1.
     assert correction["rows"] == {"count": 1, "first": [701]}
     check = next(check for check in stored.json()["checks"] if check["code"] == "corrupted_samples")
-    assert check["remedy"] == {"field": "skip", "value": ["corrupted_samples"]}
+    remedy = {"field": "skip", "value": ["corrupted_samples"], "text": '"skip": ["corrupted_samples"]'}
+    assert check["remedies"] == [remedy]
+    assert check["remedy"] == remedy
+    assert remedy["text"] in check["detail"]
     assert (check["values"]["column"], check["values"]["row"]) == ("q2", 701)
     undone = client.post(f"/v1/measurements/{stored.json()['id']}/revisions", json=correction["undo"])
     assert undone.status_code == 201, undone.text
