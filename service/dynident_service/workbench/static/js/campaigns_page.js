@@ -17,8 +17,10 @@ const WORDS = { asking: "the next motion is to be designed", designing: "the nex
 const BOXES = { reached: "good", unreachable: "warning", stopped: "warning" };
 // What most people ask for stands in the open, in this order; the rest of what may be asked is folded.
 const OPEN = ["robot_time", "runs", "duration", "sampling_rate"];
-const GOALS = { TorqueGoal: "torque is predicted well", ParametersGoal: "parameters are known well", EffectsGoal: "effects are found or ruled out" };
-const WORST = { torque: "joint", parameters: "parameter", effects: "effect" };
+const GOALS = { TorqueGoal: "torque is predicted well", ParametersGoal: "parameters are known well", EffectsGoal: "effects are found or ruled out", PayloadGoal: "a load on the last link is known well" };
+const WORST = { torque: "joint", parameters: "parameter", effects: "effect", payload: "quantity" };
+// What the virtual robot has where nothing else is said, and the load that is looked for.
+const LOADED = ["rotor_inertia", "coulomb", "viscous", "payload"].map((effect) => ({ effect }));
 const inTime = (seconds) => (seconds < 120 ? quantity(seconds, "s", 3) : quantity(seconds / 60, "min", 3));
 
 /** With `campaign` that one, else all campaigns and a form for a new one. */
@@ -132,7 +134,9 @@ function motionToMake(campaign, { robot, metadata, formats }, follow, said, fail
   const tell = async (measurement) => follow("/identifications", await post(`/campaigns/${campaign.id}/tell`, { measurement_id: measurement }), "Taking in the recording");
   const button = h("button", { type: "button", id: "simulate-run", disabled: !robot.has_inertias, onclick: () => pressed(button, async () => {
     const seed = campaign.steps.flatMap((one) => one.runs).length + 1;
-    const made = await post("/simulations", { robot_id: robot.id, design_id: campaign.design_id, name: `virtual run ${seed}`, seed });
+    const { goal } = campaign.request;
+    const load = goal.kind === "payload" && seed > goal.unloaded_runs ? { effects: LOADED } : {};
+    const made = await post("/simulations", { robot_id: robot.id, design_id: campaign.design_id, name: `virtual run ${seed}`, seed, ...load });
     await tell((await awaited("/simulations", made, "Simulating the motion", said, signal)).result.measurement_id);
   }, fail, signal) }, "Make it with the virtual robot");
   const step = campaign.steps.at(-1);
@@ -155,6 +159,9 @@ function aimOf(goal) {
 function goalInWords(goal) {
   if (goal.kind === "parameters") return `${goal.parameters.join(", ")} within ${percent(goal.error)}`;
   if (goal.kind === "effects") return `${goal.effects.join(", ")} found or ruled out`;
+  if (goal.kind === "payload") {
+    return goal.quantities.map((one) => `${one.replace("_", " ")} within ${one === "mass" ? quantity(goal.mass_error, "kg", 3) : quantity(goal.centre_error, "m", 3)}`).join(", ");
+  }
   return `torque within ${percent(goal.error)} up to ${percent(goal.speed)} of the speeds`;
 }
 
