@@ -114,7 +114,7 @@ def simulate_motion(path: Path, motion: Motion) -> tuple[FloatArray, FloatArray,
 def write_recording(path: Path, motion: Motion, rows: FloatArray) -> None:
     """Write t, q and tau (m, 1 + 2 n) of a recording; the file appears once it is complete."""
     names = ["t", *(f"q_{joint}" for joint in motion.joints), *(f"tau_{joint}" for joint in motion.joints)]
-    unfinished = path.with_name(f".{path.name}")
+    unfinished = path.with_name(f"{path.name}.part")
     np.savetxt(unfinished, rows, fmt="%.9g", delimiter=",", header=",".join(names), comments="")
     unfinished.replace(path)
 

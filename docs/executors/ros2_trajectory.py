@@ -6,6 +6,9 @@ The motion is one goal of the action `FollowJointTrajectory`, as joint_trajector
 have it; `/joint_states` is recorded while it runs, with the effort as torque. Check what your driver means by effort:
 some publish currents, some the torque that a model expects, some nothing.
 
+Rows are written to RECORDING.csv.part as they come, which becomes RECORDING.csv at the end: `dynident campaign` looks
+at them, and ends this script where the run is not worth going on with. It cancels the goal then, which stops the robot.
+
 The robot has to stand at the first posture. Where the controller rejects or aborts the goal, or the joint states lack
 effort, there is no recording, and the reason is printed. `rclpy`, `control_msgs` and `rosidl_runtime_py` come with
 ROS 2; source its setup file first.
@@ -14,9 +17,10 @@ ROS 2; source its setup file first.
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,9 +79,13 @@ def build_goal(joints: list[str], t: FloatArray, parts: dict[str, FloatArray]) -
 class StateRecorder:
     """Joint states by the names of the motion: messages have all joints of the robot, in an order of their own."""
 
-    def __init__(self, joints: list[str]) -> None:
-        self.joints = joints
-        self.rows: list[list[float]] = []
+    def __init__(self, joints: list[str], file: TextIO) -> None:
+        self.joints, self.file = joints, file
+        self.is_moving = False
+        self.first: Any = None
+        self.posture: list[float] = []
+        names = ["t", *(f"q_{joint}" for joint in joints), *(f"tau_{joint}" for joint in joints)]
+        file.write(",".join(names) + "\n")
 
     def add(self, message: Any) -> None:
         """Take in a message of the type sensor_msgs/JointState; one that lacks a joint is of other joints."""
@@ -87,22 +95,31 @@ class StateRecorder:
         columns = [places[joint] for joint in self.joints]
         if len(message.effort) <= max(columns):
             raise RunEndedError(f"{STATES} has no effort; without torques or currents nothing can be identified")
-        stamp = message.header.stamp
         values = [message.position[k] for k in columns] + [message.effort[k] for k in columns]
-        self.rows.append([stamp.sec + 1e-9 * stamp.nanosec, *values])
+        if not np.isfinite(values).all():
+            raise RunEndedError(f"{STATES} has positions or efforts that are no numbers")
+        stamp = message.header.stamp
+        if self.first is None or not self.is_moving:
+            self.first, self.posture = stamp, values[: len(columns)]
+        if self.is_moving:
+            # Whole numbers first: nanoseconds since 1970 have more digits than a float.
+            since = (stamp.sec - self.first.sec) + 1e-9 * (stamp.nanosec - self.first.nanosec)
+            self.file.write(",".join(f"{value:.9g}" for value in [since, *values]) + "\n")
 
 
-def follow(motion: Path, controller: str) -> tuple[list[str], FloatArray]:
-    """Move the robot along a motion; return its joints, and time, positions and efforts (m, 1 + 2 n)."""
+def follow(motion: Path, controller: str, file: TextIO) -> None:
+    """Move the robot along a motion; time, positions and efforts are written to a file as they come."""
     import rclpy
     from control_msgs.action import FollowJointTrajectory
     from rclpy.action import ActionClient
+    from rclpy.signals import SignalHandlerOptions
     from rosidl_runtime_py import set_message_fields
     from sensor_msgs.msg import JointState
 
     joints, t, parts = read_motion(motion)
-    recorder = StateRecorder(joints)
-    rclpy.init()
+    recorder = StateRecorder(joints, file)
+    # A signal ends this script by an exception, so that the goal is cancelled before ROS is shut down.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = rclpy.create_node("dynident_run")
         node.create_subscription(JointState, STATES, recorder.add, 1000)
@@ -117,36 +134,29 @@ def follow(motion: Path, controller: str) -> tuple[list[str], FloatArray]:
             return future.result()
 
         for _ in range(round(PATIENCE / 0.1)):
-            if recorder.rows:
+            if recorder.first is not None:
                 break
             rclpy.spin_once(node, timeout_sec=0.1)
         else:
             raise RunEndedError(f"{STATES} says nothing of {', '.join(joints)}")
-        apart = np.abs(np.array(recorder.rows[-1][1 : 1 + len(joints)]) - parts["q"][0])
-        if not (apart < NEAR).all():
+        if not (np.abs(np.array(recorder.posture) - parts["q"][0]) < NEAR).all():
             first = ", ".join(f"{joint} {value:.3f}" for joint, value in zip(joints, parts["q"][0], strict=True))
             raise RunEndedError(f"the robot does not stand at the first posture of the motion; move it to {first}")
         goal = FollowJointTrajectory.Goal()
         set_message_fields(goal, build_goal(joints, t, parts))
+        recorder.is_moving = True
         handle = wait_for(client.send_goal_async(goal), PATIENCE, "the controller did not answer")
         if not handle.accepted:
             raise RunEndedError("the controller rejected the motion")
-        recorder.rows.clear()
-        seconds = float(t[-1] - t[0]) + PATIENCE
         try:
-            answer = wait_for(handle.get_result_async(), seconds, "the motion did not end")
-        except RunEndedError:
-            handle.cancel_goal_async()
+            answer = wait_for(handle.get_result_async(), float(t[-1] - t[0]) + PATIENCE, "the motion did not end")
+        except BaseException:
+            rclpy.spin_until_future_complete(node, handle.cancel_goal_async(), timeout_sec=PATIENCE)
             raise
         if answer.status != _SUCCEEDED or answer.result.error_code:
             code = answer.result.error_code
             reason = _ERRORS.get(code, f"error {code}")
             raise RunEndedError(f"the controller aborted the motion: {reason} {answer.result.error_string}".rstrip())
-        rows = np.array(recorder.rows)
-        if not np.isfinite(rows).all():
-            raise RunEndedError(f"{STATES} has positions or efforts that are no numbers")
-        rows[:, 0] -= rows[0, 0]
-        return joints, rows
     finally:
         rclpy.shutdown()
 
@@ -158,17 +168,17 @@ def main(arguments: list[str] | None = None) -> int:
         parser.add_argument(name, type=Path)
     parser.add_argument("--controller", default=CONTROLLER, help="name of the trajectory controller")
     given = parser.parse_args(arguments)
+    unfinished = given.recording.with_name(f"{given.recording.name}.part")
     try:
-        joints, rows = follow(given.motion, given.controller)
+        with unfinished.open("w", encoding="utf-8", buffering=1) as file:
+            follow(given.motion, given.controller, file)
     except RunEndedError as error:
         print(f"run ended: {error}", file=sys.stderr)
         return 1
-    names = ["t", *(f"q_{joint}" for joint in joints), *(f"tau_{joint}" for joint in joints)]
-    unfinished = given.recording.with_name(f".{given.recording.name}")
-    np.savetxt(unfinished, rows, fmt="%.9g", delimiter=",", header=",".join(names), comments="")
     unfinished.replace(given.recording)
     return 0
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended by a signal"))
     sys.exit(main())

@@ -7,6 +7,9 @@ controller's own packages. The recording has the controller's time, positions an
 RTDE has no measured torque, and `target_moment` is only what the controller's own model expects. State drive gains
 with the robot, therefore.
 
+Rows are written to RECORDING.csv.part as they come, which becomes RECORDING.csv at the end: `dynident campaign` looks
+at them, and ends this script where the run is not worth going on with. The program then stops the arm.
+
 The arm has to stand at the first posture of the motion, and the controller has to be in remote control. The program
 stops if this script falls silent; the script stops the arm if it leaves the motion or its safety mode changes. Then
 there is no recording, and the reason is printed.
@@ -19,7 +22,7 @@ import socket
 import struct
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -169,10 +172,11 @@ def follow(
     host: str,
     t: FloatArray,
     q: FloatArray,
+    write_row: Callable[[Sequence[float]], object],
     frequency: float = FREQUENCY,
     ports: Sequence[int] = (RTDE_PORT, PROGRAM_PORT),
-) -> FloatArray:
-    """Move the arm along a motion; return time, positions and currents (m, 13) of the controller."""
+) -> None:
+    """Move the arm along a motion; `write_row` gets time, positions and currents (13,) as the controller sends them."""
     rtde = Rtde(host, ports[0])
     try:
         rtde.start(frequency)
@@ -183,13 +187,15 @@ def follow(
         token = 2 * int(time.time() % 1e9)
         with socket.create_connection((host, ports[1]), timeout=PATIENCE) as program:
             program.sendall(write_program(q[0], token, frequency).encode())
-            return _stream(rtde, token, t, q)
+            _stream(rtde, token, t, q, write_row)
     finally:
         rtde.close()
 
 
-def _stream(rtde: Rtde, token: int, t: FloatArray, q: FloatArray) -> FloatArray:
-    started, rows, deadline = None, [], time.monotonic() + PATIENCE
+def _stream(
+    rtde: Rtde, token: int, t: FloatArray, q: FloatArray, write_row: Callable[[Sequence[float]], object]
+) -> None:
+    started, deadline = None, time.monotonic() + PATIENCE
     while True:
         package = rtde.receive()
         now, actual = float(package["timestamp"][0]), package["actual_q"]
@@ -197,7 +203,7 @@ def _stream(rtde: Rtde, token: int, t: FloatArray, q: FloatArray) -> FloatArray:
         if mode not in _SAFE_MODES:
             raise RunEndedError(f"the controller stopped the arm (safety mode {mode})")
         if message == token + 1:
-            return np.array(rows)
+            return
         if started is None:
             rtde.send(_WAIT, q[0])
             if message == token:
@@ -214,7 +220,7 @@ def _stream(rtde: Rtde, token: int, t: FloatArray, q: FloatArray) -> FloatArray:
             raise RunEndedError(f"joint {joint} does not follow after {since:.2f} s")
         rtde.send(_FOLLOW if since < t[-1] else _END, target)
         if since <= t[-1]:
-            rows.append([since, *actual, *package["actual_current"]])
+            write_row([since, *actual, *package["actual_current"]])
 
 
 def main(arguments: list[str] | None = None, ports: Sequence[int] = (RTDE_PORT, PROGRAM_PORT)) -> int:
@@ -225,15 +231,20 @@ def main(arguments: list[str] | None = None, ports: Sequence[int] = (RTDE_PORT, 
         parser.add_argument(name, type=Path)
     parser.add_argument("--frequency", type=float, default=FREQUENCY, help="packages per second: 500, or 125 of a CB3")
     given = parser.parse_args(arguments)
+    unfinished = given.recording.with_name(f"{given.recording.name}.part")
     try:
         joints, t, q = read_motion(given.motion)
-        rows = follow(given.host, t, q, given.frequency, ports)
+        with unfinished.open("w", encoding="utf-8", buffering=1) as rows:
+            names = ["t", *(f"q_{joint}" for joint in joints), *(f"current_{joint}" for joint in joints)]
+            rows.write(",".join(names) + "\n")
+
+            def write_row(values: Sequence[float]) -> None:
+                rows.write(",".join(f"{value:.9g}" for value in values) + "\n")
+
+            follow(given.host, t, q, write_row, given.frequency, ports)
     except (RunEndedError, OSError) as error:
         print(f"run ended: {error}", file=sys.stderr)
         return 1
-    names = ["t", *(f"q_{joint}" for joint in joints), *(f"current_{joint}" for joint in joints)]
-    unfinished = given.recording.with_name(f".{given.recording.name}")
-    np.savetxt(unfinished, rows, fmt="%.9g", delimiter=",", header=",".join(names), comments="")
     unfinished.replace(given.recording)
     return 0
 

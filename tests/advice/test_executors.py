@@ -280,7 +280,9 @@ class Done:
 @pytest.fixture
 def ros(monkeypatch):
     """The part of ROS 2 that the script uses, as its documents describe it, with a robot that follows a goal."""
-    robot = SimpleNamespace(goal=None, callback=None, cancelled=False, accepted=True, status=4, code=0, q=None)
+    robot = SimpleNamespace(
+        goal=None, moves=False, callback=None, cancelled=False, accepted=True, status=4, code=0, q=None
+    )
     robot.effort, robot.joints = True, ARM.joint_names
 
     def publish(k: int, q) -> None:
@@ -297,12 +299,14 @@ def ros(monkeypatch):
         accepted = property(lambda _: robot.accepted)
 
         def get_result_async(self):
+            robot.moves = True
             return Done(SimpleNamespace(
                 status=robot.status, result=SimpleNamespace(error_code=robot.code, error_string="")
             )) if robot.status else Done(None)  # fmt: skip
 
         def cancel_goal_async(self):
             robot.cancelled = True
+            return Done(True)
 
     class ActionClient:
         def __init__(self, node, kind, name) -> None:
@@ -316,7 +320,7 @@ def ros(monkeypatch):
             return Done(Handle())
 
     def spin(node, future, timeout_sec) -> None:
-        if robot.goal is not None and not isinstance(future.result(), Handle):
+        if robot.moves and not robot.cancelled:
             for k, point in enumerate(robot.goal["trajectory"]["points"]):
                 publish(k, point["positions"])
 
@@ -326,11 +330,12 @@ def ros(monkeypatch):
 
     modules = {
         "rclpy": {
-            "init": lambda: None, "shutdown": lambda: None, "spin_until_future_complete": spin,
+            "init": lambda signal_handler_options: None, "shutdown": lambda: None, "spin_until_future_complete": spin,
             "create_node": lambda name: SimpleNamespace(create_subscription=subscribe),
             "spin_once": lambda node, timeout_sec: publish(0, robot.q),
         },
         "rclpy.action": {"ActionClient": ActionClient},
+        "rclpy.signals": {"SignalHandlerOptions": SimpleNamespace(NO=0)},
         "control_msgs": {},
         "control_msgs.action": {"FollowJointTrajectory": SimpleNamespace(Goal=SimpleNamespace)},
         "rosidl_runtime_py": {"set_message_fields": lambda goal, fields: setattr(goal, "fields", fields)},
@@ -385,3 +390,22 @@ def test_a_motion_that_ros_does_not_finish_leaves_no_recording(ros, tmp_path, ca
     assert words in capsys.readouterr().err
     assert not recording.exists()
     assert ros.cancelled == (changes == {"status": 0})
+
+
+def test_a_script_that_is_ended_cancels_the_motion(ros, tmp_path, monkeypatch):
+    motion, recording = tmp_path / "motion.csv", tmp_path / "run.csv"
+    design = dy.Campaign(ARM, request=CampaignRequest(design=DESIGN)).ask()
+    design.save(motion)
+    ros.q = design.design.q[0]
+    spin = sys.modules["rclpy"].spin_until_future_complete
+
+    def end(node, future, timeout_sec) -> None:
+        if ros.moves and not ros.cancelled:
+            raise SystemExit("ended by a signal")
+        spin(node, future, timeout_sec)
+
+    monkeypatch.setattr(sys.modules["rclpy"], "spin_until_future_complete", end)
+    with pytest.raises(SystemExit):
+        load_script("ros2_trajectory").main([str(motion), str(recording)])
+    assert ros.cancelled
+    assert not recording.exists()

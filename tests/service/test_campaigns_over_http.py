@@ -175,6 +175,6 @@ def test_a_load_is_weighed_after_it_was_mounted(live: Client) -> None:
             break
     assert campaign.state == "reached", campaign["decision"]
     assert re.search(r"mass 2\.\d+ ± 0\.0\d+ kg, centre x", campaign["decision"]["sentence"])
-    (mass,) = (parameter for parameter in model.parameters if parameter["name"].startswith("Mp"))
+    (mass,) = (parameter for parameter in model.result["parameters"] if parameter["name"].startswith("Mp"))
     # The usual load of this arm: a tenth of its vertical force, as the virtual robot has it.
     assert mass["interval"][0] < 2.1237 < mass["interval"][1]

@@ -222,8 +222,8 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
     """Design the next motion of a campaign, and tell what it promises.
 
     The first motion is slow, since nothing is known of the torque but the description, and so is the first one with a
-    load. Each later one complements the recordings so far: it lowers the variance of what is to be known, within limits
-    of torque that the model so far keeps with its uncertainty.
+    load. Each later one lowers the variance of what is to be known, beside the recordings so far, within limits of
+    torque that the model keeps with its uncertainty.
 
     Parameters
     ----------
@@ -231,11 +231,6 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
         The campaign.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
-
-    Returns
-    -------
-    PlannedRun
-        The motion, and the errors that it promises.
 
     Raises
     ------
@@ -330,7 +325,7 @@ def add_run(
     if planned is not None and not follows_design(recording, planned.design):
         planned = None
     # Before anything is fitted to it, the run tests the model: a prediction that nothing was chosen on.
-    predicted = None if before is None else compare_with_run(before, recording).predicted
+    predicted = None if before is None else compare_with_run(before, name_as_loaded(state, recording)).predicted
     recordings = (*state.recordings, recording)
     # From the effects asked for each time: what one run alone suggested has to show in all of them.
     choices = add_load(state.request, recordings).choices
@@ -358,6 +353,11 @@ def add_run(
     )
     extended = replace(state, recordings=recordings, runs=(*state.runs, run), identification=identification)
     return replace(extended, decision=decide(extended, measure, planned))
+
+
+def name_as_loaded(state: CampaignState, recording: Recording) -> Recording:
+    """Return a recording as a model before it is to see it: of a run with the load, under the name of one of these."""
+    return replace(recording, name=state.recordings[-1].name) if state.is_load_due else recording
 
 
 def _list_places(choices: Sequence[EffectChoice]) -> set[tuple[str, tuple[str, ...]]]:
@@ -435,7 +435,9 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
             else f"Less than one run is left of {state.request.minutes:g} min"
         )
         return Decision("out_of_time", f"{spent}. {stand}. Give more{larger}.{remarks}")
-    if planned is not None and measure is not None and len(state.runs) >= FEWEST_RUNS:
+    # The first motion, with a load the first one with it, is slow: its repetition says little of those to come.
+    n_before = state.request.unloaded_runs if state.request.goal == "payload" else 0
+    if planned is not None and measure is not None and len(state.runs) >= n_before + FEWEST_RUNS:
         at_end = _predict_end(state, measure, planned)
         if (at_end > _BROKEN_PROMISE * goal).any():
             joint = int(np.argmax(at_end))

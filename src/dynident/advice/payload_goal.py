@@ -85,7 +85,8 @@ class PayloadErrors:
             # The centre is the first moment over the mass.
             slopes[k, 0], slopes[k, 1 + k] = -moments[k] / mass**2, 1.0 / mass
         deviations = np.sqrt(np.maximum(np.einsum("ka,ab,kb->k", slopes, part, slopes), 0.0))
-        widths = np.asarray(scipy.stats.t.ppf(_CONFIDENCE, self.freedom.min()) * deviations)
+        freedom = np.where(is_mass, self.freedom[0], np.minimum(self.freedom[0], self.freedom[1:]))
+        widths = np.asarray(scipy.stats.t.ppf(_CONFIDENCE, freedom) * deviations)
         # A load of no mass has its centre anywhere.
         widths[~is_mass & (not is_shown)] = np.inf
         return widths

@@ -221,8 +221,11 @@ def _compute_covariance(identification: Identification, measure: ErrorMeasure) -
     poorly how uncertain a sum over many parameters is; the next run would change it by chance as much as by what it
     adds. For the torque, the correlation of the residuals is pooled over all parameters of a joint instead.
     """
-    if not isinstance(measure, RegionRows):
-        return identification.statistics.covariance
+    is_of_torque = isinstance(measure, RegionRows)
+    return _compute_pooled_covariance(identification) if is_of_torque else identification.statistics.covariance
+
+
+def _compute_pooled_covariance(identification: Identification) -> FloatArray:
     return compute_statistics(identification.data.training, identification.estimate.solution, "by_joint").covariance
 
 
@@ -231,8 +234,8 @@ def predict_errors(
 ) -> FloatArray:
     """Return the relative errors (k,) of the targets that uncertain parameters will cause after a planned motion.
 
-    A second of the motion leaves as many rows as a second of the recordings so far, with the same noise, and the errors
-    of correlated rows are as many times larger than those of independent ones as they are now.
+    A second of the motion leaves as many rows as a second of the recordings so far, with the same noise and the same
+    correlation.
 
     Parameters
     ----------
@@ -252,28 +255,33 @@ def predict_errors(
     (k,)
         Relative errors, with 95 % probability.
     """
-    solution, freedom = identification.estimate.solution, identification.statistics.median_freedom
+    statistics, solution = identification.statistics, identification.estimate.solution
     # The ways there and back tell something, too, and count in the seconds of the recordings.
     samples = np.arange(0, len(design.t), max(1, len(design.t) // _PLANNED_SAMPLES))
     planned = evaluate_rows(identification, design.q[samples], design.dq[samples], design.ddq[samples])
     # The equation of a joint that stands tells nothing.
     planned *= (np.abs(design.dq[samples]) > STANDSTILL_VELOCITY)[:, :, None]
-    # Rows that the filters will leave of the planned motion, in units of each joint's noise.
-    weights = (
-        repetitions * design.duration * identification.data.training.row_counts / seconds / identification.noise**2
+    # Rows that the filters will leave of the planned motion: what they weigh, and the variance of their sums.
+    counts = identification.data.training.row_counts
+    weights = repetitions * design.duration * counts / seconds / solution.noise**2
+    inflated = weights * (counts / statistics.effective_rows) * (identification.noise / solution.noise) ** 2
+    gained, spread = (
+        np.einsum("mja,j,mjb->ab", planned, each, planned, optimize=True) / len(planned) for each in (weights, inflated)
     )
-    gained = np.einsum("mja,j,mjb->ab", planned, weights, planned, optimize=True) / len(planned)
-    # (WᵀW + G)⁻¹ by Woodbury with G = LLᵀ: (WᵀW)⁻¹ may be singular where constraints hold, and is not inverted.
+    # B' = (WᵀW + G)⁻¹ = P (WᵀW)⁻¹ by Woodbury with G = LLᵀ: (WᵀW)⁻¹ may be singular where constraints hold, and is not
+    # inverted.
     values, vectors = np.linalg.eigh(gained)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    independent = solution.normal_inverse
-    spread = independent @ root
-    left = independent - spread @ np.linalg.solve(np.eye(len(values)) + root.T @ spread, spread.T)
-    # Rows are correlated, so that the errors are larger than those of independent rows: by as much as they are now.
-    covariances = _compute_covariance(identification, measure), independent
-    now, of_independent = (measure.compute_errors(covariance, freedom) for covariance in covariances)
-    excess = np.divide(now, of_independent, out=np.ones_like(now), where=of_independent > 0)
-    return np.asarray(excess * measure.compute_errors(0.5 * (left + left.T), freedom))
+    seen = solution.normal_inverse @ root
+    kept = np.eye(len(values)) - seen @ np.linalg.solve(np.eye(len(values)) + root.T @ seen, root.T)
+    bread = kept @ solution.normal_inverse
+    pooled = _compute_pooled_covariance(identification)
+    left = kept @ pooled @ kept.T + bread @ spread @ bread.T
+    # The uncertainty over blocks of time is as many times larger than the pooled one as it is now.
+    covariances = _compute_covariance(identification, measure), pooled, 0.5 * (left + left.T)
+    now, of_pooled, then = (measure.compute_errors(covariance, statistics.median_freedom) for covariance in covariances)
+    excess = np.divide(now, of_pooled, out=np.ones_like(now), where=np.isfinite(now) & (of_pooled > 0))
+    return np.asarray(excess * then)
 
 
 def follows_design(recording: Recording, design: Design) -> bool:
