@@ -31,6 +31,7 @@ from dynident.excitation.criteria.optimality_criteria import compute_true_values
 from dynident.excitation.criteria.prediction_region import Region, collect_region, draw_region
 from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.excitation.expected_torque import ExpectedTorque
+from dynident.reports.figures.design import draw_campaign
 from dynident.simulation import (
     Reference,
     Sensors,
@@ -303,6 +304,7 @@ def test_a_campaign_weighs_a_load_that_is_mounted_after_the_runs_without_it():
         plans.append(plan_run(state))
         loaded = state.is_load_due
         state = add_run(state, with_load(plans[-1].design, f"run{len(state.runs) + 1}", loaded), plans[-1])
+        assert "runs: none" in draw_campaign(state)
         if len(state.runs) <= request.unloaded_runs:
             words = "Mount the load now" if state.is_load_due else "Leave the load off for the next run"
             assert state.decision.sentence.startswith(words)

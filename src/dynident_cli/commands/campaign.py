@@ -84,12 +84,14 @@ def campaign(
     reached.
     """
     from dynident.advice.campaign import add_run, plan_run, start_campaign
+    from dynident.api.figure import join_figures
     from dynident.api.motion_design import DesignedMotion
     from dynident.excitation.criteria.prediction_region import collect_region
     from dynident.file_output import write_atomically
     from dynident.identification import to_bytes
     from dynident.presentation.design_tables import build_campaign_table
     from dynident.progress import scale_progress
+    from dynident.reports.figures.design import draw_campaign
     from dynident_cli import argument_loading, command_output
     from dynident_cli.contract_documents import load_limits, load_surroundings
     from dynident_cli.design_and_simulation_files import (
@@ -133,6 +135,8 @@ def campaign(
             state = add_run(state, added, planned, scale_progress(progress, 0.1, 1.0))
         assert state.identification is not None
         write_atomically(folder / "model.npz", to_bytes(state.identification))
+        figure = join_figures([draw_campaign(state)], f"campaign with {machine.name}")
+        write_atomically(folder / "campaign.svg", figure.svg.encode())
         console.print(f"{name}: {state.decision.sentence}")
     table = build_campaign_table(state.runs, state.request, state.robot.joint_names)
     results = command_output.result_console()
