@@ -23,7 +23,7 @@ from dynident.diagnosis.comparison.noise_floor import judge
 from dynident.diagnosis.diagnosis_request import check_candidates
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation.parameter_covariance import statistics as compute_statistics
+from dynident.estimation.parameter_covariance import compute_sandwich_covariance
 from dynident.excitation import CriterionChoice, Design
 from dynident.excitation.criteria.design_criterion import select_parameters
 from dynident.excitation.criteria.prediction_region import Region, collect_region
@@ -219,14 +219,22 @@ def _compute_covariance(identification: Identification, measure: ErrorMeasure) -
 
     Of a parameter it is that of its interval in all tables: its spread over blocks of time. These are few, and say
     poorly how uncertain a sum over many parameters is; the next run would change it by chance as much as by what it
-    adds. For the torque, the correlation of the residuals is pooled over all parameters of a joint instead.
+    adds. For the torque, the correlation of the residuals is pooled over parameters and joints instead.
     """
-    is_of_torque = isinstance(measure, RegionRows)
-    return _compute_pooled_covariance(identification) if is_of_torque else identification.statistics.covariance
+    if not isinstance(measure, RegionRows):
+        return identification.statistics.covariance
+    training, solution = identification.data.training, identification.estimate.solution
+    return compute_sandwich_covariance(training, solution, _pool_inflation(identification))
 
 
-def _compute_pooled_covariance(identification: Identification) -> FloatArray:
-    return compute_statistics(identification.data.training, identification.estimate.solution, "by_joint").covariance
+def _pool_inflation(identification: Identification) -> FloatArray:
+    """Return by how much each joint's rows (n,) overstate the information: half way from its own to that of all.
+
+    A joint's own factor, from a dozen blocks of time, is by chance up to twice too large or too small.
+    """
+    counts, effective = identification.data.training.row_counts, identification.statistics.effective_rows
+    own = np.divide(counts, effective, out=np.ones(len(counts)), where=effective > 0)
+    return np.asarray(np.sqrt(own * np.exp(np.log(own).mean())))
 
 
 def predict_errors(
@@ -256,15 +264,17 @@ def predict_errors(
         Relative errors, with 95 % probability.
     """
     statistics, solution = identification.statistics, identification.estimate.solution
-    # The ways there and back tell something, too, and count in the seconds of the recordings.
-    samples = np.arange(0, len(design.t), max(1, len(design.t) // _PLANNED_SAMPLES))
+    # Of the ways there and back the filters leave little.
+    inside = np.flatnonzero((design.t >= design.exciting[0]) & (design.t <= design.exciting[1]))
+    samples = inside[:: max(1, len(inside) // _PLANNED_SAMPLES)]
     planned = evaluate_rows(identification, design.q[samples], design.dq[samples], design.ddq[samples])
     # The equation of a joint that stands tells nothing.
     planned *= (np.abs(design.dq[samples]) > STANDSTILL_VELOCITY)[:, :, None]
     # Rows that the filters will leave of the planned motion: what they weigh, and the variance of their sums.
     counts = identification.data.training.row_counts
-    weights = repetitions * design.duration * counts / seconds / solution.noise**2
-    inflated = weights * (counts / statistics.effective_rows) * (identification.noise / solution.noise) ** 2
+    duration, inflation = repetitions * (design.exciting[1] - design.exciting[0]), _pool_inflation(identification)
+    weights = duration * counts / seconds / solution.noise**2
+    inflated = weights * inflation * (statistics.noise / solution.noise) ** 2
     gained, spread = (
         np.einsum("mja,j,mjb->ab", planned, each, planned, optimize=True) / len(planned) for each in (weights, inflated)
     )
@@ -275,7 +285,7 @@ def predict_errors(
     seen = solution.normal_inverse @ root
     kept = np.eye(len(values)) - seen @ np.linalg.solve(np.eye(len(values)) + root.T @ seen, root.T)
     bread = kept @ solution.normal_inverse
-    pooled = _compute_pooled_covariance(identification)
+    pooled = compute_sandwich_covariance(identification.data.training, solution, inflation)
     left = kept @ pooled @ kept.T + bread @ spread @ bread.T
     # The uncertainty over blocks of time is as many times larger than the pooled one as it is now.
     covariances = _compute_covariance(identification, measure), pooled, 0.5 * (left + left.T)
