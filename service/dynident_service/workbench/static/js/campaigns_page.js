@@ -39,8 +39,8 @@ export async function page(target, wanted, signal) {
     ["date", (one) => moment(one.created_at)],
     ["state", (one) => WORDS[one.state]],
     figures("robot time", (one) => one.robot_time, inTime),
-    figures("error", (one) => one.achieved, percent),
-    figures("goal", (one) => aimOf(one.request.goal), percent),
+    figures("error", (one) => one.achieved, (error) => percent(error)),
+    figures("goal", (one) => aimOf(one.request.goal), (aim) => percent(aim)),
   ];
   put(target, h("h1", {}, "Campaigns"),
     h("p", {}, "Say how accurate the model has to be. dynident designs one motion after the other, until the goal is reached or cannot be."),
