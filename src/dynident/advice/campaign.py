@@ -13,7 +13,14 @@ from typing import Literal
 import numpy as np
 
 from dynident.advice.campaign_request import DESIGN_SECONDS, CampaignRequest, describe_first_run
-from dynident.advice.payload_goal import PayloadErrors, add_load, choose_load, name_load_parameters
+from dynident.advice.payload_goal import (
+    PayloadErrors,
+    add_load,
+    choose_load,
+    has_load,
+    name_as_loaded,
+    name_load_parameters,
+)
 from dynident.advice.prediction_error import (
     ErrorMeasure,
     RegionRows,
@@ -249,7 +256,7 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
     # A recording without noise has residuals that are rounding.
     smallest = _LEAST_NOISE * max(float(identification.noise.max()), 1.0)
     effects = identification.model.effects
-    if state.is_load_due and all(choice.effect != "payload" for choice in effects):
+    if state.is_load_due and not has_load(effects):
         effects = (*effects, choose_load(()))
     noise = dict(zip(state.robot.joint_names, map(float, np.maximum(identification.noise, smallest)), strict=True))
     design = design_experiment(
@@ -325,7 +332,8 @@ def add_run(
     if planned is not None and not follows_design(recording, planned.design):
         planned = None
     # Before anything is fitted to it, the run tests the model: a prediction that nothing was chosen on.
-    predicted = None if before is None else compare_with_run(before, name_as_loaded(state, recording)).predicted
+    tested = name_as_loaded(recording, state.recordings) if state.is_load_due else recording
+    predicted = None if before is None else compare_with_run(before, tested).predicted
     recordings = (*state.recordings, recording)
     # From the effects asked for each time: what one run alone suggested has to show in all of them.
     choices = add_load(state.request, recordings).choices
@@ -353,11 +361,6 @@ def add_run(
     )
     extended = replace(state, recordings=recordings, runs=(*state.runs, run), identification=identification)
     return replace(extended, decision=decide(extended, measure, planned))
-
-
-def name_as_loaded(state: CampaignState, recording: Recording) -> Recording:
-    """Return a recording as a model before it is to see it: of a run with the load, under the name of one of these."""
-    return replace(recording, name=state.recordings[-1].name) if state.is_load_due else recording
 
 
 def _list_places(choices: Sequence[EffectChoice]) -> set[tuple[str, tuple[str, ...]]]:

@@ -13,7 +13,7 @@ import scipy
 
 from dynident.advice.campaign_request import LOAD_QUANTITIES, CampaignRequest
 from dynident.array_types import FloatArray, IndexArray
-from dynident.effects import EffectChoice, get_role
+from dynident.effects import EffectChoice, choose_payload, get_role
 from dynident.errors import DynidentError
 from dynident.estimation.parameter_covariance import NORMAL_95
 from dynident.excitation.design_observation_matrix import DesignModel, build_design_model
@@ -94,7 +94,31 @@ class PayloadErrors:
 
 def choose_load(loaded: Sequence[Recording]) -> EffectChoice:
     """Return the load as an effect of the loaded runs; of the run that is planned, where there is none yet."""
-    return EffectChoice("payload", runs=tuple(recording.name for recording in loaded) or (_PLANNED,))
+    return replace(choose_payload(_PLANNED), runs=tuple(recording.name for recording in loaded) or (_PLANNED,))
+
+
+def has_load(effects: Sequence[EffectChoice]) -> bool:
+    """Return whether a load is among effects: of those that a campaign identifies, it alone acts in some runs only.
+
+    Parameters
+    ----------
+    effects : sequence of EffectChoice
+        The effects of a model.
+    """
+    return any(choice.runs for choice in effects)
+
+
+def name_as_loaded(recording: Recording, earlier: Sequence[Recording]) -> Recording:
+    """Return a recording with the load under the name of the run before it, in which a model knows the load.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording of a run with the load.
+    earlier : sequence of Recording
+        The runs before it.
+    """
+    return replace(recording, name=earlier[-1].name)
 
 
 def name_load_parameters(robot: Robot, request: CampaignRequest) -> tuple[str, ...]:

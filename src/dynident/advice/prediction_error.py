@@ -278,15 +278,15 @@ def predict_errors(
     gained, spread = (
         np.einsum("mja,j,mjb->ab", planned, each, planned, optimize=True) / len(planned) for each in (weights, inflated)
     )
-    # B' = (WᵀW + G)⁻¹ = P (WᵀW)⁻¹ by Woodbury with G = LLᵀ: (WᵀW)⁻¹ may be singular where constraints hold, and is not
-    # inverted.
+    # B' = (WᵀW + G)⁻¹ is the update times (WᵀW)⁻¹, by Woodbury with G = LLᵀ: (WᵀW)⁻¹ may be singular where
+    # constraints hold, and is not inverted.
     values, vectors = np.linalg.eigh(gained)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     seen = solution.normal_inverse @ root
-    kept = np.eye(len(values)) - seen @ np.linalg.solve(np.eye(len(values)) + root.T @ seen, root.T)
-    bread = kept @ solution.normal_inverse
+    update = np.eye(len(values)) - seen @ np.linalg.solve(np.eye(len(values)) + root.T @ seen, root.T)
+    bread = update @ solution.normal_inverse
     pooled = compute_sandwich_covariance(identification.data.training, solution, inflation)
-    left = kept @ pooled @ kept.T + bread @ spread @ bread.T
+    left = update @ pooled @ update.T + bread @ spread @ bread.T
     # The uncertainty over blocks of time is as many times larger than the pooled one as it is now.
     covariances = _compute_covariance(identification, measure), pooled, 0.5 * (left + left.T)
     now, of_pooled, then = (measure.compute_errors(covariance, statistics.median_freedom) for covariance in covariances)

@@ -12,11 +12,11 @@ from dynident.advice.campaign import (
     Decision,
     PlannedRun,
     add_run,
-    name_as_loaded,
     plan_run,
     start_campaign,
 )
 from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.payload_goal import has_load, name_as_loaded
 from dynident.api.argument_checks import check_arguments, require
 from dynident.api.effect_arguments import check_effects, resolve_effects
 from dynident.api.figure import Figure, join_figures
@@ -289,10 +289,12 @@ def find_faults_under_way(
     reasons = find_stop_reasons(checked.recording, checked.checks, limits, motion)
     model = state.identification
     # A load that is mounted for the first time is nothing that the model can know of.
-    if model is None or (state.is_load_due and all(choice.effect != "payload" for choice in model.model.effects)):
+    if model is None or (state.is_load_due and not has_load(model.model.effects)):
         return reasons
     try:
-        comparison = compare_recording(model, name_as_loaded(state, checked.recording))
+        recording = checked.recording
+        tested = name_as_loaded(recording, state.recordings) if state.is_load_due else recording
+        comparison = compare_recording(model, tested)
     except DynidentError:
         # Shorter than the filters are long.
         return reasons

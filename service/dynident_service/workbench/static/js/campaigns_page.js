@@ -2,6 +2,7 @@
 
 import { get, post } from "./api.js";
 import { field, figures, h, listed, part, put, select } from "./dom.js";
+import { USUAL_DRIVES } from "./first_model.js";
 import { moment, number, percent, quantity } from "./format.js";
 import { awaited } from "./jobs.js";
 import { measurementForm } from "./measurement_form.js";
@@ -20,7 +21,7 @@ const OPEN = ["robot_time", "runs", "duration", "sampling_rate"];
 const GOALS = { TorqueGoal: "torque is predicted well", ParametersGoal: "parameters are known well", EffectsGoal: "effects are found or ruled out", PayloadGoal: "a load on the last link is known well" };
 const WORST = { torque: "joint", parameters: "parameter", effects: "effect", payload: "quantity" };
 // What the virtual robot has where nothing else is said, and the load that is looked for.
-const LOADED = ["rotor_inertia", "coulomb", "viscous", "payload"].map((effect) => ({ effect }));
+const LOADED = [...USUAL_DRIVES, "payload"].map((effect) => ({ effect }));
 const inTime = (seconds) => (seconds < 120 ? quantity(seconds, "s", 3) : quantity(seconds / 60, "min", 3));
 
 /** With `campaign` that one, else all campaigns and a form for a new one. */
