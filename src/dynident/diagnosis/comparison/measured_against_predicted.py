@@ -34,7 +34,7 @@ from dynident.regressors.row_phases import RowPhases, changes_at_rest
 # Length of an interval, s, and number of those that are reported.
 _INTERVAL = 0.5
 _WORST = 12
-_CONTACT, _BANDS, _CONTACT_ROWS = 0.2, 3.0, 3
+_CONTACT, _BANDS, _CONTACT_ROWS = 0.1, 3.0, 3
 """Share of a joint's torque limit that a model may be wrong by at most where nothing is touched, also in multiples of
 its 95 % band; filtered rows in a row that are beyond both."""
 
