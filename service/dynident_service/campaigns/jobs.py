@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def build_campaign_request(body: CampaignRequest) -> RequestedCampaign:
     if body.effects is not None:
         choices = replace(choices, effects=from_wire_choices(body.effects))
     named = {"error", "speed", "parameters", "quantities", "mass_error", "centre_error", "unloaded_runs"}
-    goal = {
+    goal: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in body.goal.model_dump(include=named).items()
     }
