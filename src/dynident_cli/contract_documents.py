@@ -186,7 +186,7 @@ def describe_validation(trial: Trial, outcome: TrialResult, names: Sequence[str]
 
 def describe_gains(robot: Robot, gains: DriveGains, loads: Sequence[tuple[str, PayloadEstimate]]) -> Document:
     """Describe drive gains, and the loads that were weighed by them, by name."""
-    from dynident_service.drive_gains.adapters import describe_gains as describe
+    from dynident_service.drive_gains.jobs import describe_gains as describe
 
     return to_document(describe(robot, gains, [(name, name, load) for name, load in loads]))
 

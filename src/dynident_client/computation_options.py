@@ -49,7 +49,7 @@ class CampaignOptions(TypedDict, total=False):
     """Effects of the first model; by default the usual ones"""
     first_speed: float
     """Share of the velocity limits that the first run keeps to (above 0 to 1)"""
-    goal: TorqueGoal | ParametersGoal | EffectsGoal
+    goal: TorqueGoal | ParametersGoal | EffectsGoal | PayloadGoal
     """What is to be known"""
     home: Sequence[float] | None
     """Posture where the motion begins and ends, in rad or m"""
@@ -261,6 +261,20 @@ class ParametersGoal(TypedDict, total=False):
     kind: Literal["parameters"]
     parameters: Sequence[str]
     """Names of base parameters"""
+
+
+class PayloadGoal(TypedDict, total=False):
+    """A load on the last link whose mass and centre are known as well as asked for."""
+
+    centre_error: float
+    """For the goal payload: each coordinate of its centre to within so much, in m (above 0 to 1e+16)"""
+    kind: Literal["payload"]
+    mass_error: float
+    """For the goal payload: the mass to within so much, in kg (above 0 to 1e+16)"""
+    quantities: Sequence[Literal["mass", "centre_x", "centre_y", "centre_z"]]
+    """What is to be known; the centre is in the frame of the last joint"""
+    unloaded_runs: int
+    """For the goal payload: runs that are made before the load is mounted (1 to 100)"""
 
 
 class Preprocessing(TypedDict, total=False):

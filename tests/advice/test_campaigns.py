@@ -19,6 +19,7 @@ from dynident.advice.campaign import add_run, decide, plan_run, start_campaign
 from dynident.advice.campaign_request import CampaignRequest
 from dynident.advice.prediction_error import (
     RegionRows,
+    build_measure,
     compute_effect_errors,
     compute_region_rows,
     follows_design,
@@ -29,6 +30,8 @@ from dynident.excitation.criteria.design_criterion import build_design_criterion
 from dynident.excitation.criteria.optimality_criteria import compute_true_values
 from dynident.excitation.criteria.prediction_region import Region, collect_region, draw_region
 from dynident.excitation.design_observation_matrix import build_design_model
+from dynident.excitation.expected_torque import ExpectedTorque
+from dynident.reports.figures.design import draw_campaign
 from dynident.simulation import (
     Reference,
     Sensors,
@@ -280,10 +283,71 @@ def test_a_campaign_for_an_effect_finds_it_or_rules_it_out():
         assert ("stribeck" in found) == bool(hidden)
 
 
+def with_load(design, name: str, loaded: bool):
+    """The recording of a run, with a load of 2.12 kg, 3 cm beside the axis of the last joint, or without one."""
+    effects = list_drive_effects(ARM)
+    if loaded:
+        usual = build_typical_effect(ARM, "payload", ARM.joint_names[-1])
+        effects = (*effects, replace(usual, values=(*usual.values, ("MXp", 0.03 * dict(usual.values)["Mp"]))))
+    motion = Reference(design.t, design.q, design.dq, design.ddq)
+    seed = int(name.removeprefix("run"))
+    run = simulate(ARM, SimulationRequest(motion, effects, sensors=Sensors(sampling_rate=200.0), seed=seed))
+    return replace(dy.read_recordings({"t": run.t, "q": run.q, "tau": run.tau}, robot=ARM)[0].recording, name=name)
+
+
+def test_a_campaign_weighs_a_load_that_is_mounted_after_the_runs_without_it():
+    quantities = ("centre_x", "mass")
+    request = replace(REQUEST, goal="payload", quantities=quantities, mass_error=0.03, centre_error=0.002)
+    state, plans = start_campaign(ARM, request), []
+    assert state.decision.sentence.endswith("Leave the load off.")
+    while not state.decision.is_end:
+        plans.append(plan_run(state))
+        loaded = state.is_load_due
+        state = add_run(state, with_load(plans[-1].design, f"run{len(state.runs) + 1}", loaded), plans[-1])
+        assert "runs: none" in draw_campaign(state)
+        if len(state.runs) <= request.unloaded_runs:
+            words = "Mount the load now" if state.is_load_due else "Leave the load off for the next run"
+            assert state.decision.sentence.startswith(words)
+            assert np.isinf(state.runs[-1].errors).all()
+    assert state.decision.code == "reached"
+    assert [plan.promised is None for plan in plans[:3]] == [True] * 3
+    # Nothing is known of the torque yet when the load is new.
+    limits = np.array([joint.limits.velocity for joint in ARM.joints])
+    assert (np.abs(plans[2].design.dq).max(axis=0) <= 0.3 * limits + 1e-9).all()
+    assert (np.abs(plans[1].design.dq).max(axis=0) > 0.3 * limits).any()
+    measure = build_measure(request, state.region, state.identification)
+    mass, moment = measure.values[0], measure.values[1]
+    centre_width, mass_width = state.runs[-1].errors * np.array([0.002, 0.03])
+    # Of 95 % intervals one in twenty misses the truth; of twice as wide ones hardly any.
+    assert abs(mass - 2.1237) < 2 * mass_width <= 2 * 0.03
+    assert abs(moment / mass - 0.03) < 2 * centre_width <= 2 * 0.002
+    assert re.search(r"centre x 0\.0[23]\d* ± 0\.00\d+ m, mass 2\.1\d ± 0\.0\d+ kg", state.decision.sentence)
+
+
+def test_the_torque_that_a_design_keeps_counts_the_load():
+    request = replace(REQUEST, goal="payload", unloaded_runs=1)
+    plan, state, _ = first_run()
+    state = add_run(start_campaign(ARM, request), state.recordings[0], plan)
+    state = add_run(state, with_load(plan.design, "run2", loaded=True))
+    q, dq = np.zeros((1, ARM.n)), np.zeros((1, ARM.n))
+    ddq = np.zeros((1, ARM.n))
+    ddq[0, 2] = 10.0
+    with_it, without = (
+        ExpectedTorque(ARM, state.identification.estimate, has_loads=has).torque(q, dq, ddq) for has in (True, False)
+    )
+    # The quill accelerates the load, and carries its weight.
+    assert abs(with_it[0, 2] - without[0, 2]) == pytest.approx(2.1237 * (10.0 + 9.81), rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"goal": "parameters"}, "no parameter is named"),
+        ({"goal": "payload", "quantities": ()}, "name what is to be known of the load"),
+        ({"goal": "payload", "quantities": ("mass", "mass")}, "each once"),
+        ({"goal": "payload", "quantities": ("weight",)}, "a load has no weight; choose of mass, centre_x"),
+        ({"goal": "payload", "quantities": ("centre_z",)}, "no motion of this robot shows the centre z"),
+        ({"goal": "payload", "unloaded_runs": 50}, "51 runs, the last with the load, take 306 s"),
         ({"goal": "parameters", "parameters": ("m1",)}, "there is no base parameter m1; there are: ZZ1"),
         ({"goal": "effects"}, "no effect is named"),
         ({"goal": "effects", "decide": ("warm_up_friction",)}, "depends on more than the motion"),
@@ -314,3 +378,58 @@ def test_a_motion_that_ends_where_a_joint_is_farthest_out_is_still_the_planned_o
     request = replace(REQUEST, goal="parameters", parameters=("Fc1", "MY2", "MY4"))
     plan = plan_run(add_run(start_campaign(ARM, request), state.recordings[0], first))
     assert follows_design(recorded(plan.design, "run2"), plan.design)
+
+
+def test_a_run_under_way_is_stopped_for_what_no_further_second_heals():
+    _, state, following = first_run()
+    campaign = dy.Campaign(ARM, request=REQUEST)
+    campaign._state, campaign._planned = state, following
+    run = measured(following.design, 2)
+    count = round(0.7 * len(run.t))
+
+    def find(q, tau):
+        reasons = campaign.check_under_way({"t": run.t[:count], "q": q[:count], "tau": tau[:count]})
+        return {(reason.code, reason.joint) for reason in reasons}
+
+    assert find(run.q, run.tau) == set()
+    assert campaign.check_under_way({"t": run.t[:40], "q": run.q[:40], "tau": run.tau[:40]}) == ()
+    # For 0.4 s the elbow pushes against something with 40 % of its torque.
+    pushed = run.tau.copy()
+    inside = (run.t > 3.0) & (run.t < 3.4)
+    pushed[inside, 1] += 0.4 * ARM.joints[1].limits.effort
+    assert ("contact", "elbow") in find(run.q, pushed)
+    # Nothing is known before the first run.
+    campaign._state = start_campaign(ARM, REQUEST)
+    assert find(run.q, pushed) == set()
+    slow = np.column_stack([np.interp(0.3 * run.t, run.t, column) for column in run.q.T])
+    assert ("too_slow", "") in find(slow, run.tau)
+
+
+@pytest.mark.slow
+def test_the_command_ends_a_program_whose_rows_are_not_worth_going_on_with(tmp_path):
+    plan, _, following = first_run()
+    write_simulated_recording(measured(plan.design, 1), tmp_path / "run1.csv")
+    run = measured(following.design, 2)
+    slow = np.column_stack([np.interp(0.2 * run.t, run.t, column) for column in run.q.T])
+    header = ",".join(["t", *(f"{kind}_{name}" for kind in ("q", "tau") for name in ARM.joint_names)])
+    np.savetxt(
+        tmp_path / "rows.csv", np.column_stack([run.t, slow, run.tau]), delimiter=",", header=header, comments=""
+    )
+    program = tmp_path / "move.py"
+    program.write_text(
+        "import pathlib, shutil, signal, sys, time\n"
+        "def stop(*_):\n"
+        "    pathlib.Path(sys.argv[2] + '.stopped').touch()\n"
+        "    sys.exit(1)\n"
+        "signal.signal(signal.SIGTERM, stop)\n"
+        "shutil.copy(sys.argv[1], sys.argv[2] + '.part')\n"
+        "time.sleep(300)\n",
+        encoding="utf-8",
+    )
+    execute = f"{sys.executable} {program} {tmp_path / 'rows.csv'} {{recording}}"
+    common = ["campaign", "scara", "--folder", str(tmp_path), "--error", "0.001", "--duration", "6"]
+    done = CliRunner().invoke(app, [*common, "--starts", "1", "--execute", execute])
+    assert done.exit_code == 2
+    assert "the way that the design moves them" in " ".join(done.output.split())
+    assert (tmp_path / "run2.csv.stopped").exists()
+    assert not (tmp_path / "run2.csv").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -22,11 +23,11 @@ def begin(live: Client, **more: Any) -> Any:
     return live.campaigns.create(robot, **{"goal": {"error": 0.05}, "budget": {"robot_time": 120.0}, **MOTION, **more})
 
 
-def run(live: Client, campaign: Any, seed: int) -> Any:
-    """Make the motion that a campaign asks for, with a virtual robot."""
+def run(live: Client, campaign: Any, seed: int, *more: dict[str, str]) -> Any:
+    """Make the motion that a campaign asks for, with a virtual robot; `more` acts besides its friction."""
     design = live.campaigns.ask(campaign).wait()
     simulation = live.simulations.create(
-        campaign["request"]["robot_id"], effects=DRIVES, design=design, seed=seed, name=f"run{seed}"
+        campaign["request"]["robot_id"], effects=[*DRIVES, *more], design=design, seed=seed, name=f"run{seed}"
     ).wait()
     return live.measurements.get(simulation.result["measurement_id"])
 
@@ -81,7 +82,10 @@ def test_what_does_not_fit_is_refused_with_its_place(live: Client) -> None:
     with pytest.raises(ProblemError, match="one run takes 6 s, and all together may take 3 s"):
         live.campaigns.create(robot, budget={"robot_time": 3.0}, **MOTION)
     for goal, place in (
-        ({"kind": "payload"}, "/goal"),
+        ({"kind": "gains"}, "/goal"),
+        ({"kind": "payload", "quantities": ["weight"]}, "/goal/quantities/0"),
+        # No motion of a SCARA shows how high a load is.
+        ({"kind": "payload", "quantities": ["mass", "centre_z"]}, "/goal/quantities"),
         ({"error": 11.0}, "/goal/error"),
         ({"kind": "parameters", "parameters": []}, "/goal/parameters"),
         ({"kind": "parameters", "parameters": ["m1"]}, "/goal/parameters"),
@@ -153,3 +157,24 @@ def test_parameters_and_effects_are_goals_as_well(live: Client) -> None:
         assert all(len(made["achieved"]) == len(campaign["targets"]) for made in runs)
         assert shown["tables"]
     assert live.campaigns.get(known).state == "reached"
+
+
+def test_a_load_is_weighed_after_it_was_mounted(live: Client) -> None:
+    goal = {"kind": "payload", "quantities": ["mass", "centre_x"], "mass_error": 0.05, "unloaded_runs": 1}
+    campaign = begin(live, goal=goal)
+    assert campaign["targets"] == ["mass", "centre_x"]
+    assert campaign["decision"]["sentence"].endswith("Leave the load off.")
+    live.campaigns.tell(campaign, run(live, campaign, 1)).wait()
+    campaign = live.campaigns.get(campaign)
+    assert campaign["decision"]["sentence"].startswith("Mount the load now")
+    assert campaign["achieved"] is None
+    for number in range(2, 6):
+        model = live.campaigns.tell(campaign, run(live, campaign, number, {"effect": "payload"})).wait()
+        campaign = live.campaigns.get(campaign)
+        if campaign.state != "asking":
+            break
+    assert campaign.state == "reached", campaign["decision"]
+    assert re.search(r"mass 2\.\d+ ± 0\.0\d+ kg, centre x", campaign["decision"]["sentence"])
+    (mass,) = (parameter for parameter in model.result["parameters"] if parameter["name"].startswith("Mp"))
+    # The usual load of this arm: a tenth of its vertical force, as the virtual robot has it.
+    assert mass["interval"][0] < 2.1237 < mass["interval"][1]

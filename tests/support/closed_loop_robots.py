@@ -143,12 +143,12 @@ def mjcf(robot: Robot, *, friction: dict[str, tuple[float, float]] | None = None
     `friction`: Coulomb friction and damping of joints by name.
     """
     tree, linkage = robot.tree, robot.linkage
-    assert linkage is not None
+    closure = None if linkage is None else linkage.closure
     children: dict[int, list[int]] = {}
     for j, joint in enumerate(tree.joints):
         children.setdefault(joint.parent, []).append(j)
     sites: dict[int, list[tuple[str, FloatArray]]] = {}
-    loops = () if linkage.closure is None else linkage.closure.loops
+    loops = () if closure is None else closure.loops
     for loop in loops:
         for end, side in zip(loop.ends, "ab", strict=True):
             sites.setdefault(end.joint, []).append((f"{loop.name}_{side}", end.frame[:3, 3]))
@@ -180,13 +180,13 @@ def mjcf(robot: Robot, *, friction: dict[str, tuple[float, float]] | None = None
 
     hard = 'solref="0.0004 1" solimp="0.9999 0.9999 0.001 0.5 2"'
     equalities = [f'<connect site1="{loop.name}_a" site2="{loop.name}_b" {hard}/>' for loop in loops]
-    for name, tie in linkage.ties.items():
+    for name, tie in ({} if linkage is None else linkage.ties).items():
         [(other, ratio)] = tie.ratios.items()
         equalities.append(f'<joint joint1="{name}" joint2="{other}" polycoef="0 {ratio!r} 0 0 0" {hard}/>')
     motors = "".join(f'<motor name="{name}" joint="{name}"/>' for name in robot.joint_names)
     bodies, key = inside(-1), ""
-    if linkage.closure is not None:
-        at = linkage.ratios @ linkage.closure.check() + linkage.offsets
+    if linkage is not None and closure is not None:
+        at = linkage.ratios @ closure.check() + linkage.offsets
         order = [tree.joint_names.index(name) for name in re.findall(r'<joint name="(\w+)"', bodies)]
         key = f'<keyframe><key qpos="{numbers(at[order])}"/></keyframe>'
     return (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -48,4 +49,33 @@ def test_a_campaign_goes_on_until_its_goal_is_reached(page: Any, heard: Any, tmp
     assert campaign["achieved"] <= 0.05
     page.get_by_role("link", name="All campaigns").click()
     expect(page.locator("#campaigns-table")).to_contain_text("goal reached")
+    expect(page.locator("#campaigns-table")).to_contain_text(re.compile(r"[1-9]\s%5\.00\s%"))
+    assert heard.complaints == []
+
+
+def test_a_load_is_weighed_after_it_was_mounted(page: Any, heard: Any, tmp_path: Path) -> None:
+    robot = heavy_arm(page)
+    page.goto("/?view=campaigns")
+    page.select_option("#campaign-robot", robot)
+    page.select_option("#campaign-goal", "PayloadGoal")
+    page.fill("#campaign-mass_error", "0.3")
+    page.fill("#campaign-unloaded_runs", "1")
+    page.fill("#campaign-duration", "4")
+    page.get_by_text("More options").click()
+    page.fill("#campaign-time_budget", "2")
+    page.screenshot(path=tmp_path / "form.png", full_page=True)
+    page.click("#begin-campaign")
+    state = page.locator("#campaign-state")
+    expect(state).to_contain_text("Leave the load off.")
+    for number in range(4):
+        page.click("#ask")
+        page.locator("#simulate-run").wait_for(timeout=60_000)
+        page.click("#simulate-run")
+        expect(page.locator("#campaign-runs tbody tr")).to_have_count(number + 1, timeout=90_000)
+        if number == 0:
+            expect(state).to_contain_text("Mount the load now")
+        if state.get_attribute("data-state") == "reached":
+            break
+    expect(state).to_contain_text(re.compile("The goal is reached: mass .* kg"))
+    page.screenshot(path=tmp_path / "weighed.png", full_page=True)
     assert heard.complaints == []

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -63,6 +64,7 @@ _PLACES = {
     "/design": "/trajectory/joints",
     "/parameters": "/goal/parameters",
     "/decide": "/goal/effects",
+    "/quantities": "/goal/quantities",
 }
 
 
@@ -71,7 +73,11 @@ def build_campaign_request(body: CampaignRequest) -> RequestedCampaign:
     choices = IdentificationChoices()
     if body.effects is not None:
         choices = replace(choices, effects=from_wire_choices(body.effects))
-    goal = body.goal.model_dump(include={"error", "speed", "parameters"})
+    named = {"error", "speed", "parameters", "quantities", "mass_error", "centre_error", "unloaded_runs"}
+    goal: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in body.goal.model_dump(include=named).items()
+    }
     return RequestedCampaign(
         goal=body.goal.kind,
         **goal,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 from fastapi import APIRouter, Response
 
+from dynident.advice.campaign_request import describe_first_run
 from dynident_service.campaigns.wire_types import (
     MOST_STEPS,
     CampaignDecision,
@@ -18,6 +19,7 @@ from dynident_service.campaigns.wire_types import (
     CampaignView,
     EffectsGoal,
     ParametersGoal,
+    PayloadGoal,
     TellRequest,
     TorqueGoal,
 )
@@ -280,7 +282,7 @@ def show_campaign(services: Services, campaign: Resource) -> CampaignView:
     shown = [_show_step(resource) for resource in sorted([*steps.designs, *steps.tellings], key=_by_time)]
     runs = [run for step in shown for run in step.runs]
     promises = [max(step.promised) for step in shown if step.promised]
-    decision = CampaignDecision(code="next_run", sentence="Make the first run: nothing is known yet.")
+    decision = CampaignDecision(code="next_run", sentence=describe_first_run(campaign.request["goal"]["kind"]))
     joints = [joint.name for joint in RobotResult.model_validate(robot.result).joints]
     last = runs[-1].achieved if runs else [None]
     return CampaignView.model_validate(
@@ -300,9 +302,11 @@ def show_campaign(services: Services, campaign: Resource) -> CampaignView:
     )
 
 
-def _list_targets(goal: TorqueGoal | ParametersGoal | EffectsGoal, joints: list[str]) -> list[str]:
+def _list_targets(goal: TorqueGoal | ParametersGoal | EffectsGoal | PayloadGoal, joints: list[str]) -> Sequence[str]:
     if isinstance(goal, TorqueGoal):
         return joints
+    if isinstance(goal, PayloadGoal):
+        return goal.quantities
     return goal.parameters if isinstance(goal, ParametersGoal) else goal.effects
 
 

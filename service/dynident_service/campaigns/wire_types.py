@@ -61,6 +61,19 @@ class EffectsGoal(RequestModel):
     effects: list[str] = Field(min_length=1, max_length=100, description="Ids of effects from GET /v1/effects")
 
 
+@derive_body(Requested, only=("mass_error", "centre_error", "unloaded_runs"))
+class PayloadGoal(RequestModel):
+    """A load on the last link whose mass and centre are known as well as asked for."""
+
+    kind: Literal["payload"] = "payload"
+    quantities: list[Literal["mass", "centre_x", "centre_y", "centre_z"]] = Field(
+        default=["mass"],
+        min_length=1,
+        max_length=4,
+        description="What is to be known; the centre is in the frame of the last joint",
+    )
+
+
 @derive_body(Requested, only=("runs",))
 class Budget(RequestModel):
     """What a campaign may cost."""
@@ -91,7 +104,7 @@ class CampaignRequest(NamedRequest):
     """A goal, what it may cost, and what every motion must keep to."""
 
     robot_id: Identifier
-    goal: Annotated[TorqueGoal | ParametersGoal | EffectsGoal, Field(discriminator="kind")] = TorqueGoal()
+    goal: Annotated[TorqueGoal | ParametersGoal | EffectsGoal | PayloadGoal, Field(discriminator="kind")] = TorqueGoal()
     budget: Budget = Budget()
     measurement_ids: list[Identifier] = Field(
         default=[], max_length=100, description="Measurements that the campaign begins with, as if they had been told"
@@ -134,7 +147,8 @@ class CampaignRunView(ViewModel):
         description="Errors of this run's torque as the model before it predicted it; null for the first run"
     )
     parameters: list[float | None] = Field(
-        description="Errors from uncertain parameters, with 95 %; null of an effect that would have shown at no size"
+        description="Errors from uncertain parameters, with 95 %, of a load over that asked for; null of an effect "
+        "that would have shown at no size, and of a load before it is mounted"
     )
     lacking: list[float] = Field(description="Errors over the region from what the model lacks")
     achieved: Annotated[list[float | None], SourcePath("errors")] = Field(description="Errors from both")
@@ -179,7 +193,9 @@ class CampaignView(WithTables):
     created_at: datetime
     request: CampaignRequest
     joints: list[str]
-    targets: list[str] = Field(description="What the errors are of: joints, parameters or effects, by name")
+    targets: list[str] = Field(
+        description="What the errors are of: joints, parameters, effects or quantities of a load, by name"
+    )
     state: CampaignPhase = Field(
         description="asking: ask for the next motion; waiting: make it and tell its recording; stopped: nothing is "
         "left of the budget"

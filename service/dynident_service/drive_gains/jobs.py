@@ -11,11 +11,18 @@ from dynident.errors import DynidentError
 from dynident.identification import DriveGains, PayloadEstimate, identify_currents, identify_gains, payload_mass
 from dynident.identification.identification_choices import KnownLoad
 from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS
+from dynident.presentation.model_tables import get_gain_unit
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Recording
 from dynident.robot import Robot
-from dynident_service.drive_gains.adapters import describe_gains
-from dynident_service.drive_gains.wire_types import CurrentModelsRequest, CurrentModelsResult, DriveGainsRequest
+from dynident_service.drive_gains.wire_types import (
+    CurrentModelsRequest,
+    CurrentModelsResult,
+    DriveGainsRequest,
+    DriveGainsResult,
+    IdentifiedGain,
+    WeighedLoad,
+)
 from dynident_service.jobs.task_input_output import Outcome, Task
 from dynident_service.shared.field_by_field import from_wire_choices, to_request, to_view
 from dynident_service.shared.stored_inputs import load_stored_robot, open_recording_by_id, open_stored_recordings
@@ -107,3 +114,19 @@ def find_currents(task: Task) -> Outcome:
         progress=task.progress,
     )
     return Outcome(to_plain_json(to_view(CurrentModelsResult, None, joints=joint_models)))
+
+
+def describe_gains(
+    robot: Robot,
+    drive_gains: DriveGains,
+    loads: Sequence[tuple[str, str, PayloadEstimate]] = (),
+    warnings: Sequence[str] = (),
+) -> DriveGainsResult:
+    """Build the view of drive gains, and of loads weighed with them (id and name of the measurement, estimate)."""
+    gains = [
+        to_view(IdentifiedGain, gain, unit=get_gain_unit(robot, index)) for index, gain in enumerate(drive_gains.each)
+    ]
+    weighed = [
+        to_view(WeighedLoad, load, measurement_id=measurement_id, name=name) for measurement_id, name, load in loads
+    ]
+    return DriveGainsResult(gains=gains, loads=weighed, warnings=[*drive_gains.warnings, *warnings])

@@ -1,26 +1,33 @@
 """Campaigns: run after run until enough is known, with a promise before and a decision after each.
 
-`plan_run` designs the motion that tells most about the goal (torque, parameters, effects); `add_run` takes its
+`plan_run` designs the motion that tells most about the goal (torque, parameters, effects, a load); `add_run` takes its
 recording, identifies and diagnoses the model from all runs, and decides whether to go on. Holds the fewest runs (2).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from dynident.advice.campaign_request import DESIGN_SECONDS, CampaignRequest
+from dynident.advice.campaign_request import DESIGN_SECONDS, CampaignRequest, describe_first_run
+from dynident.advice.payload_goal import (
+    PayloadErrors,
+    add_load,
+    choose_load,
+    has_load,
+    name_as_loaded,
+    name_load_parameters,
+)
 from dynident.advice.prediction_error import (
     ErrorMeasure,
     RegionRows,
     build_measure,
     check_targets,
     compare_with_run,
-    compute_effect_errors,
-    compute_parameter_errors,
+    compute_target_errors,
     follows_design,
     is_of_motion,
     list_targets,
@@ -34,12 +41,12 @@ from dynident.excitation import CriterionChoice, Design, design_experiment
 from dynident.excitation.criteria.prediction_region import Region, draw_region
 from dynident.excitation.experiments.design_task import compute_planned_seconds
 from dynident.identification import Identification, extend, identify
-from dynident.motion.limits.bounds import build_bounds
+from dynident.motion.limits.bounds import slow_down_limits
 from dynident.number_format import format_count, format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.recordings.sample_hashes import SampleHashes
-from dynident.robot import Limits, Robot
+from dynident.robot import Robot
 
 DecisionCode = Literal["next_run", "reached", "not_reachable", "out_of_time"]
 FEWEST_RUNS = 2
@@ -68,7 +75,8 @@ class CampaignRun:
         Relative errors of the torque of this run as the model before it predicted it; None for the first run.
     parameters : (k,)
         Relative errors of the targets (joints, parameters) from uncertain parameters, with 95 % probability; of effects
-        the smallest size that would have shown, as a share of the usual one, and 0 of those that were found.
+        the smallest size that would have shown, as a share of the usual one, and 0 of those that were found; of a load
+        the uncertainty as a share of that asked for, infinite before it is mounted.
     lacking : (k,)
         Relative errors of the torque over the region from what the model lacks; 0 for other goals.
     added : tuple of EffectChoice
@@ -158,12 +166,17 @@ class CampaignState:
     recordings: tuple[Recording, ...] = ()
     runs: tuple[CampaignRun, ...] = ()
     identification: Identification | None = None
-    decision: Decision = Decision("next_run", "Make the first run: nothing is known yet.")
+    decision: Decision = Decision("next_run", "")
 
     @property
     def targets(self) -> tuple[str, ...]:
-        """What the errors are of: joints, parameters or effects, by name."""
+        """What the errors are of: joints, parameters, effects or quantities of a load, by name."""
         return list_targets(self.request, self.robot.joint_names)
+
+    @property
+    def is_load_due(self) -> bool:
+        """Whether the next run is made with the load."""
+        return self.request.goal == "payload" and len(self.runs) >= self.request.unloaded_runs
 
     @property
     def seconds(self) -> float:
@@ -194,40 +207,30 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
         For a design of another kind than motions of all joints, or limits that are not known.
     """
     design = request.design
-    is_torque = design.model == "dynamic" and request.choices.model == "dynamic"
-    if design.kind != "optimized" or not is_torque or design.trajectory.joints:
-        raise DynidentError(
-            'a campaign plans motions of all joints, of the kind "optimized" for the dynamic model, since runs of '
-            "other kinds do not add up; leave kind, model and joints out of the design",
-            pointer="/design",
-        )
-    needy = [choice.effect for choice in request.choices.effects if not is_of_motion(choice)]
-    if needy:
-        raise DynidentError(
-            f"{', '.join(needy)} depends on more than the motion (temperature, time of the session, or run), so "
-            "that its torque in the region is not known; leave it out of the campaign",
-            pointer="/choices/effects",
-        )
     if region is not None and region.q.shape[1] != robot.n:
         raise DynidentError(f"the region has {region.q.shape[1]} joints; the robot has {robot.n}", pointer="/region")
     check_targets(robot, request)
     run, given = compute_planned_seconds(design), _MINUTE * request.minutes
-    if run > given:
+    fewest = request.unloaded_runs + 1 if request.goal == "payload" else 1
+    if fewest * run > given or fewest > request.runs:
+        runs = "one run takes" if fewest == 1 else f"{fewest} runs, the last with the load, take"
         raise DynidentError(
-            f"one run takes {run:g} s, and all together may take {given:g} s; give more minutes or shorter runs",
+            f"{runs} {fewest * run:g} s, and all together may take {given:g} s in {format_count(request.runs, 'run')}; "
+            "give more minutes, more runs or shorter ones",
             pointer="/minutes",
         )
     if design.time_budget is None and design.starts is None:
         request = replace(request, design=replace(design, time_budget=DESIGN_SECONDS))
-    return CampaignState(robot, request, region or draw_region(robot, design.limits, request.speed))
+    first = Decision("next_run", describe_first_run(request.goal))
+    return CampaignState(robot, request, region or draw_region(robot, design.limits, request.speed), decision=first)
 
 
 def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> PlannedRun:
     """Design the next motion of a campaign, and tell what it promises.
 
-    The first motion is slow, since nothing is known of the torque but the description. Each later one complements the
-    recordings so far: it lowers the variance of what is to be known, within limits of torque that the model so far
-    keeps with its uncertainty.
+    The first motion is slow, since nothing is known of the torque but the description, and so is the first one with a
+    load. Each later one lowers the variance of what is to be known, beside the recordings so far, within limits of
+    torque that the model keeps with its uncertainty.
 
     Parameters
     ----------
@@ -235,11 +238,6 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
         The campaign.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
-
-    Returns
-    -------
-    PlannedRun
-        The motion, and the errors that it promises.
 
     Raises
     ------
@@ -249,20 +247,23 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
     request, identification = state.request, state.identification
     # Another seed for each run: a motion that is made again finds nothing that it could not show the first time.
     design_request = replace(request.design, seed=request.design.seed + len(state.runs))
+    if len(state.runs) in (0, request.unloaded_runs if request.goal == "payload" else 0):
+        slow = slow_down_limits(state.robot, design_request.limits, request.first_speed)
+        design_request = replace(design_request, limits=slow)
     if identification is None:
         effects = request.choices.effects
-        slow = _slow_down(state.robot, design_request.limits, request.first_speed)
-        return PlannedRun(
-            design_experiment(state.robot, replace(design_request, effects=effects, limits=slow), progress), None
-        )
+        return PlannedRun(design_experiment(state.robot, replace(design_request, effects=effects), progress), None)
     # A recording without noise has residuals that are rounding.
     smallest = _LEAST_NOISE * max(float(identification.noise.max()), 1.0)
+    effects = identification.model.effects
+    if state.is_load_due and not has_load(effects):
+        effects = (*effects, choose_load(()))
     noise = dict(zip(state.robot.joint_names, map(float, np.maximum(identification.noise, smallest)), strict=True))
     design = design_experiment(
         state.robot,
         replace(
             design_request,
-            effects=identification.model.effects,
+            effects=effects,
             noise=noise,
             criterion=_choose_criterion(state),
         ),
@@ -281,25 +282,13 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
 def _choose_criterion(state: CampaignState) -> CriterionChoice:
     if state.request.goal == "parameters":
         return CriterionChoice("parameters", parameters=state.request.parameters)
+    if state.is_load_due:
+        return CriterionChoice("parameters", parameters=name_load_parameters(state.robot, state.request))
     if state.request.goal == "effects":
         # One after the other: they need not be told from each other.
         worst = state.targets[int(np.argmax(state.runs[-1].errors))]
         return CriterionChoice("separation", effects=(EffectChoice(worst),))
     return CriterionChoice("prediction")
-
-
-def _slow_down(robot: Robot, limits: Mapping[str, Limits], share: float) -> dict[str, Limits]:
-    """Return limits with a share of the velocities, and of the accelerations that these reach in the same time."""
-    bounds = build_bounds(robot, limits)
-    # Limits of joints that follow others stay as they are stated.
-    return {**limits} | {
-        name: replace(
-            limits.get(name, Limits()),
-            velocity=share * float(bounds.velocity[j]),
-            acceleration=share * float(bounds.acceleration[j]),
-        )
-        for j, name in enumerate(robot.joint_names)
-    }
 
 
 def add_run(
@@ -343,10 +332,12 @@ def add_run(
     if planned is not None and not follows_design(recording, planned.design):
         planned = None
     # Before anything is fitted to it, the run tests the model: a prediction that nothing was chosen on.
-    predicted = None if before is None else compare_with_run(before, recording).predicted
+    tested = name_as_loaded(recording, state.recordings) if state.is_load_due else recording
+    predicted = None if before is None else compare_with_run(before, tested).predicted
     recordings = (*state.recordings, recording)
     # From the effects asked for each time: what one run alone suggested has to show in all of them.
-    identification = identify(state.robot, recordings, (), state.request.choices, scale_progress(progress, 0.0, 0.3))
+    choices = add_load(state.request, recordings).choices
+    identification = identify(state.robot, recordings, (), choices, scale_progress(progress, 0.0, 0.3))
     diagnosis = diagnose(identification, recordings, progress=scale_progress(progress, 0.3, 0.9))
     added = tuple(choice for choice in diagnosis.recommended if is_of_motion(choice))
     if added:
@@ -363,9 +354,7 @@ def add_run(
         seconds=_measure_seconds(recording),
         promised=None if planned is None else planned.promised,
         predicted=predicted,
-        parameters=compute_effect_errors(diagnosis, state.targets, state.robot)
-        if measure is None
-        else compute_parameter_errors(identification, measure),
+        parameters=compute_target_errors(state.request, identification, diagnosis, measure),
         lacking=lacking,
         added=added,
         is_changed=_list_places(added) != _list_places(state.runs[-1].added if state.runs else ()),
@@ -410,15 +399,22 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
             "lock what moves without a drive (locked_joints).",
         )
     worst = int(np.argmax(run.errors))
-    reached = _word_error(state.request.goal, names[worst], float(run.errors[worst]))
-    # Of effects there is no error to be stated: each is found, or ruled out at its usual size.
-    is_of_effects = state.request.goal == "effects"
-    aim = "The goal" if is_of_effects else f"The goal of {format_percent(goal)}"
-    stand = reached if is_of_effects else f"Error: {reached}"
+    reached = _word_error(state, measure, names[worst], float(run.errors[worst]))
+    # Of effects there is no error to be stated: each is found, or ruled out at its usual size. A load is in kg and m.
+    has_error = state.request.goal in ("torque", "parameters")
+    aim = f"The goal of {format_percent(goal)}" if has_error else "The goal"
+    stand = f"Error: {reached}" if has_error else reached
     remarks = _describe_promise(run, names)
     design = state.request.design
     duration = compute_planned_seconds(design) if planned is None else planned.design.duration
     has_time = state.seconds_left >= duration and len(state.runs) < state.request.runs
+    if state.request.goal == "payload" and measure is None and has_time:
+        words = (
+            "Mount the load now: the next run and all after it are made with it."
+            if state.is_load_due
+            else ("Leave the load off for the next run, too.")
+        )
+        return Decision("next_run", words)
     if run.is_changed and has_time:
         count = format_count(len(run.added), "effect") if run.added else "no effect"
         words = f"The diagnosis of all runs now adds {count}, unlike before; the next run tests the model."
@@ -435,29 +431,45 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
             f"no effect of the catalogue explains; more runs do not reach {format_percent(goal)}.{remarks}",
         )
     if not has_time:
-        larger = "" if is_of_effects else " or a larger error"
+        larger = "" if state.request.goal == "effects" else " or a larger error"
         spent = (
             f"All {format_count(len(state.runs), 'run')} are made"
             if len(state.runs) >= state.request.runs
             else f"Less than one run is left of {state.request.minutes:g} min"
         )
         return Decision("out_of_time", f"{spent}. {stand}. Give more{larger}.{remarks}")
-    if planned is not None and measure is not None and len(state.runs) >= FEWEST_RUNS:
+    # The first motion, with a load the first one with it, is slow: its repetition says little of those to come.
+    n_before = state.request.unloaded_runs if state.request.goal == "payload" else 0
+    if planned is not None and measure is not None and len(state.runs) >= n_before + FEWEST_RUNS:
         at_end = _predict_end(state, measure, planned)
         if (at_end > _BROKEN_PROMISE * goal).any():
             joint = int(np.argmax(at_end))
+            unloaded = ", more runs without the load" if state.request.goal == "payload" else ""
             return Decision(
                 "not_reachable",
-                f"The time that is left brings {names[joint]} to {format_percent(float(at_end[joint]))}, not to "
-                f"{format_percent(goal)}; now it is {reached}. Give more minutes, wider limits or a larger error."
-                f"{remarks}",
+                f"The time that is left brings {names[joint]} to {_word_share(state, float(at_end[joint]))}, not to "
+                f"{format_percent(goal)}; now it is {reached}. Give more minutes{unloaded}, wider limits or a larger "
+                f"error.{remarks}",
             )
-    wanted = "its usual size has to show" if is_of_effects else f"the goal is {format_percent(goal)}"
+    wanted = {
+        "effects": "its usual size has to show",
+        "payload": f"{names[worst]} is at {_word_share(state, float(run.errors[worst]))}",
+    }.get(state.request.goal, f"the goal is {format_percent(goal)}")
     return Decision("next_run", f"{stand}; {wanted}.{remarks}")
 
 
-def _word_error(goal: str, name: str, error: float) -> str:
-    """Return the error of the worst target in words."""
+def _word_share(state: CampaignState, error: float) -> str:
+    """Return an error in words; of a load it is a share of the uncertainty that was asked for."""
+    return format_percent(error) + (" of the uncertainty asked for" if state.request.goal == "payload" else "")
+
+
+def _word_error(state: CampaignState, measure: ErrorMeasure | None, name: str, error: float) -> str:
+    """Return the error of the worst target in words; of a load all that is known."""
+    goal = state.request.goal
+    if goal == "payload":
+        if not isinstance(measure, PayloadErrors) or state.identification is None:
+            return "The load was not mounted yet"
+        return measure.describe(state.identification.statistics.covariance)
     if goal == "effects":
         if not np.isfinite(error):
             return f"{name} would have shown at no size on at least one joint"

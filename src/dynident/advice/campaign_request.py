@@ -19,13 +19,19 @@ GOALS = OneOf(
     Choice("torque", "predicted torque", "The torque of every joint over a region of states, to within the error."),
     Choice("parameters", "parameters", "The named base parameters, each to within the error."),
     Choice("effects", "effects", "Named effects are found, or would have shown at their usual size."),
+    Choice("payload", "payload", "Mass and centre of a load on the last link, each to within its own error."),
 )
+
+
+LOAD_QUANTITIES = {"mass": "Mp", "centre_x": "MXp", "centre_y": "MYp", "centre_z": "MZp"}
+"""What can be known of a load, with the parameter of the effect `payload` that tells it."""
 
 
 MEASURES = {
     "torque": ("Relative error of the predicted torque, worst joint", "worst joint"),
     "parameters": ("Half-width of the 95 % interval over the value, worst parameter", "worst parameter"),
     "effects": ("Smallest size that would have shown over the usual size, worst effect", "worst effect"),
+    "payload": ("Half-width of the 95 % interval over the one asked for, worst quantity", "worst quantity"),
 }
 """What the errors of each goal are, and what the worst one is of."""
 
@@ -44,6 +50,14 @@ class CampaignRequest(Request):
         For the goal "parameters": names of the base parameters.
     decide : tuple of str
         For the goal "effects": ids of the effects.
+    quantities : tuple of str
+        For the goal "payload": what of the load is to be known, of `LOAD_QUANTITIES`.
+    mass_error : float
+        Half-width of the 95 % interval of the mass, kg.
+    centre_error : float
+        Half-width of the 95 % interval of each coordinate of the centre, m.
+    unloaded_runs : int
+        For the goal "payload": runs that are made before the load is mounted.
     speed : float
         Share of the velocity and acceleration limits up to which the torque is to be predicted.
     minutes : float
@@ -72,6 +86,21 @@ class CampaignRequest(Request):
     decide: tuple[str, ...] = declare_field(
         "For the goal effects: ids of effects that have to show if the robot has them", default=(), most=100
     )
+    quantities: tuple[str, ...] = declare_field(
+        "For the goal payload: mass, centre_x, centre_y or centre_z, in the frame of the last joint",
+        default=("mass",),
+        option="--quantity",
+        most=4,
+    )
+    mass_error: float = declare_field(
+        "For the goal payload: the mass to within so much", default=0.1, unit="kg", above=0
+    )
+    centre_error: float = declare_field(
+        "For the goal payload: each coordinate of its centre to within so much", default=0.01, unit="m", above=0
+    )
+    unloaded_runs: int = declare_field(
+        "For the goal payload: runs that are made before the load is mounted", default=2, at_least=1, at_most=100
+    )
     speed: float = declare_field(
         "Share of the velocity and acceleration limits up to which the torque is to be predicted",
         default=REGION_SPEED,
@@ -90,5 +119,10 @@ class CampaignRequest(Request):
 
     @property
     def largest_error(self) -> float:
-        """The error at which the goal is reached; of effects, the detection limit as a share of the usual size."""
-        return 1.0 if self.goal == "effects" else self.error
+        """The error at which the goal is reached; of effects and payloads, 1 is what was asked for."""
+        return 1.0 if self.goal in ("effects", "payload") else self.error
+
+
+def describe_first_run(goal: str) -> str:
+    """Return what is to be done before the first run."""
+    return "Make the first run: nothing is known yet." + (" Leave the load off." if goal == "payload" else "")

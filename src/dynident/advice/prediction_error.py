@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 
 from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.payload_goal import name_load_parameters, select_payload_errors
 from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis import Diagnosis
 from dynident.diagnosis.candidates.candidate_pool import find_places
@@ -22,6 +23,7 @@ from dynident.diagnosis.comparison.noise_floor import judge
 from dynident.diagnosis.diagnosis_request import check_candidates
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
+from dynident.estimation.parameter_covariance import compute_sandwich_covariance
 from dynident.excitation import CriterionChoice, Design
 from dynident.excitation.criteria.design_criterion import select_parameters
 from dynident.excitation.criteria.prediction_region import Region, collect_region
@@ -30,6 +32,7 @@ from dynident.excitation.experiments.design_task import STANDSTILL_VELOCITY
 from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.recordings.row_storage import load_stored_samples
+from dynident.regressors.observation_matrix import FurtherSignals
 from dynident.robot import Robot
 
 CONFIDENCE = 0.95
@@ -48,7 +51,7 @@ _EXACT = 1e-14
 
 
 class ErrorMeasure(Protocol):
-    """What a covariance of the parameters means for the targets of a campaign: joints, or parameters."""
+    """What a covariance of the parameters means for the targets of a campaign: joints, parameters, a load."""
 
     def compute_errors(self, covariance: FloatArray, freedom: float) -> FloatArray:
         """Return the relative errors (k,) of the targets that the truth stays below with 95 % probability."""
@@ -194,7 +197,11 @@ def evaluate_rows(identification: Identification, q: FloatArray, dq: FloatArray,
     # Followers have no velocity of their own here: their state counts as positive.
     followers = np.ones((len(dq), len(observation.robot.positions(q[:1])[0]) - observation.robot.n))
     memory = observation.compute_sliding_states(np.concatenate([dq, followers], axis=1))
-    entries = observation.evaluate(q, dq, ddq, reference=identification.estimate.reference, memory=memory)
+    # A load that the model has in some runs is there.
+    further = FurtherSignals(runs=np.ones(len(observation.runs)))
+    entries = observation.evaluate(
+        q, dq, ddq, reference=identification.estimate.reference, memory=memory, further=further
+    )
     rows = np.zeros((len(q), observation.robot.n, observation.n_columns))
     rows[:, observation.entry_rows, observation.entry_columns] = entries
     return rows
@@ -202,8 +209,32 @@ def evaluate_rows(identification: Identification, q: FloatArray, dq: FloatArray,
 
 def compute_parameter_errors(identification: Identification, measure: ErrorMeasure) -> FloatArray:
     """Return the relative errors (k,) of the targets that uncertain parameters cause, with 95 % probability."""
-    statistics = identification.statistics
-    return measure.compute_errors(statistics.covariance, statistics.median_freedom)
+    return measure.compute_errors(
+        _compute_covariance(identification, measure), identification.statistics.median_freedom
+    )
+
+
+def _compute_covariance(identification: Identification, measure: ErrorMeasure) -> FloatArray:
+    """Return the covariance of the parameters that a measure counts with.
+
+    Of a parameter it is that of its interval in all tables: its spread over blocks of time. These are few, and say
+    poorly how uncertain a sum over many parameters is; the next run would change it by chance as much as by what it
+    adds. For the torque, the correlation of the residuals is pooled over parameters and joints instead.
+    """
+    if not isinstance(measure, RegionRows):
+        return identification.statistics.covariance
+    training, solution = identification.data.training, identification.estimate.solution
+    return compute_sandwich_covariance(training, solution, _pool_inflation(identification))
+
+
+def _pool_inflation(identification: Identification) -> FloatArray:
+    """Return by how much each joint's rows (n,) overstate the information: half way from its own to that of all.
+
+    A joint's own factor, from a dozen blocks of time, is by chance up to twice too large or too small.
+    """
+    counts, effective = identification.data.training.row_counts, identification.statistics.effective_rows
+    own = np.divide(counts, effective, out=np.ones(len(counts)), where=effective > 0)
+    return np.asarray(np.sqrt(own * np.exp(np.log(own).mean())))
 
 
 def predict_errors(
@@ -211,8 +242,8 @@ def predict_errors(
 ) -> FloatArray:
     """Return the relative errors (k,) of the targets that uncertain parameters will cause after a planned motion.
 
-    A second of the motion leaves as many rows as a second of the recordings so far, with the same noise, and the errors
-    of correlated rows are as many times larger than those of independent ones as they are now.
+    A second of the motion leaves as many rows as a second of the recordings so far, with the same noise and the same
+    correlation.
 
     Parameters
     ----------
@@ -233,26 +264,34 @@ def predict_errors(
         Relative errors, with 95 % probability.
     """
     statistics, solution = identification.statistics, identification.estimate.solution
+    # Of the ways there and back the filters leave little.
     inside = np.flatnonzero((design.t >= design.exciting[0]) & (design.t <= design.exciting[1]))
     samples = inside[:: max(1, len(inside) // _PLANNED_SAMPLES)]
     planned = evaluate_rows(identification, design.q[samples], design.dq[samples], design.ddq[samples])
     # The equation of a joint that stands tells nothing.
     planned *= (np.abs(design.dq[samples]) > STANDSTILL_VELOCITY)[:, :, None]
-    # Rows that the filters will leave of the planned motion, in units of each joint's noise.
-    duration = repetitions * (design.exciting[1] - design.exciting[0])
-    weights = duration * identification.data.training.row_counts / seconds / identification.noise**2
-    gained = np.einsum("mja,j,mjb->ab", planned, weights, planned, optimize=True) / len(planned)
-    # (WᵀW + G)⁻¹ by Woodbury with G = LLᵀ: (WᵀW)⁻¹ may be singular where constraints hold, and is not inverted.
+    # Rows that the filters will leave of the planned motion: what they weigh, and the variance of their sums.
+    counts = identification.data.training.row_counts
+    duration, inflation = repetitions * (design.exciting[1] - design.exciting[0]), _pool_inflation(identification)
+    weights = duration * counts / seconds / solution.noise**2
+    inflated = weights * inflation * (statistics.noise / solution.noise) ** 2
+    gained, spread = (
+        np.einsum("mja,j,mjb->ab", planned, each, planned, optimize=True) / len(planned) for each in (weights, inflated)
+    )
+    # B' = (WᵀW + G)⁻¹ is the update times (WᵀW)⁻¹, by Woodbury with G = LLᵀ: (WᵀW)⁻¹ may be singular where
+    # constraints hold, and is not inverted.
     values, vectors = np.linalg.eigh(gained)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    independent = solution.normal_inverse
-    spread = independent @ root
-    left = independent - spread @ np.linalg.solve(np.eye(len(values)) + root.T @ spread, spread.T)
-    # Rows are correlated, so that the errors are larger than those of independent rows: by as much as they are now.
-    freedom = statistics.median_freedom
-    now, of_independent = (measure.compute_errors(part, freedom) for part in (statistics.covariance, independent))
-    excess = np.divide(now, of_independent, out=np.ones_like(now), where=of_independent > 0)
-    return np.asarray(excess * measure.compute_errors(0.5 * (left + left.T), freedom))
+    seen = solution.normal_inverse @ root
+    update = np.eye(len(values)) - seen @ np.linalg.solve(np.eye(len(values)) + root.T @ seen, root.T)
+    bread = update @ solution.normal_inverse
+    pooled = compute_sandwich_covariance(identification.data.training, solution, inflation)
+    left = update @ pooled @ update.T + bread @ spread @ bread.T
+    # The uncertainty over blocks of time is as many times larger than the pooled one as it is now.
+    covariances = _compute_covariance(identification, measure), pooled, 0.5 * (left + left.T)
+    now, of_pooled, then = (measure.compute_errors(covariance, statistics.median_freedom) for covariance in covariances)
+    excess = np.divide(now, of_pooled, out=np.ones_like(now), where=np.isfinite(now) & (of_pooled > 0))
+    return np.asarray(excess * then)
 
 
 def follows_design(recording: Recording, design: Design) -> bool:
@@ -332,7 +371,7 @@ def compare_with_run(identification: Identification, recording: Recording) -> Ru
 
 
 def list_targets(request: CampaignRequest, joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Return what the errors of a campaign are of: joints, parameters or effects, by name.
+    """Return what the errors of a campaign are of: joints, parameters, effects or quantities of a load, by name.
 
     Parameters
     ----------
@@ -341,11 +380,27 @@ def list_targets(request: CampaignRequest, joints: tuple[str, ...]) -> tuple[str
     joints : tuple of str
         Names of the robot's joints.
     """
-    return {"torque": joints, "parameters": request.parameters, "effects": request.decide}[request.goal]
+    named = {"parameters": request.parameters, "effects": request.decide, "payload": request.quantities}
+    return named.get(request.goal, joints)
 
 
 def check_targets(robot: Robot, request: CampaignRequest) -> None:
-    """Raise `DynidentError` where the targets of a goal are missing or not there, or not what a motion can show."""
+    """Raise `DynidentError` where the motions of a campaign cannot show the targets of its goal."""
+    design = request.design
+    is_torque = design.model == "dynamic" and request.choices.model == "dynamic"
+    if design.kind != "optimized" or not is_torque or design.trajectory.joints:
+        raise DynidentError(
+            'a campaign plans motions of all joints, of the kind "optimized" for the dynamic model, since runs of '
+            "other kinds do not add up; leave kind, model and joints out of the design",
+            pointer="/design",
+        )
+    needy = [choice.effect for choice in request.choices.effects if not is_of_motion(choice)]
+    if needy:
+        raise DynidentError(
+            f"{', '.join(needy)} depends on more than the motion (temperature, time of the session, or run), so "
+            "that its torque in the region is not known; leave it out of the campaign",
+            pointer="/choices/effects",
+        )
     if request.goal == "parameters":
         effects = request.choices.effects
         names = build_design_model(robot, effects).parameter_names
@@ -353,6 +408,8 @@ def check_targets(robot: Robot, request: CampaignRequest) -> None:
         if unknown or not request.parameters:
             absent = f"there is no base parameter {', '.join(unknown)}" if unknown else "no parameter is named"
             raise DynidentError(f"{absent}; there are: {', '.join(names)}", pointer="/parameters")
+    if request.goal == "payload":
+        name_load_parameters(robot, request)
     if request.goal == "effects":
         try:
             check_candidates(request.decide)
@@ -392,9 +449,11 @@ def is_of_motion(choice: EffectChoice) -> bool:
 
 
 def build_measure(request: CampaignRequest, region: Region, identification: Identification) -> ErrorMeasure | None:
-    """Return what the covariance of a model means for the targets of a campaign; None for effects."""
+    """Return what the covariance of a model means for a campaign; None for effects, and for a load before its runs."""
     if request.goal == "effects":
         return None
+    if request.goal == "payload":
+        return select_payload_errors(identification, request)
     if request.goal == "parameters":
         return select_parameter_errors(identification, request.parameters)
     return compute_region_rows(identification, region)
@@ -427,3 +486,15 @@ def compute_effect_errors(diagnosis: Diagnosis, effects: Sequence[str], robot: R
         )
 
     return np.array([find_worst(name) for name in effects])
+
+
+def compute_target_errors(
+    request: CampaignRequest, identification: Identification, diagnosis: Diagnosis, measure: ErrorMeasure | None
+) -> FloatArray:
+    """Return the errors (k,) of the targets of a goal after a run; infinite of a load that was not mounted yet."""
+    robot = identification.model.robot
+    if measure is not None:
+        return compute_parameter_errors(identification, measure)
+    if request.goal == "effects":
+        return compute_effect_errors(diagnosis, request.decide, robot)
+    return np.full(len(list_targets(request, robot.joint_names)), np.inf)

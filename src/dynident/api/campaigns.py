@@ -7,8 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.advice.campaign import CampaignState, Decision, PlannedRun, add_run, plan_run, start_campaign
+from dynident.advice.campaign import (
+    CampaignState,
+    Decision,
+    PlannedRun,
+    add_run,
+    plan_run,
+    start_campaign,
+)
 from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.payload_goal import has_load, name_as_loaded
 from dynident.api.argument_checks import check_arguments, require
 from dynident.api.effect_arguments import check_effects, resolve_effects
 from dynident.api.figure import Figure, join_figures
@@ -16,12 +24,18 @@ from dynident.api.model import NO_RECORDINGS, Model
 from dynident.api.motion_design import DesignedMotion
 from dynident.api.named_tables import Framed, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
+from dynident.api.recording_files import read_recordings
+from dynident.api.recordings_in_memory import RecordingData
+from dynident.diagnosis.comparison.measured_against_predicted import compare as compare_recording
+from dynident.diagnosis.comparison.measured_against_predicted import find_contacts
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.prediction_region import collect_region
+from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.presentation.design_tables import build_campaign_table
 from dynident.presentation.tables import ReportedTable
 from dynident.progress import Progress, ignore_progress
+from dynident.recordings import RecordingError, StopReason, find_stop_reasons, list_fatal_findings
 from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_paragraph
 
@@ -183,6 +197,22 @@ class Campaign(Framed):
         self._planned = None
         return self.decision
 
+    def check_under_way(self, rows: RecordingData) -> tuple[StopReason, ...]:
+        """Check the run that is under way, for a program that stops the robot where it is not worth going on with.
+
+        Parameters
+        ----------
+        rows : path, data frame or mapping of arrays
+            The rows so far, as `read_recordings` takes them.
+
+        Returns
+        -------
+        tuple of StopReason
+            What no further second heals: saturated torques, wrong signs or orders, limits that are exceeded, half of
+            the planned speed or less, and torque that the model of the runs before does not explain by far (contact).
+        """
+        return find_faults_under_way(self._state, self._planned, rows)
+
     def plot(self) -> Figure:
         """Draw the errors over robot time: promised, reached, and the goal.
 
@@ -233,6 +263,42 @@ class Campaign(Framed):
         table = self._build_table()
         shown = (table.to_html(), *map(render_paragraph, table.notes)) if self._state.runs else ()
         return join_html(render_paragraph(self.decision.sentence, strong=True), *shown)
+
+
+def find_faults_under_way(
+    state: CampaignState, planned: PlannedRun | None, rows: RecordingData
+) -> tuple[StopReason, ...]:
+    """Return why the run under way is to be stopped; see `Campaign.check_under_way`.
+
+    Parameters
+    ----------
+    state : CampaignState
+        The campaign before the run.
+    planned : PlannedRun, optional
+        The motion that is made.
+    rows : path, data frame or mapping of arrays
+        The rows so far.
+    """
+    try:
+        checked = next(iter(read_recordings(rows, robot=state.robot)))
+    except RecordingError as error:
+        # What the first seconds lack (no joint has moved yet) is no reason to stop.
+        return tuple(list_fatal_findings(error.checks))
+    limits = build_recorded_joints(state.robot).known_limits
+    motion = None if planned is None else (planned.design.t, planned.design.q)
+    reasons = find_stop_reasons(checked.recording, checked.checks, limits, motion)
+    model = state.identification
+    # A load that is mounted for the first time is nothing that the model can know of.
+    if model is None or (state.is_load_due and not has_load(model.model.effects)):
+        return reasons
+    try:
+        recording = checked.recording
+        tested = name_as_loaded(recording, state.recordings) if state.is_load_due else recording
+        comparison = compare_recording(model, tested)
+    except DynidentError:
+        # Shorter than the filters are long.
+        return reasons
+    return (*reasons, *find_contacts(comparison, limits))
 
 
 @check_arguments

@@ -384,11 +384,26 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
         return Statistics(spread.covariance, worth, noise, spread.freedom)
     # "independent" takes every row at its word; "by_joint" inflates each equation's variance by its own correlation.
     counted = np.ones(len(inflation)) if kind == "independent" else inflation
-    # The sandwich estimator: B (Σ σⱼ² inflationⱼ WⱼᵀWⱼ) B. It is [12.8] where the weights are the true noise.
+    covariance = compute_sandwich_covariance(reduction, solution, counted)
+    return Statistics(
+        covariance, worth, noise, compute_row_freedom(reduction.row_counts / counted, reduction.n_columns)
+    )
+
+
+def compute_sandwich_covariance(reduction: Reduction, solution: Solution, inflation: FloatArray) -> FloatArray:
+    """Return the covariance (c, c) of estimates from rows of which each equation's overstate the information.
+
+    Parameters
+    ----------
+    reduction, solution : Reduction, Solution
+        The data and the estimate from it.
+    inflation : (n,)
+        Number of rows over number of independent samples of each equation.
+    """
+    # B (Σ σⱼ² inflationⱼ WⱼᵀWⱼ) B. It is [12.8] where the weights are the true noise.
     bread = solution.normal_inverse
-    c = reduction.n_columns
-    meat = np.zeros((c, c))
-    weights = noise**2 * counted / solution.noise**4
+    meat = np.zeros((reduction.n_columns, reduction.n_columns))
+    weights = compute_residual_noise(reduction, solution.values) ** 2 * inflation / solution.noise**4
     for equation, weight in zip(reduction.equations, weights, strict=True):
         w = equation.whole_factor[:, :-1]
         meat[np.ix_(equation.columns, equation.columns)] += weight * (w.T @ w)
@@ -396,9 +411,8 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
         # Rows of prior knowledge are in units of their own deviation, so their variance is one.
         meat += solution.known.factor.T @ solution.known.factor
     covariance = bread @ meat @ bread
-    freedom = compute_row_freedom(reduction.row_counts / counted, c)
     # Rounding leaves the product slightly asymmetric.
-    return Statistics(0.5 * (covariance + covariance.T), worth, noise, freedom)
+    return np.asarray(0.5 * (covariance + covariance.T))
 
 
 def compute_row_freedom(independent: FloatArray, n_columns: int) -> FloatArray:

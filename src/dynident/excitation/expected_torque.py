@@ -59,10 +59,13 @@ class ExpectedTorque:
         The robot that shall move.
     identified : IdentifiedModel
         Its identified model.
+    has_loads : bool
+        Whether effects of some runs alone, such as a payload, act in the motion.
     """
 
     robot: Robot
     identified: IdentifiedModel
+    has_loads: bool = False
 
     def __post_init__(self) -> None:
         names = self.identified.model.robot.joint_names
@@ -88,7 +91,9 @@ class ExpectedTorque:
     def _usable(self) -> tuple[int, ...]:
         """Indices of the base parameters whose columns a motion determines."""
         signals = self.identified.model.signals
-        absent = ca.vertcat(signals.time, signals.temperature, signals.run_symbols, signals.dddq, signals.ddddq)
+        absent = ca.vertcat(signals.time, signals.temperature, signals.dddq, signals.ddddq)
+        if not self.has_loads:
+            absent = ca.vertcat(absent, signals.run_symbols)
         return tuple(k for k, column in enumerate(self.identified.model.kept) if not _depends_on(column, absent))
 
     @property
@@ -117,6 +122,7 @@ class ExpectedTorque:
             rows = ca.substitute(rows, signals.memory(item), steady)
         rows = ca.substitute(rows, signals.reference, ca.DM(identified.reference.vector))
         rows = ca.substitute(rows, signals.period, JUMP_TIME)
+        rows = ca.substitute(rows, signals.run_symbols, ca.DM.ones(signals.run_symbols.numel()))
         torque = ca.mtimes(rows, ca.DM(identified.values[usable]))
         if not self.has_links and self.robot.inertias is not None:
             torque += ca.mtimes(signals.mechanics.rows, ca.DM(self.robot.inertias.reshape(-1)))

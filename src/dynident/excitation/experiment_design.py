@@ -181,7 +181,8 @@ def design_experiment(
     budget = Budget(request.starts_or_default, request.time_budget)
     progress = make_monotonic(progress)
     check_request(request)
-    expected = None if identified is None else ExpectedTorque(robot, identified)
+    has_loads = any(choice.runs for choice in request.effects_or_default)
+    expected = None if identified is None else ExpectedTorque(robot, identified, has_loads)
     limits = build_bounds(
         robot,
         request.limits,

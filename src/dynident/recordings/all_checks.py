@@ -97,7 +97,9 @@ def _mark_accepted(checks: list[Check], accept: tuple[str, ...]) -> tuple[Check,
     )
 
 
-StopCode = Literal["saturation", "torque_sign", "torque_order", "position_limit", "velocity_limit", "too_slow"]
+StopCode = Literal[
+    "saturation", "torque_sign", "torque_order", "position_limit", "velocity_limit", "too_slow", "contact"
+]
 
 _FATAL: tuple[StopCode, ...] = ("saturation", "torque_sign", "torque_order")
 """Checks whose findings no further second of the same run can heal."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import subprocess
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ from dynident_cli.shared_options import Effects, RobotArgument, RobotTimedReadin
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dynident.advice.campaign import PlannedRun
+    from dynident.advice.campaign import CampaignState, PlannedRun
     from dynident.progress import Progress
     from dynident.recordings import Recording
 
@@ -30,6 +31,10 @@ EXIT_MISSED = 3
 """Exit code of a campaign that ended without reaching its goal."""
 # Seconds between two looks for a recording, and how long its size must not have changed.
 _LOOK, _SETTLED = 0.5, 2.0
+_LONGEST_END = 10.0
+"""Seconds that a command may take to stop the robot and end."""
+UNFINISHED = ".part"
+"""Ending of the file to which a command may write the rows so far; a run that goes wrong is then stopped early."""
 # What a campaign decides itself, or has options of its own for.
 _DECIDED = (
     *("kind", "effects", "criterion", "limits", "noise", "surroundings", "model"),
@@ -57,8 +62,9 @@ class CampaignFiles(SafetyFiles):
         typer.Option(
             "--execute",
             metavar="COMMAND",
-            help="Command that moves the robot and records: {motion} and {recording} stand for the files. Without it, "
-            "the folder is watched for the recording.",
+            help="Command that moves the robot and records: {motion} and {recording} stand for the files. Rows that it "
+            "writes to {recording}.part as they come are checked, and it is ended where they are not worth going on "
+            "with. Without it, the folder is watched for the recording.",
         ),
     ] = ""
 
@@ -78,12 +84,14 @@ def campaign(
     reached.
     """
     from dynident.advice.campaign import add_run, plan_run, start_campaign
+    from dynident.api.figure import join_figures
     from dynident.api.motion_design import DesignedMotion
     from dynident.excitation.criteria.prediction_region import collect_region
     from dynident.file_output import write_atomically
     from dynident.identification import to_bytes
     from dynident.presentation.design_tables import build_campaign_table
     from dynident.progress import scale_progress
+    from dynident.reports.figures.design import draw_campaign
     from dynident_cli import argument_loading, command_output
     from dynident_cli.contract_documents import load_limits, load_surroundings
     from dynident_cli.design_and_simulation_files import (
@@ -121,12 +129,14 @@ def campaign(
             DesignedMotion(machine, planned.design).save(path)
             print_warnings(console, planned.design)
             console.print(_describe_plan(planned, path, MEASURES[request.goal][1]))
-            recording = _record(console, files.execute, path, folder, name)
+            recording = _record(console, files.execute, path, folder, name, state, planned)
         with command_output.show_progress_bar(name) as progress:
             added = load([recording], scale_progress(progress, 0.0, 0.1))[0]
             state = add_run(state, added, planned, scale_progress(progress, 0.1, 1.0))
         assert state.identification is not None
         write_atomically(folder / "model.npz", to_bytes(state.identification))
+        figure = join_figures([draw_campaign(state)], f"campaign with {machine.name}")
+        write_atomically(folder / "campaign.svg", figure.svg.encode())
         console.print(f"{name}: {state.decision.sentence}")
     table = build_campaign_table(state.runs, state.request, state.robot.joint_names)
     results = command_output.result_console()
@@ -152,7 +162,11 @@ def _describe_plan(planned: PlannedRun, path: Path, worst: str) -> str:
 def _find_recording(folder: Path, name: str) -> Path | None:
     """Return the recording of a run, in whichever format, once it does not grow any more; None where there is none."""
     # A file that is still empty is none yet.
-    files = sorted(path for path in folder.glob(f"{name}.*") if path.is_file() and path.stat().st_size)
+    files = sorted(
+        path
+        for path in folder.glob(f"{name}.*")
+        if path.suffix != UNFINISHED and path.is_file() and path.stat().st_size
+    )
     if not files:
         return None
     path, size, since = files[0], -1, time.monotonic()
@@ -166,7 +180,15 @@ def _find_recording(folder: Path, name: str) -> Path | None:
     return path
 
 
-def _record(console: Console, execute: str, motion: Path, folder: Path, name: str) -> Path:
+def _record(
+    console: Console,
+    execute: str,
+    motion: Path,
+    folder: Path,
+    name: str,
+    state: CampaignState,
+    planned: PlannedRun,
+) -> Path:
     """Have the robot moved, by a command or by hand, and return the recording."""
     recording = folder / f"{name}.csv"
     if not execute:
@@ -178,12 +200,61 @@ def _record(console: Console, execute: str, motion: Path, folder: Path, name: st
         # The words are split first: a path with spaces stays one argument.
         words = shlex.split(execute)
         command = [word.replace("{motion}", str(motion)).replace("{recording}", str(recording)) for word in words]
-        code = subprocess.run(command, check=False).returncode
+        process = subprocess.Popen(command)
     except (OSError, ValueError) as error:
         detail = f"{execute!r} cannot be run ({error}); give a program with its arguments, in quotes"
         raise DynidentError(detail, pointer="--execute", title="No recording") from error
+    try:
+        code = _watch(process, recording.with_name(recording.name + UNFINISHED), state, planned)
+    finally:
+        # Also where the campaign is interrupted: a program that goes on would move the robot unseen.
+        _end(process)
     recorded = _find_recording(folder, name)
     if code or recorded is None:
         result = f"ended with code {code}" if code else f"wrote no {recording}"
         raise DynidentError(f"the command {shlex.join(command)} {result}", pointer="--execute", title="No recording")
     return recorded
+
+
+def _watch(process: subprocess.Popen[bytes], rows: Path, state: CampaignState, planned: PlannedRun) -> int:
+    """Wait for a command, and end it where the rows that it has written so far are not worth going on with."""
+    from dynident.api.campaigns import find_faults_under_way
+
+    size, look = 0, _LOOK
+    while True:
+        try:
+            return process.wait(look)
+        except subprocess.TimeoutExpired:
+            pass
+        grown = rows.stat().st_size if rows.is_file() else 0
+        if grown in (0, size):
+            continue
+        size, begun = grown, time.monotonic()
+        with tempfile.TemporaryDirectory() as folder:
+            # The last line may be half written.
+            complete = Path(folder) / "rows.csv"
+            complete.write_bytes(rows.read_bytes().rpartition(b"\n")[0])
+            try:
+                reasons = find_faults_under_way(state, planned, complete)
+            except DynidentError:
+                # Rows of which nothing can be said yet; what is wrong with them is said once the run has ended.
+                reasons = ()
+        # The more rows there are, the longer a look takes: a fifth of the time at most.
+        look = max(_LOOK, 4.0 * (time.monotonic() - begun))
+        if reasons:
+            _end(process)
+            words = " ".join(reason.detail for reason in reasons)
+            detail = f"{words} The command was ended; its rows are in {rows}. Mend it, and go on with the same command."
+            raise DynidentError(detail, pointer="--execute", title="Run stopped")
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Ask a command to end, which has to stop the robot; after a while end it."""
+    if process.poll() is not None:
+        return
+    process.terminate()
+    try:
+        process.wait(_LONGEST_END)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

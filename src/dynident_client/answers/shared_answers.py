@@ -20,7 +20,8 @@ class CampaignRunView(TypedDict):
     measurement_id: str
     name: str
     parameters: list[float | None]
-    """Errors from uncertain parameters, with 95 %; null of an effect that would have shown at no size"""
+    """Errors from uncertain parameters, with 95 %, of a load over that asked for; null of an effect that would have
+    shown at no size, and of a load before it is mounted"""
     predicted: list[float] | None
     """Errors of this run's torque as the model before it predicted it; null for the first run"""
     promised: list[float] | None

@@ -5,7 +5,7 @@ Holds how long an interval is (0.5 s), and how many are reported (12).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,15 +23,20 @@ from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording, SampleBlock
+from dynident.recordings.all_checks import StopReason
 from dynident.recordings.joint_phases import Phase, PhaseArray
 from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.recordings.pose_recordings import has_poses, read_pose_rows
+from dynident.recordings.recording import JointLimits
 from dynident.regressors.dynamic_model_rows import SampleFunction
 from dynident.regressors.row_phases import RowPhases, changes_at_rest
 
 # Length of an interval, s, and number of those that are reported.
 _INTERVAL = 0.5
 _WORST = 12
+_CONTACT, _BANDS, _CONTACT_ROWS = 0.1, 3.0, 3
+"""Share of a joint's torque limit that a model may be wrong by at most where nothing is touched, also in multiples of
+its 95 % band; filtered rows in a row that are beyond both."""
 
 
 @dataclass(frozen=True)
@@ -389,3 +394,34 @@ def _compare_poses(identification: Identification, recording: Recording) -> tupl
     rows = np.full_like(q, float(Phase.MOVING))
     parts = [measured, predicted, predicted, predicted, deviation, q, still, still, load, rows, still + 1.0]
     return t, np.zeros(len(t)), np.hstack(parts)
+
+
+def find_contacts(comparison: Comparison, limits: Sequence[JointLimits]) -> list[StopReason]:
+    """Return the joints whose torque a model does not explain by far: something was touched, or is mounted unsaid.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        A recording against a model that was identified before it.
+    limits : sequence of JointLimits
+        Limits of the n joints. Where the torque's is not known, the largest measured torque counts as it.
+
+    Returns
+    -------
+    list of StopReason
+        One for each joint, the one with the earliest contact first.
+    """
+    excess, contacts = np.abs(comparison.counted_residual), []
+    for j, (name, limit) in enumerate(zip(comparison.joint_names, limits, strict=True)):
+        largest = limit.effort or float(np.abs(comparison.measured[:, j]).max(initial=0.0))
+        beyond = excess[:, j] > np.maximum(_CONTACT * largest, _BANDS * comparison.band[:, j])
+        runs = np.convolve(beyond, np.ones(_CONTACT_ROWS), mode="valid") == _CONTACT_ROWS
+        if runs.any():
+            k = int(np.argmax(runs))
+            worst = float(excess[k : k + _CONTACT_ROWS, j].max())
+            detail = (
+                f"From {comparison.t[k]:.2f} s on, the torque of {name} is {worst:.3g} "
+                f"{comparison.units[j]} off what the model of the runs before predicts: did it touch something?"
+            )
+            contacts.append((comparison.t[k], StopReason("contact", name, detail)))
+    return [reason for _, reason in sorted(contacts, key=lambda contact: contact[0])]

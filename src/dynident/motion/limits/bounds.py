@@ -424,3 +424,27 @@ def _choose_tighter_range(joint: Joint, stated: Limits, at: str) -> tuple[float,
             title="Impossible limits",
         )
     return low, high
+
+
+def slow_down_limits(robot: Robot, limits: Mapping[str, Limits], share: float) -> dict[str, Limits]:
+    """Return limits with a share of the velocities, and of the accelerations that these reach in the same time.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with the limits of its description.
+    limits : mapping of str to Limits
+        Tighter limits by joint name.
+    share : float
+        Share of the velocities.
+    """
+    bounds = build_bounds(robot, limits)
+    # Limits of joints that follow others stay as they are stated.
+    return {**limits} | {
+        name: replace(
+            limits.get(name, Limits()),
+            velocity=share * float(bounds.velocity[j]),
+            acceleration=share * float(bounds.acceleration[j]),
+        )
+        for j, name in enumerate(robot.joint_names)
+    }

@@ -187,7 +187,8 @@ def draw_campaign(state: CampaignState) -> Markup:
     goal = 100 * state.request.largest_error
     axes.axhline(goal, color=FLOOR, linewidth=1.2, linestyle=(0, (4, 3)), label="goal")
     for time, error, run in zip(minutes, reached, state.runs, strict=True):
-        if run.is_changed:
+        # Of a load that is not mounted yet, or an effect that would have shown at no size, there is no error to draw.
+        if run.is_changed and np.isfinite(error):
             words = ", ".join(dict.fromkeys(get_effect_title(choice.effect) for choice in run.added))
             words = f"with {words}" if words else "no effect added"
             axes.annotate(words, (time, error), (6, 8), textcoords="offset points", fontsize=8)
@@ -201,9 +202,9 @@ def draw_campaign(state: CampaignState) -> Markup:
     axes.set_xlabel("robot time (min)", fontsize=8.5)
     axes.legend(fontsize=8, frameon=False)
     measure = MEASURES[state.request.goal][0]
+    values = ", ".join(f"{value:.3g} %" if np.isfinite(value) else "none" for value in reached)
     set_panel_title(axes, f"{measure} (%)")
     return to_svg(
         figure,
-        f"{measure} after each of {len(state.runs)} runs: "
-        f"{', '.join(f'{value:.3g} %' for value in reached)}; the goal is {goal:.3g} %.",
+        f"{measure} after each of {len(state.runs)} runs: {values}; the goal is {goal:.3g} %.",
     )

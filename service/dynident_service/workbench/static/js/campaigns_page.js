@@ -2,6 +2,7 @@
 
 import { get, post } from "./api.js";
 import { field, figures, h, listed, part, put, select } from "./dom.js";
+import { USUAL_DRIVES } from "./first_model.js";
 import { moment, number, percent, quantity } from "./format.js";
 import { awaited } from "./jobs.js";
 import { measurementForm } from "./measurement_form.js";
@@ -17,8 +18,10 @@ const WORDS = { asking: "the next motion is to be designed", designing: "the nex
 const BOXES = { reached: "good", unreachable: "warning", stopped: "warning" };
 // What most people ask for stands in the open, in this order; the rest of what may be asked is folded.
 const OPEN = ["robot_time", "runs", "duration", "sampling_rate"];
-const GOALS = { TorqueGoal: "torque is predicted well", ParametersGoal: "parameters are known well", EffectsGoal: "effects are found or ruled out" };
-const WORST = { torque: "joint", parameters: "parameter", effects: "effect" };
+const GOALS = { TorqueGoal: "torque is predicted well", ParametersGoal: "parameters are known well", EffectsGoal: "effects are found or ruled out", PayloadGoal: "a load on the last link is known well" };
+const WORST = { torque: "joint", parameters: "parameter", effects: "effect", payload: "quantity" };
+// What the virtual robot has where nothing else is said, and the load that is looked for.
+const LOADED = [...USUAL_DRIVES, "payload"].map((effect) => ({ effect }));
 const inTime = (seconds) => (seconds < 120 ? quantity(seconds, "s", 3) : quantity(seconds / 60, "min", 3));
 
 /** With `campaign` that one, else all campaigns and a form for a new one. */
@@ -37,8 +40,8 @@ export async function page(target, wanted, signal) {
     ["date", (one) => moment(one.created_at)],
     ["state", (one) => WORDS[one.state]],
     figures("robot time", (one) => one.robot_time, inTime),
-    figures("error", (one) => one.achieved, percent),
-    figures("goal", (one) => aimOf(one.request.goal), percent),
+    figures("error", (one) => one.achieved, (error) => percent(error)),
+    figures("goal", (one) => aimOf(one.request.goal), (aim) => percent(aim)),
   ];
   put(target, h("h1", {}, "Campaigns"),
     h("p", {}, "Say how accurate the model has to be. dynident designs one motion after the other, until the goal is reached or cannot be."),
@@ -132,7 +135,9 @@ function motionToMake(campaign, { robot, metadata, formats }, follow, said, fail
   const tell = async (measurement) => follow("/identifications", await post(`/campaigns/${campaign.id}/tell`, { measurement_id: measurement }), "Taking in the recording");
   const button = h("button", { type: "button", id: "simulate-run", disabled: !robot.has_inertias, onclick: () => pressed(button, async () => {
     const seed = campaign.steps.flatMap((one) => one.runs).length + 1;
-    const made = await post("/simulations", { robot_id: robot.id, design_id: campaign.design_id, name: `virtual run ${seed}`, seed });
+    const { goal } = campaign.request;
+    const load = goal.kind === "payload" && seed > goal.unloaded_runs ? { effects: LOADED } : {};
+    const made = await post("/simulations", { robot_id: robot.id, design_id: campaign.design_id, name: `virtual run ${seed}`, seed, ...load });
     await tell((await awaited("/simulations", made, "Simulating the motion", said, signal)).result.measurement_id);
   }, fail, signal) }, "Make it with the virtual robot");
   const step = campaign.steps.at(-1);
@@ -155,6 +160,9 @@ function aimOf(goal) {
 function goalInWords(goal) {
   if (goal.kind === "parameters") return `${goal.parameters.join(", ")} within ${percent(goal.error)}`;
   if (goal.kind === "effects") return `${goal.effects.join(", ")} found or ruled out`;
+  if (goal.kind === "payload") {
+    return goal.quantities.map((one) => `${one.replace("_", " ")} within ${one === "mass" ? quantity(goal.mass_error, "kg", 3) : quantity(goal.centre_error, "m", 3)}`).join(", ");
+  }
   return `torque within ${percent(goal.error)} up to ${percent(goal.speed)} of the speeds`;
 }
 

@@ -13,10 +13,12 @@ import { pressed, problemBox } from "./problem.js";
 import { robotForm } from "./robot_form.js";
 import { choicesOf, fieldsOf } from "./schema.js";
 
+/** What acts in the drives of a virtual robot of which nothing else is said. */
+export const USUAL_DRIVES = ["rotor_inertia", "coulomb", "viscous"];
 // A virtual arm with an effect to be found; both motions are drawn at random.
 const SAMPLE = {
   robot: "scara",
-  motion: { trajectory: { duration: 10, sampling_rate: 200 }, effects: ["rotor_inertia", "coulomb", "viscous", "stribeck"].map((effect) => ({ effect, ...(effect === "stribeck" ? { joints: ["elbow"] } : {}) })) },
+  motion: { trajectory: { duration: 10, sampling_rate: 200 }, effects: [...USUAL_DRIVES, "stribeck"].map((effect) => ({ effect, ...(effect === "stribeck" ? { joints: ["elbow"] } : {}) })) },
   runs: [{ name: "sample run 1", role: "identification", seed: 1 }, { name: "sample run 2", role: "validation", seed: 2 }],
 };
 
