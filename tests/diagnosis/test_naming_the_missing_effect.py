@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -243,33 +244,26 @@ def test_a_search_ends_where_nothing_more_passes_and_not_at_a_number_of_effects(
         initial_candidates=ripples, candidates=(), faint=frozenset(), observation=SimpleNamespace(robot=ROBOT)
     )
     for name, stub in {
-        "select_candidate": lambda data, pool, state, judged, rejections: (judged[0], ()),
-        "compare_names": lambda model, pool, state, choice, *others: choice,
-        "score_family": lambda data, pool, base, left, noise: SimpleNamespace(
-            scored=[ScoredStub(candidate, (0,)) for candidate in left]
-        ),
-        "estimate_residual_noise": lambda data, base: np.ones(1),
+        "select_candidate": lambda state, judged, rejections: (judged[0], ()),
+        "compare_names": lambda rows, state, choice, judged: choice,
+        "score_family": lambda state, left: SimpleNamespace(scored=[ScoredStub(candidate, (0,)) for candidate in left]),
         "is_determined": lambda *_: True,
         "_list_neighbour_columns": lambda *_: (),
-        "revisit_findings": lambda rows, data, pool, state: state,
-        "merge_findings_on_joint": lambda rows, data, pool, state: state,
-        "prune_findings": lambda data, pool, state: state,
-        "split_groups": lambda data, pool, state: state,
     }.items():
         monkeypatch.setattr(forward_selection, name, stub)
-    data, rows = SimpleNamespace(select_for_model=lambda base: None), SimpleNamespace(model=None, gather_products=None)
+    monkeypatch.setattr(State, "estimate_noise", lambda state: state)
     first = [ScoredStub(candidate, (0,)) for candidate in ripples]
-    state = State((), np.ones(1), np.ones(1), ())
-    record = forward_selection.search_findings(data, pool, state, first, rows, ignore_progress)
-    assert [finding.judged.candidate for finding in record.findings] == ripples
+    state = State(cast(Any, None), cast(Any, pool), (), np.ones(1), np.ones(1))
+    record = forward_selection.search_findings(state, cast(Any, first), cast(Any, None), ignore_progress)
+    assert [finding.judged.candidate for finding in record.state.findings] == ripples
 
 
 def test_a_search_with_further_proposals_goes_on_where_the_first_ended(monkeypatch):
     settled = []
 
-    def compare(model, pool, state, choice, *others):
+    def compare(rows, state, choice, judged):
         settled.append(choice[0].candidate.effect)
-        return compare_names(model, pool, state, choice, *others)
+        return compare_names(rows, state, choice, judged)
 
     monkeypatch.setattr(forward_selection, "compare_names", compare)
     # The large error hides the line of the small one, which only the second search is asked about.
