@@ -157,6 +157,7 @@ RULES: dict[str, list[tuple[Any, str, Callable[..., Any]]]] = {
     "_list_neighbour_columns": [(forward_selection, "_list_neighbour_columns", _nothing)],
     "is_determined": [(forward_selection, "is_determined", _true)],
     "compare_names": [(forward_selection, "compare_names", lambda _rows, _state, choice, _judged: choice)],
+    "_exceeds_constant": [(comparison_of_rivals, "_exceeds_constant", _true)],
     "_is_slimmer": [(comparison_of_rivals, "_is_slimmer", _false)],
     "faint candidates": [
         (

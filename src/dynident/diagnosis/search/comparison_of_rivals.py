@@ -12,8 +12,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from scipy.special import fdtri
+
 from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool_of_choices
-from dynident.diagnosis.candidates.significance import ScoredCandidate, are_indistinguishable
+from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, are_indistinguishable
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.search.acceptance_rules import compute_stability
 from dynident.diagnosis.search.next_finding import is_seldom_change, select_candidate
@@ -117,8 +119,17 @@ def explains_as_much(slim: ScoredCandidate, other: ScoredCandidate) -> bool:
         The candidate with fewer constants, and the one with more, scored on the same rows.
     """
     less = other.total_gain - slim.total_gain
-    told_apart = compute_t(other.gains - slim.gains) >= RULES.apart_t
+    told_apart = compute_t(other.gains - slim.gains) >= RULES.apart_t and _exceeds_constant(less, other)
     return (less <= RULES.same_gain * other.total_gain and not told_apart) or are_indistinguishable(other, slim)
+
+
+def _exceeds_constant(more: float, other: ScoredCandidate) -> bool:
+    """Return whether a name gains more than a constant that is fitted to what it leaves would by chance.
+
+    A block counts as one sample. That constants are the best of many is why t alone says too much.
+    """
+    blocks = len(other.gains)
+    return more * (blocks - 1) >= float(fdtri(1, blocks - 1, 1.0 - ALPHA)) * float(other.after_weighted.sum())
 
 
 def _find_contenders(chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:

@@ -1,4 +1,4 @@
-"""The state of a search (findings so far, residual noise), and the scores of all candidates beside it."""
+"""The state of a search (products, model so far, findings, noise), what it records, and the scores of candidates."""
 
 from __future__ import annotations
 
