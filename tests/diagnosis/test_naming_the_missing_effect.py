@@ -29,12 +29,13 @@ from support.hidden_effects import (
 from support.oracles import fourier_motion
 
 from dynident.advice import advise
-from dynident.diagnosis import Diagnosis, compare, diagnose, examine
+from dynident.diagnosis import Diagnosis, compare, diagnose, diagnose_model, examine
 from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.diagnosis.residuals.spectral_peaks import AngleLines, find_angle_lines
 from dynident.diagnosis.search import forward_selection
 from dynident.diagnosis.search.comparison_of_rivals import compare_names
+from dynident.diagnosis.search.finding_refinement import refine_findings
 from dynident.diagnosis.search.search_state import State
 from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.identification import IdentificationChoices, extend, identify
@@ -258,19 +259,25 @@ def test_a_search_ends_where_nothing_more_passes_and_not_at_a_number_of_effects(
     assert [finding.judged.candidate for finding in record.state.findings] == ripples
 
 
-def test_a_search_with_further_proposals_goes_on_where_the_first_ended(monkeypatch):
-    settled = []
+def test_a_search_with_further_proposals_goes_on_where_the_first_ended_and_is_refined_once(monkeypatch):
+    settled, refined = [], []
+
+    def refine(*asked):
+        refined.append(len(asked[1]))
+        return refine_findings(*asked)
 
     def compare(rows, state, choice, judged):
         settled.append(choice[0].candidate.effect)
         return compare_names(rows, state, choice, judged)
 
     monkeypatch.setattr(forward_selection, "compare_names", compare)
+    monkeypatch.setattr(diagnose_model, "refine_findings", refine)
     # The large error hides the line of the small one, which only the second search is asked about.
     run = experiment(on_joint(3, lambda q, v, load: 30.0 * hysteresis(q, 0.02) + 0.9 * np.sin(21.0 * q + 0.7)))
     found = diagnose(run.identification, [run.training])
     assert {choice.effect for choice in found.recommended} == {"presliding", "torque_ripple"}
     assert sorted(settled) == ["presliding", "torque_ripple"]
+    assert refined == [2]
 
 
 def test_further_proposals_leave_the_numbers_of_all_earlier_columns():
@@ -279,6 +286,9 @@ def test_further_proposals_leave_the_numbers_of_all_earlier_columns():
     later = build_pool(model, None, ShapeProposals(AngleLines(clear=((0, 9.0),))), None, first)
     assert later.candidates[: len(first.candidates)] == first.candidates
     assert {candidate.effect for candidate in later.candidates[len(first.candidates) :]} >= {"torque_ripple"}
+    # What the earlier pool has compiled is not compiled again.
+    assert later.observation.parts is not None
+    assert later.observation.parts[0] is first.observation
 
 
 def test_what_this_motion_could_not_have_shown_is_said():
