@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -38,14 +38,12 @@ from hiding.recorded import recorded
 
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.search import comparison_of_rivals, forward_selection
-from dynident.diagnosis.search.search_state import State, score_all
+from dynident.diagnosis.search.search_state import ProductSource, State, score_all
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification import identify
 from dynident.identification.shape_search import list_between
-from dynident.regressors.model_structure import Model
 
 RIVALS, STARTS = 0.3, 12
 FAMILIES = (
@@ -112,47 +110,35 @@ def listening(case: Case) -> Iterator[list[Contest]]:
     fight = comparison_of_rivals.compare_names
 
     def settled(
-        model: Model,
-        pool: Pool,
-        state: State,
-        choice: comparison_of_rivals.Choice,
-        judged: Sequence[ScoredCandidate],
-        products: Callable[[Pool], PhasedProducts],
+        rows: ProductSource, state: State, choice: comparison_of_rivals.Choice, judged: Sequence[ScoredCandidate]
     ) -> comparison_of_rivals.Choice:
         with (
             patch.object(comparison_of_rivals, "_CONTENDS", RIVALS),
             patch.object(comparison_of_rivals, "_STARTS", STARTS),
         ):
-            found = weighed(case, model, pool, state, choice[0], judged, products)
+            found = weighed(case, rows, state, choice[0], judged)
         if found is not None:
             heard.append(found)
-        return fight(model, pool, state, choice, judged, products)
+        return fight(rows, state, choice, judged)
 
     with patch.object(forward_selection, "compare_names", settled):
         yield heard
 
 
 def weighed(
-    case: Case,
-    model: Model,
-    pool: Pool,
-    state: State,
-    chosen: ScoredCandidate,
-    judged: Sequence[ScoredCandidate],
-    products: Callable[[Pool], PhasedProducts],
+    case: Case, rows: ProductSource, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
 ) -> Contest | None:
     """All that take part, or None where none of them is hidden on the joint."""
     own = [item for item in judged if item.candidate == chosen.candidate]
     contenders = list(dict.fromkeys([*own, *comparison_of_rivals._find_contenders(chosen, judged)]))
     names = dict.fromkeys(item.candidate.effect for item in contenders)
-    if len(names) < 2 or not any(is_right(case, item.candidate, pool) for item in contenders):
+    if len(names) < 2 or not any(is_right(case, item.candidate, state.pool) for item in contenders):
         return None
     parents = {finer: item for item in contenders for finer in list_between(item.candidate.choice)}
-    finer = comparison_of_rivals.build_finer_pool(model, pool, state, list(parents))
-    data = products(finer)
-    kinds = [data.find_row_kinds(one.columns) for one in finer.candidates]
+    finer = comparison_of_rivals.refine_grid(rows, state, list(parents))
+    kinds = [finer.data.find_row_kinds(one.columns) for one in finer.pool.candidates]
     common = all(turns for turns, _ in kinds), all(starts for _, starts in kinds)
-    again = score_all(data, finer, tuple(range(finer.n_base)), finer.candidates, state.noise, kinds=common)
+    again = score_all(finer, finer.pool.candidates, kinds=common)
     rivals = []
     best: dict[bool, ScoredCandidate] = {}
     for name in names:
@@ -163,7 +149,7 @@ def weighed(
         ]
         on_grid = max(item.total_gain for item in grid) / chosen.total_gain
         shares = tuple(round(gain / chosen.total_gain, 6) for gain in gains)
-        right = is_right(case, grid[0].candidate, pool)
+        right = is_right(case, grid[0].candidate, state.pool)
         own = [item for item in again if item.candidate.effect == name]
         best[right] = max([*own, *([best[right]] if right in best else [])], key=lambda item: item.total_gain)
         rivals.append(Rival(name, right, on_grid, shares, grid[0].freedom))

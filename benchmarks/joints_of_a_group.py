@@ -45,11 +45,9 @@ from hiding.sessions import draw_session
 from hiding.site import Site
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.candidates.candidate_pool import Pool
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.decision_levels import RULES
-from dynident.diagnosis.search import finding_refinement, pruning
+from dynident.diagnosis.search import pruning
 from dynident.diagnosis.search.search_state import State
 from dynident.identification import extend, identify
 
@@ -202,23 +200,23 @@ def listening(case: str, effect: str, having: set[str]) -> Iterator[list[Weighed
     weigh, judge = pruning.trim_joints, pruning._has_gain
     rows: list[tuple[str, bool, ScoredCandidate]] = []
 
-    def gains(data: PhasedProducts, pool: Pool, state: State, alone: ScoredCandidate, least_t: float) -> bool:
-        holds = judge(data, pool, state, alone, least_t)
+    def gains(state: State, alone: ScoredCandidate, least_t: float) -> bool:
+        holds = judge(state, alone, least_t)
         if alone.candidate.effect == effect and least_t != RULES.staying_t:
             rows.append((alone.candidate.joints[0], holds, alone))
         return holds
 
-    def trimmed(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, ...]]:
+    def trimmed(state: State) -> list[tuple[str, ...]]:
         rows.clear()
-        kept = weigh(data, pool, state)
+        kept = weigh(state)
         heard.clear()
-        outnumbered = 2 * sum(firm for _, firm, _ in rows) >= len(pool.observation.robot.joint_names)
+        outnumbered = 2 * sum(firm for _, firm, _ in rows) >= len(state.pool.observation.robot.joint_names)
         heard.extend(
             Weighed(case, joint, joint in having, outnumbered, firm, item.drop, item.t) for joint, firm, item in rows
         )
         return kept
 
-    with patch.object(pruning, "_has_gain", gains), patch.object(finding_refinement, "trim_joints", trimmed):
+    with patch.object(pruning, "_has_gain", gains), patch.object(pruning, "trim_joints", trimmed):
         yield heard
 
 

@@ -41,7 +41,6 @@ LEVELS: dict[str, dict[str, float]] = {
     "hardly_more": {"hardly_more": 0.0},
     "least_separability": {"least_separability": 0.0},
     "least_reach": {"least_reach": 0.0},
-    "blurred_drop": {"blurred_drop": 0.0},
     "least_drop_in_runs": {"least_drop_in_runs": 0.0},
     "least_drop_of_change": {"least_drop_of_change": 0.0},
     "shadow": {"shadow": 0.0},
@@ -105,16 +104,16 @@ def _false(*_: Any, **__: Any) -> bool:
     return False
 
 
-def _only_strip(_data: Any, _pool: Any, state: Any) -> Any:
+def _only_strip(state: State) -> State:
     """Prune nothing but the columns of neighbouring constants."""
     around = {k for finding in state.findings for k in finding.around}
     findings = tuple(replace(finding, around=()) for finding in state.findings)
-    return replace(state, findings=findings, base=tuple(k for k in state.base if k not in around))
+    return replace(state.drop_columns(around), findings=findings)
 
 
-def _keep_scores(data: Any, _pool: Any, start: Any, findings: Any, _choices: Any, first: Any) -> FinalScores:
+def _keep_scores(start: State, _last: Any, findings: Sequence[Finding], _choices: Any, first: Any) -> FinalScores:
     """Leave the scores of all candidates beside the findings as they are beside the model alone."""
-    return FinalScores(replace(start, findings=tuple(findings)), data, first.scored, first.levels)
+    return FinalScores(replace(start, findings=tuple(findings)), first.scored, first.levels)
 
 
 def _over_blocks(names: Any, rivals: Any, run: Any) -> float:
@@ -128,15 +127,12 @@ RULES: dict[str, list[tuple[Any, str, Callable[..., Any]]]] = {
             "_check_visibility",
             "_check_size",
             "_check_reach",
-            "_check_blur",
             "_check_shadows",
             "_check_each_joint",
             "_check_runs",
         )
     },
-    "_find_plainer": [(next_finding, "_find_plainer", _no_reason)],
     "_find_lasting_cause": [(next_finding, "_find_lasting_cause", _no_reason)],
-    "_find_larger_rivals": [(next_finding, "_find_larger_rivals", _empty)],
     "_select_first_order": [(next_finding, "_select_first_order", _empty)],
     "_check_moving_joints": [(next_finding, "_check_moving_joints", _no_reason)],
     "_check_run_effects": [(next_finding, "_check_run_effects", _no_reason)],
@@ -146,30 +142,28 @@ RULES: dict[str, list[tuple[Any, str, Callable[..., Any]]]] = {
     "_is_part_of_change": [(next_finding, "_is_part_of_change", _false)],
     "_find_confused": [(next_finding, "_find_confused", _nothing)],
     "find_richer_changes": [(next_finding, "find_richer_changes", _nothing)],
-    "drop_idle_joints": [(next_finding, "drop_idle_joints", lambda _data, _pool, _state, chosen: chosen)],
+    "drop_idle_joints": [(next_finding, "drop_idle_joints", lambda _state, chosen: chosen)],
     "stability over runs": [
         (module, "compute_stability", _over_blocks) for module in (next_finding, comparison_of_rivals)
     ],
     "_is_dissipative": [(physical_plausibility, "_is_dissipative", _true)],
     "_find_wrong_friction": [(physical_plausibility, "_find_wrong_friction", _no_reason)],
     "find_impossibility": [(next_finding, "find_impossibility", _no_reason)],
-    "revisit_findings": [(forward_selection, "revisit_findings", lambda _rows, _data, _pool, state: state)],
-    "merge_findings_on_joint": [
-        (forward_selection, "merge_findings_on_joint", lambda _rows, _data, _pool, state: state)
-    ],
-    "split_groups": [(forward_selection, "split_groups", lambda _data, _pool, state: state)],
+    "revisit_findings": [(forward_selection, "revisit_findings", lambda _rows, state: state)],
+    "merge_findings_on_joint": [(forward_selection, "merge_findings_on_joint", lambda _rows, state: state)],
+    "split_groups": [(forward_selection, "split_groups", lambda state: state)],
     "prune_findings on the grid": [(forward_selection, "prune_findings", _only_strip)],
-    "prune_findings refined": [(finding_refinement, "prune_findings", _only_strip)],
+    "prune_findings refined": [(pruning, "prune_findings", _only_strip)],
     "_list_neighbour_columns": [(forward_selection, "_list_neighbour_columns", _nothing)],
     "is_determined": [(forward_selection, "is_determined", _true)],
-    "compare_names": [(forward_selection, "compare_names", lambda _m, _p, _s, choice, _j, _r: choice)],
-    "_is_slimmer": [(comparison_of_rivals, "_is_slimmer", _false)],
+    "compare_names": [(forward_selection, "compare_names", lambda _rows, _state, choice, _judged: choice)],
     "_exceeds_constant": [(comparison_of_rivals, "_exceeds_constant", _true)],
+    "_is_slimmer": [(comparison_of_rivals, "_is_slimmer", _false)],
     "faint candidates": [
         (
             diagnose_model,
             "search_findings",
-            lambda data, pool, *rest: _search(data, replace(pool, faint=frozenset()), *rest),
+            lambda state, *rest: _search(replace(state, pool=replace(state.pool, faint=frozenset())), *rest),
         )
     ],
     "locate_findings": [
@@ -184,19 +178,14 @@ RULES: dict[str, list[tuple[Any, str, Callable[..., Any]]]] = {
     ],
     "trim_joints": [
         (
-            finding_refinement,
+            pruning,
             "trim_joints",
-            lambda _data, _pool, state: [finding.judged.candidate.joints for finding in state.findings],
+            lambda state: [finding.judged.candidate.joints for finding in state.findings],
         )
     ],
-    "select_harmless": [
-        (finding_refinement, "select_harmless", lambda _data, _base, columns, _noise: list(range(len(columns))))
-    ],
+    "select_harmless": [(pruning, "select_harmless", lambda _state, columns: list(range(len(columns))))],
     "is_width_resolved": [(finding_refinement, "is_width_resolved", _true)],
-    "_find_independent": [(finding_refinement, "_find_independent", lambda _model, choices: list(range(len(choices))))],
-    "drop_faded_contacts": [
-        (finding_refinement, "drop_faded_contacts", lambda _data, _pool, state, _preprocessing: state)
-    ],
+    "drop_faded_contacts": [(pruning, "drop_faded_contacts", lambda state, _preprocessing: state)],
     "find_misnamed": [(diagnose_model, "find_misnamed", _empty)],
     "find_dependent_findings": [(diagnose_model, "find_dependent_findings", _empty)],
     "is_only_helpful_at_first": [(identifiability_and_invisible_effects, "is_only_helpful_at_first", _false)],
@@ -214,7 +203,6 @@ DECISIONS: dict[str, list[Callable[..., Any]]] = {
     "hardly_more": [significance.has_larger_gain],
     "least_separability": [acceptance_rules._check_visibility],
     "least_reach": [acceptance_rules._check_reach],
-    "blurred_drop": [acceptance_rules._check_blur],
     "least_drop_in_runs": [acceptance_rules._check_runs],
     "least_drop_of_change": [acceptance_rules._check_runs],
     "shadow": [acceptance_rules.is_shadowed],
@@ -380,7 +368,7 @@ def build_watcher(
         for switch, stand_in in others:
             # A stand-in of the whole search would be another search.
             if switch == "faint candidates":
-                fired.update({switch} if args[1].faint else ())
+                fired.update({switch} if args[0].pool.faint else ())
             elif switch not in fired and simplify(stand_in(*args, **kwargs)) != simplify(result):
                 fired.add(switch)
         return result

@@ -20,8 +20,8 @@ from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolut
 from dynident.diagnosis.residuals.shape_proposals import propose_shapes
 from dynident.diagnosis.search.external_contacts import find_contacts
 from dynident.diagnosis.search.finding_refinement import improve_reference
-from dynident.diagnosis.search.forward_selection import search_findings
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_family
+from dynident.diagnosis.search.forward_selection import search_findings, settle_findings
+from dynident.diagnosis.search.search_state import Finding, State, score_family
 from dynident.effects import ReferenceParameters
 from dynident.identification import Identification
 from dynident.progress import ignore_progress
@@ -103,13 +103,12 @@ class Question:
 
     def named(self, change: Change) -> tuple[str, ...]:
         """Names, with their joints, of all that passes once the rows are changed."""
-        pool = self.pool
         rows = ChangedRows(self.identification, self.recordings, self.identification.estimate.next_reference(), change)
-        data = rows.folded(pool, self.plain)
-        start = self._start(data)
-        first = list(score_family(data, pool, start.base, pool.initial_candidates, start.noise).scored)
-        found = search_findings(data, pool, start, first, rows, ignore_progress)
-        return tuple(_told(finding) for finding in found.findings)
+        start = self._start(rows.folded(self.pool, self.plain))
+        first = score_family(start, self.pool.initial_candidates).scored
+        found = search_findings(start, first, rows, ignore_progress)
+        settle_findings(found)
+        return tuple(_told(finding) for finding in found.state.findings)
 
     def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IndexArray:
         """(m, n): whether a joint moves, turns round, stands, or moves beside a halt: each another kind of equation."""
@@ -119,11 +118,11 @@ class Question:
         return np.where(partial, _PARTIAL, found).astype(np.intp)
 
     def _start(self, data: PhasedProducts) -> State:
-        base, noise = tuple(range(self.pool.n_base)), self.identification.noise
-        findings = find_contacts(data, self.pool, base, noise, self.identification.preprocessing)
+        state = State(data, self.pool, tuple(range(self.pool.n_base)), self.identification.noise, self.floor)
+        findings = find_contacts(state, self.identification.preprocessing)
         for finding in findings:
-            base += finding.columns
-        return State(base, estimate_residual_noise(data, base) if findings else noise, self.floor, findings)
+            state = state.add_finding(finding)
+        return state.estimate_noise() if findings else state
 
 
 def _rows(identification: Identification, pool: Pool, reference: ReferenceParameters) -> SamplesOf:

@@ -15,7 +15,7 @@ from dynident.diagnosis.changes_between_recordings import identify_on_both
 from dynident.diagnosis.search.comparison_of_rivals import compare_names
 from dynident.diagnosis.search.finding_refinement import RecordedSource
 from dynident.diagnosis.search.next_finding import select_candidate
-from dynident.diagnosis.search.search_state import State, estimate_residual_noise, score_family
+from dynident.diagnosis.search.search_state import State, score_family
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.shape_refinement import list_shape_variables
@@ -113,11 +113,11 @@ def test_a_mass_that_a_spring_would_say_as_well_keeps_its_name_from_day_to_day()
     both, days, _ = identify_on_both(model, days[:1], days[1:])
     pool = replace(build_pool_of_choices(both.model, [mass, spring]), since=since)
     rows = RecordedSource(both.model, RegressorInputs(days, both.preprocessing, both.estimate.next_reference()))
-    data, base = rows.gather_products(pool), tuple(range(pool.n_base))
-    state = State(base, estimate_residual_noise(data, base), np.full(6, 0.05), (), since)
+    floor = np.full(6, 0.05)
+    state = State(rows.gather_products(pool), pool, tuple(range(pool.n_base)), floor, floor).estimate_noise()
     tried = [pool.find_candidate(choice) for choice in (mass, spring)]
-    judged = score_family(data, pool, base, tried, state.noise).scored
-    choice = select_candidate(data, pool, state, judged)
+    judged = score_family(state, tried).scored
+    choice = select_candidate(state, judged)
     assert choice is not None
-    chosen, equal = compare_names(both.model, pool, state, choice, judged, rows.gather_products)
+    chosen, equal = compare_names(rows, state, choice, judged)
     assert (chosen.candidate.choice, [item.candidate.choice for item in equal]) == (mass, [spring])

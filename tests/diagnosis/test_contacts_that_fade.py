@@ -23,6 +23,10 @@ def found(candidate: Candidate) -> Finding:
     return Finding(cast(Any, SimpleNamespace(candidate=candidate)), (), 0.001)
 
 
+def stated(columns: tuple[int, ...], findings: tuple[Finding, ...], data: Any = None) -> State:
+    return State(data, cast(Any, None), columns, np.ones(6), np.ones(6), findings)
+
+
 @pytest.fixture
 def left(monkeypatch):
     """Gives what is left of a search's findings where a contact shows, or does not, beside the model's columns."""
@@ -30,16 +34,14 @@ def left(monkeypatch):
     def of(findings: tuple[Candidate, ...], shows: bool) -> tuple[State, list[tuple[int, ...]]]:
         asked: list[tuple[int, ...]] = []
 
-        def find(data: Any, pool: Any, base: tuple[int, ...], noise: Any, preprocessing: Any) -> tuple[Finding, ...]:
-            asked.append(base)
+        def find(state: State, preprocessing: Any) -> tuple[Finding, ...]:
+            asked.append(state.base)
             return (found(CONTACT),) if shows else ()
 
         monkeypatch.setattr(external_contacts, "find_contacts", find)
         columns = (*MODEL, *(k for candidate in findings for k in candidate.columns))
-        state = State(columns, np.ones(6), np.ones(6), tuple(found(candidate) for candidate in findings))
-        return external_contacts.drop_faded_contacts(
-            cast(Any, None), cast(Any, None), state, Preprocessing(10.0, 10.0, 5)
-        ), asked
+        state = stated(columns, tuple(found(candidate) for candidate in findings))
+        return external_contacts.drop_faded_contacts(state, Preprocessing(10.0, 10.0, 5)), asked
 
     return of
 
@@ -67,7 +69,7 @@ def test_a_contact_alone_is_not_asked_for_twice(left):
 def test_a_burst_no_longer_than_what_a_filter_makes_of_a_step_is_no_contact(monkeypatch, seconds, asked):
     tried: list[Candidate] = []
 
-    def try_one(data: Any, base: Any, candidate: Candidate, noise: Any, independent: float) -> Any:
+    def try_one(rows: Any, state: State, candidate: Candidate, independent: float) -> Any:
         tried.append(candidate)
         return SimpleNamespace(candidate=candidate, drop=0.0, t=0.0), 1.0
 
@@ -75,16 +77,15 @@ def test_a_burst_no_longer_than_what_a_filter_makes_of_a_step_is_no_contact(monk
     burst = Candidate("external_contact", (), (("t0", 1.0), ("t1", 1.0 + seconds)), (3, 4, 5))
     data = SimpleNamespace(select_for_candidates=lambda columns, signs: None)
     pool = SimpleNamespace(candidates=(burst, FRICTION))
-    external_contacts.find_contacts(cast(Any, data), cast(Any, pool), MODEL, np.ones(6), Preprocessing(10.0, 10.0, 5))
+    state = State(cast(Any, data), cast(Any, pool), MODEL, np.ones(6), np.ones(6))
+    external_contacts.find_contacts(state, Preprocessing(10.0, 10.0, 5))
     assert len(tried) == asked
 
 
 def test_where_a_contact_was_dropped_after_the_search_no_finding_is_left(monkeypatch):
-    data, levels = cast(Any, SimpleNamespace()), FamilywiseLevels(1.0, 1.0)
-    start = State((*MODEL, *CONTACT.columns), np.ones(6), np.ones(6), (found(CONTACT),))
+    levels = FamilywiseLevels(1.0, 1.0)
+    start = stated((*MODEL, *CONTACT.columns), (found(CONTACT),))
     monkeypatch.setattr(candidate_outcomes, "list_columns_with_findings", lambda pool, base, choices: base)
-    monkeypatch.setattr(candidate_outcomes, "score_family", lambda *_, level: ScoredFamily((), levels, data))
-    final = candidate_outcomes.score_beside_findings(
-        data, cast(Any, None), start, (), (), ScoredFamily((), levels, data)
-    )
+    monkeypatch.setattr(candidate_outcomes, "score_family", lambda *_: ScoredFamily((), levels))
+    final = candidate_outcomes.score_beside_findings(start, start, (), (), ScoredFamily((), levels))
     assert final.state.findings == ()

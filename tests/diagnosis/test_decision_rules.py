@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -65,16 +67,12 @@ def score(**values: float) -> ScoredCandidate:
     ],
 )
 def test_a_level_of_the_search_decides_and_gives_its_reason(values, changed, code) -> None:
-    class Data:
-        """Ten blocks of ten rows."""
-
-        def count_rows(self, _columns):
-            return np.full((10, 1), 10.0)
-
-    state = State((0,), np.ones(1), np.full(1, 0.01), ())
+    # Ten blocks of ten rows.
+    data = cast(Any, SimpleNamespace(count_rows=lambda _columns: np.full((10, 1), 10.0)))
+    state = State(data, cast(Any, None), (0,), np.ones(1), np.full(1, 0.01))
     scored = score(**values)
-    assert find_rejection(state, Data(), scored) is None
-    rejection = find_rejection(replace(state, rules=replace(RULES, **changed)), Data(), scored)
+    assert find_rejection(state, scored) is None
+    rejection = find_rejection(replace(state, rules=replace(RULES, **changed)), scored)
     assert rejection is not None
     assert rejection.code == code
 

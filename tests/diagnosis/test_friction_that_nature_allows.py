@@ -7,9 +7,8 @@ import pytest
 from support.hidden_effects import BAND, NAMES, experiment, on_joint
 
 from dynident.diagnosis.candidates.candidate_pool import build_pool
-from dynident.diagnosis.candidates.inner_product_accumulation import gather_products
 from dynident.diagnosis.search.physical_plausibility import is_physically_possible
-from dynident.diagnosis.search.search_state import score_all
+from dynident.diagnosis.search.search_state import gather_state, score_all
 from dynident.regressors.observation_matrix import RegressorInputs
 
 LAWS = {
@@ -31,15 +30,12 @@ def test_a_bend_that_needs_negative_viscous_friction_beside_it_is_not_possible(h
     found = run.identification
     pool = build_pool(found.model, [effect])
     reference = found.estimate.next_reference()
-    data = gather_products(
-        pool.observation, found.model.signals, RegressorInputs([run.training], BAND, reference), pool.n_base
-    )
-    base = tuple(range(pool.n_base))
+    state = gather_state(found.model, pool, RegressorInputs([run.training], BAND, reference), found.noise)
     own = [
         candidate
         for candidate in pool.candidates
         if candidate.joints == (NAMES[0],) and shape.items() <= dict(candidate.shape).items()
     ]
-    best = max(score_all(data, pool, base, own, found.noise), key=lambda item: item.drop)
+    best = max(score_all(state, own), key=lambda item: item.drop)
     assert best.drop > 0.1
-    assert is_physically_possible(data, pool, base, found.noise, best) == possible
+    assert is_physically_possible(state, best) == possible

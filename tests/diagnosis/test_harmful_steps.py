@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,14 +13,13 @@ from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
 from dynident.diagnosis.candidates.inner_product_accumulation import (
     ConditionalRows,
     PhasedProducts,
-    gather_products,
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import ProductStack, products_from_reduction
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.search import pruning
 from dynident.diagnosis.search.finding_refinement import refine_findings
 from dynident.diagnosis.search.pruning import select_harmless
-from dynident.diagnosis.search.search_state import Finding, score_all
+from dynident.diagnosis.search.search_state import Finding, State, gather_state, score_all
 from dynident.effects import EffectChoice, Estimate, get_effect
 from dynident.estimation import FactorAccumulator
 from dynident.progress import ignore_progress
@@ -27,10 +27,9 @@ from dynident.regressors.observation_matrix import RegressorInputs
 
 STRETCHES, ROWS = 40, 12
 MANY = 150
-NOISE = np.ones(1)
 
 
-def gathered(y_of, runs: int = 1, seed: int = 0, only_first: int | None = None) -> PhasedProducts:
+def gathered(y_of, runs: int = 1, seed: int = 0, only_first: int | None = None) -> State:
     """One joint: columns 0 and 1 the model, 2 an effect, the rest functions that mean nothing.
 
     `only_first`: a column that is there in the first run alone.
@@ -48,28 +47,28 @@ def gathered(y_of, runs: int = 1, seed: int = 0, only_first: int | None = None) 
     moving = replace(moving, run=run)
     nothing = tuple(ProductStack(np.zeros_like(vars(own[0])["values"])) for own in moving.stacks)
     elsewhere = ConditionalRows(nothing, np.zeros_like(moving.counts), np.zeros((3 + MANY, 1), dtype=bool))
-    return PhasedProducts(moving, elsewhere, elsewhere)
+    return State(PhasedProducts(moving, elsewhere, elsewhere), cast(Any, None), (0, 1), np.ones(1), np.ones(1))
 
 
 @pytest.mark.parametrize("runs", [1, 4])
 def test_what_helps_is_kept_and_what_fits_the_noise_alone_is_not(runs):
-    data = gathered(lambda w: 0.5 * w[:, 2], runs)
+    state = gathered(lambda w: 0.5 * w[:, 2], runs)
     columns = [tuple(range(3, 3 + MANY)), (2,)]
-    assert select_harmless(data, (0, 1), columns, NOISE) == [1]
+    assert select_harmless(state, columns) == [1]
 
 
 def test_an_effect_that_holds_in_one_run_alone_and_is_claimed_for_all_is_dropped():
     def in_the_first_run(w):
         return 3.0 * w[:, 2] * (np.arange(len(w)) < len(w) / 4) - 1.0 * w[:, 2] * (np.arange(len(w)) >= len(w) / 4)
 
-    assert select_harmless(gathered(in_the_first_run, 4), (0, 1), [(2,)], NOISE) == []
+    assert select_harmless(gathered(in_the_first_run, 4), [(2,)]) == []
 
 
 @pytest.mark.parametrize("column", [1, 2])
 def test_what_one_run_alone_determines_is_not_judged_without_that_run(column):
     """A sweep of one joint says nothing of the others, nor the other runs of the payload in one."""
-    data = gathered(lambda w: 0.7 * w[:, 2], runs=2, only_first=column)
-    assert select_harmless(data, (0, 1), [(2,)], NOISE) == [0]
+    state = gathered(lambda w: 0.7 * w[:, 2], runs=2, only_first=column)
+    assert select_harmless(state, [(2,)]) == [0]
 
 
 @pytest.mark.parametrize(
@@ -120,10 +119,10 @@ def test_a_change_may_have_either_sign_but_is_noticed_and_no_larger_than_it_come
 
 def test_what_hurts_at_first_is_tried_again_beside_what_was_added_since(monkeypatch):
     """Friction hurts as long as the torque that it is judged on is late."""
-    monkeypatch.setattr(pruning, "_is_harmless", lambda data, base, own, noise: own != (2,) or 3 in base)
-    assert select_harmless(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,), (4,)], NOISE) == [1, 0, 2]
-    monkeypatch.setattr(pruning, "_is_harmless", lambda data, base, own, noise: own != (2,))
-    assert select_harmless(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,)], NOISE) == [1]
+    monkeypatch.setattr(pruning, "_is_harmless", lambda state, own: own != (2,) or 3 in state.base)
+    assert select_harmless(gathered(lambda w: 0.0 * w[:, 2]), [(2,), (3,), (4,)]) == [1, 0, 2]
+    monkeypatch.setattr(pruning, "_is_harmless", lambda state, own: own != (2,))
+    assert select_harmless(gathered(lambda w: 0.0 * w[:, 2]), [(2,), (3,)]) == [1]
 
 
 def test_a_name_that_its_refined_constants_make_impossible_gives_way_to_its_equal() -> None:
@@ -135,9 +134,8 @@ def test_a_name_that_its_refined_constants_make_impossible_gives_way_to_its_equa
     reference = run.identification.estimate.next_reference()
     inputs = RegressorInputs([run.training], run.identification.preprocessing, reference)
     pool = build_pool_of_choices(model, [square, fall])
-    data = gather_products(pool.observation, model.signals, inputs, model.n_parameters)
-    base, noise = tuple(range(pool.n_base)), run.identification.noise
-    power, peak = score_all(data, pool, base, pool.candidates, noise)
+    noise = run.identification.noise
+    power, peak = score_all(gather_state(model, pool, inputs, noise), pool.candidates)
     limit = np.full(ROBOT.n, 1e-4)
     resolved = Resolution(limit, limit, limit, np.ones(ROBOT.n))
     findings, choices, dropped = refine_findings(

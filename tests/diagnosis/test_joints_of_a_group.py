@@ -44,7 +44,7 @@ def left_of(monkeypatch):
     """
 
     def left(gains: dict[str, float], impossible: tuple[str, ...] = ()) -> tuple[str, ...]:
-        def judge(data: Any, pool: Any, base: Any, asked: list[Candidate], noise: Any) -> list[Gain]:
+        def judge(state: Any, asked: list[Candidate]) -> list[Gain]:
             return [Gain(candidate, gains[candidate.joints[0]]) for candidate in asked]
 
         monkeypatch.setattr(pruning, "score_all", judge)
@@ -59,8 +59,8 @@ def left_of(monkeypatch):
         numbers = tuple(range(len(gains)))
         group = Candidate("presliding", tuple(gains), (), numbers)
         found = Finding(cast(Any, SimpleNamespace(candidate=group)), (), 0.001)
-        state = State(numbers, np.ones(6), np.ones(6), (found,))
-        (joints,) = pruning.trim_joints(cast(Any, None), cast(Any, pool), state)
+        state = State(cast(Any, None), cast(Any, pool), numbers, np.ones(6), np.ones(6), (found,))
+        (joints,) = pruning.trim_joints(state)
         return joints
 
     return left
@@ -86,21 +86,6 @@ def test_a_joint_that_cannot_have_changed_so_goes_whatever_it_gains(left_of):
     assert left_of({ARM[0]: 5.0, ARM[1]: 5.0, ARM[2]: 5.0}, impossible=(ARM[0],)) == ARM[1:3]
 
 
-def test_a_change_of_one_joint_that_is_impossible_beside_what_was_found_since_is_dropped(monkeypatch):
-    change = Candidate("load_dependent_friction", (ARM[1],), (), (1,), ("friday",))
-    lasting = Candidate("presliding", (ARM[1],), (), (2,))
-    findings = tuple(Finding(cast(Any, SimpleNamespace(candidate=one)), (), 0.001) for one in (change, lasting))
-    monkeypatch.setattr(
-        pruning, "_rescore_finding", lambda data, pool, state, finding: Gain(finding.judged.candidate, 5.0)
-    )
-    monkeypatch.setattr(pruning, "is_shadowed", lambda *asked: False)
-    monkeypatch.setattr(pruning, "is_physically_possible", lambda data, pool, base, noise, item: base != (0, 2))
-    pool = SimpleNamespace(is_change=lambda candidate: bool(candidate.runs))
-    state = State((0, 1, 2), np.ones(6), np.ones(6), findings)
-    left = pruning.prune_findings(cast(Any, None), cast(Any, pool), state)
-    assert ([one.judged.candidate for one in left.findings], left.base) == ([lasting], (0, 2))
-
-
 @pytest.fixture
 def refine(monkeypatch: pytest.MonkeyPatch):
     """Refines one group of which a joint is impossible at first, or all of it not resolved: what is left, and why."""
@@ -123,7 +108,6 @@ def refine(monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(finding_refinement, "refine_shapes", lambda model, choices, *others: choices)
         monkeypatch.setattr(finding_refinement, "is_width_resolved", lambda choice, *_: choice.effect != unresolved)
         monkeypatch.setattr(finding_refinement, "improve_reference", lambda model, choices, inputs: inputs)
-        monkeypatch.setattr(finding_refinement, "_find_independent", lambda model, choices: range(len(choices)))
         monkeypatch.setattr(finding_refinement, "compute_explained_error", lambda *asked: 1.0)
         monkeypatch.setattr(finding_refinement, "RefinedModel", SimpleNamespace(from_choices=build))
         robot = SimpleNamespace(tree=SimpleNamespace(joint_names=ARM))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -195,10 +196,19 @@ def test_each_rest_of_a_joint_is_a_halt_and_what_is_held_beyond_its_friction_is_
     assert find_halts([compare(identify(SCARA, [sticks]), sticks)], 0).along.mean() >= 0.9
 
 
-def rows_of(*, turns: bool) -> SimpleNamespace:
-    """As much of the products as the choice looks at: one run, and the kinds of rows that candidates are about."""
+def state_of(*, turns: bool) -> State:
+    """As much of a state as the choice looks at: one run, and the kinds of rows that candidates are about."""
     run = SimpleNamespace(run=np.zeros(40, dtype=int))
-    return SimpleNamespace(moving=run, find_row_kinds=lambda columns: (turns, False))
+    data = SimpleNamespace(moving=run, find_row_kinds=lambda columns: (turns, False))
+    pool = SimpleNamespace(is_change=lambda candidate: candidate.runs == ("later",))
+    return State(cast(Any, data), cast(Any, pool), (), np.ones(1), np.ones(1))
+
+
+def counted(joints: int) -> State:
+    """A state that knows how many rows a candidate is about."""
+    data = SimpleNamespace(count_rows=lambda columns: np.ones((40, joints)))
+    pool = SimpleNamespace(is_change=lambda candidate: False)
+    return State(cast(Any, data), cast(Any, pool), (), np.ones(joints), 0.1 * np.ones(joints))
 
 
 @pytest.mark.parametrize(
@@ -212,18 +222,12 @@ def rows_of(*, turns: bool) -> SimpleNamespace:
 def test_what_nature_forbids_takes_the_name_of_its_own_shadow_alone(monkeypatch, rival, name, named):
     gains = np.linspace(1.0, 2.0, 40)
     larger, smaller = judged(2.0 * gains, name=rival), judged(gains, columns=(6,), name=name)
-    state = State((), np.ones(1), np.ones(1), ())
-    monkeypatch.setattr(next_finding, "find_rejection", lambda state, data, item: None)
-    monkeypatch.setattr(
-        next_finding, "find_impossibility", lambda data, pool, base, noise, item: SMALL if item is larger else None
-    )
-    monkeypatch.setattr(
-        next_finding, "is_physically_possible", lambda data, pool, base, noise, item: item is not larger
-    )
+    monkeypatch.setattr(next_finding, "find_rejection", lambda state, item: None)
+    monkeypatch.setattr(next_finding, "find_impossibility", lambda state, item: SMALL if item is larger else None)
     # Beside the one, nothing of the other is left.
     monkeypatch.setattr(next_finding, "score_all", lambda *_: [judged(0.0 * gains, name=rival)])
-    data = rows_of(turns=False)
-    found = next_finding.select_candidate(data, None, state, [larger, smaller])
+    state = state_of(turns=False)
+    found = next_finding.select_candidate(state, [larger, smaller])
     assert (found and found[0].candidate.effect) == named
 
 
@@ -234,49 +238,43 @@ def test_what_a_payload_of_some_runs_explains_away_is_no_spring_though_the_paylo
     gains = np.linspace(1.0, 2.0, 40)
     spring, carried = judged(gains, columns=(6,), name="joint_spring"), judged(4.0 * gains, name="payload")
     carried = replace(carried, candidate=replace(carried.candidate, runs=("2",)))
-    state = State((), np.ones(1), np.ones(1), ())
-    monkeypatch.setattr(next_finding, "find_rejection", lambda state, data, item: SMALL if item is carried else None)
-    monkeypatch.setattr(next_finding, "is_too_small_for_runs", lambda state, data, item: item is carried)
-    monkeypatch.setattr(next_finding, "find_impossibility", lambda data, pool, base, noise, item: None)
-    monkeypatch.setattr(next_finding, "is_physically_possible", lambda data, pool, base, noise, item: True)
+    monkeypatch.setattr(next_finding, "find_rejection", lambda state, item: SMALL if item is carried else None)
+    monkeypatch.setattr(next_finding, "is_too_small_for_runs", lambda state, item: item is carried)
+    monkeypatch.setattr(next_finding, "find_impossibility", lambda state, item: None)
     monkeypatch.setattr(next_finding, "score_all", lambda *_: [judged(left * gains, columns=(6,), name="joint_spring")])
-    found = next_finding.select_candidate(rows_of(turns=False), None, state, [carried, spring])
+    found = next_finding.select_candidate(state_of(turns=False), [carried, spring])
     assert (found and found[0].candidate.effect) == named
 
 
 def test_what_some_runs_have_is_a_finding_from_half_of_the_error_on_and_below_it_too_small_for_one():
-    data = SimpleNamespace(count_rows=lambda columns: np.ones((40, 1)))
-    state = State((), np.ones(1), 0.1 * np.ones(1), ())
+    state = counted(1)
     rows = np.ones((40, 1))
     carried = judged(np.linspace(1.0, 2.0, 40), name="payload", p=1e-3, before=2.0 * rows, after=rows)
     carried = replace(carried, candidate=replace(carried.candidate, runs=("2",)))
     for drop, p, told, small in ((0.6, 1e-3, True, False), (0.3, 1e-3, False, True), (0.3, 0.5, False, False)):
         item = replace(carried, drop=drop, p=p)
-        assert (find_rejection(state, data, item) is None, is_too_small_for_runs(state, data, item)) == (told, small)
+        assert (find_rejection(state, item) is None, is_too_small_for_runs(state, item)) == (told, small)
     everywhere = replace(carried, drop=0.3, candidate=replace(carried.candidate, runs=()))
-    assert not is_too_small_for_runs(state, data, everywhere)
+    assert not is_too_small_for_runs(state, everywhere)
 
 
 def test_what_would_reach_far_beyond_the_data_is_no_finding_though_it_is_no_chance():
-    data = SimpleNamespace(count_rows=lambda columns: np.ones((40, 1)))
-    state = State((), np.ones(1), 0.1 * np.ones(1), ())
+    state = counted(1)
     gains, rows = np.linspace(1.0, 2.0, 40), np.ones((40, 1))
     seen = judged(gains, name="viscous_asymmetric", p=1e-3, t=4.0, drop=0.3, before=2.0 * rows, after=rows)
-    assert find_rejection(state, data, replace(seen, separability=0.1)) is None
-    assert find_rejection(state, data, replace(seen, separability=0.03)) is not None
+    assert find_rejection(state, replace(seen, separability=0.1)) is None
+    assert find_rejection(state, replace(seen, separability=0.03)) is not None
 
 
 def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
     gains = np.linspace(1.0, 2.0, 40)
     worn = judged(gains, name="coulomb")
     worn = replace(worn, candidate=replace(worn.candidate, runs=("later",)))
-    monkeypatch.setattr(next_finding, "find_rejection", lambda state, data, item: None)
-    monkeypatch.setattr(next_finding, "find_impossibility", lambda data, pool, base, noise, item: None)
-    monkeypatch.setattr(next_finding, "is_physically_possible", lambda data, pool, base, noise, item: True)
-    data = rows_of(turns=False)
-    state = State((), np.ones(1), np.ones(1), (), ("later",))
+    monkeypatch.setattr(next_finding, "find_rejection", lambda state, item: None)
+    monkeypatch.setattr(next_finding, "find_impossibility", lambda state, item: None)
+    state = state_of(turns=False)
 
-    def nothing_left(data, pool, base, others, noise):
+    def nothing_left(state, others):
         return [judged(0.0 * gains, name=one.effect) for one in others]
 
     monkeypatch.setattr(next_finding, "score_all", nothing_left)
@@ -286,7 +284,7 @@ def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
         (0.95, "load_dependent_friction", (6, 7), "coulomb"),
     ):
         warm = judged(share * gains, columns=other, name=name)
-        found = next_finding.select_candidate(data, None, state, [worn, warm])
+        found = next_finding.select_candidate(state, [worn, warm])
         assert found is not None
         assert found[0].candidate.effect == named
 
@@ -299,16 +297,14 @@ def test_friction_that_remembers_the_path_is_named_where_it_lowers_the_error_of_
     sliding = judged(gains, name="presliding")
     asked = []
 
-    def where_it_moves(data, pool, base, candidates, noise, *, kinds=None):
+    def where_it_moves(state, candidates, *, kinds=None):
         asked.append(kinds)
         return [judged(gains, name="presliding", before=2.0 * rows, after=left * rows)]
 
-    monkeypatch.setattr(next_finding, "find_rejection", lambda state, data, item: None)
-    monkeypatch.setattr(next_finding, "find_impossibility", lambda data, pool, base, noise, item: None)
-    monkeypatch.setattr(next_finding, "is_physically_possible", lambda data, pool, base, noise, item: True)
+    monkeypatch.setattr(next_finding, "find_rejection", lambda state, item: None)
+    monkeypatch.setattr(next_finding, "find_impossibility", lambda state, item: None)
     monkeypatch.setattr(next_finding, "score_all", where_it_moves)
-    state = State((), np.ones(1), np.ones(1), ())
-    found = next_finding.select_candidate(rows_of(turns=True), None, state, [sliding])
+    found = next_finding.select_candidate(state_of(turns=True), [sliding])
     assert (found and found[0].candidate.effect) == named
     assert asked == [(False, False)]
 
@@ -328,24 +324,8 @@ def test_what_is_small_beside_a_rough_formula_is_taken_for_what_it_leaves():
     assert not is_shadowed(replace(small, joints=(1,)), law, floor)
 
 
-def test_what_says_as_much_with_fewer_constants_gives_the_name_though_it_just_missed_the_level(monkeypatch):
-    gains = np.linspace(1.0, 2.0, 40)
-    spring = judged(1.01 * gains, name="gravity_compensator", p=0.008)
-    offset = judged(gains, columns=(6,), name="offset", p=0.012)
-    poor = judged(0.5 * gains, columns=(7,), name="offset", p=0.012)
-    monkeypatch.setattr(next_finding, "find_rejection", lambda state, data, item: None if item.p <= 0.01 else SMALL)
-    monkeypatch.setattr(next_finding, "find_impossibility", lambda data, pool, base, noise, item: None)
-    monkeypatch.setattr(next_finding, "is_physically_possible", lambda data, pool, base, noise, item: True)
-    data = rows_of(turns=False)
-    state = State((), np.ones(1), np.ones(1), ())
-    for rival, name in ((offset, "offset"), (poor, "gravity_compensator")):
-        found = next_finding.select_candidate(data, None, state, [spring, rival])
-        assert (found and found[0].candidate.effect, found and found[0].p) == (name, 0.008)
-
-
 def test_a_cable_that_helps_one_of_its_two_joints_alone_is_a_function_of_that_joint():
-    data = SimpleNamespace(count_rows=lambda columns: np.ones((40, 2)))
-    state = State((), np.ones(2), 0.1 * np.ones(2), ())
+    state = counted(2)
     before = np.column_stack([np.linspace(4.0, 5.0, 40), np.linspace(9.0, 10.0, 40)])
 
     def cable(left: tuple[float, float]) -> ScoredCandidate:
@@ -353,6 +333,6 @@ def test_a_cable_that_helps_one_of_its_two_joints_alone_is_a_function_of_that_jo
             np.ones(40), name="cable_force", joints=(0, 1), before=before, after=before * left, p=1e-3, drop=0.8
         )
 
-    assert find_rejection(state, data, cable((0.5, 0.1))) is None
-    assert find_rejection(state, data, cable((1.0, 0.1))) is not None
-    assert find_rejection(state, data, cable((0.99, 0.1))) is not None
+    assert find_rejection(state, cable((0.5, 0.1))) is None
+    assert find_rejection(state, cable((1.0, 0.1))) is not None
+    assert find_rejection(state, cable((0.99, 0.1))) is not None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from support.hidden_effects import BAND, NAMES, ROBOT, on_joint, recorded
@@ -12,7 +10,7 @@ from support.oracles import fourier_motion
 from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
 from dynident.diagnosis.search.finding_refinement import RecordedSource
 from dynident.diagnosis.search.forward_selection import merge_findings_on_joint
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import Finding, State, score_all
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
 from dynident.regressors.observation_matrix import RegressorInputs
@@ -48,13 +46,11 @@ def test_of_an_offset_and_a_wave_one_spring_remains_where_it_says_both(hidden, k
     rows = RecordedSource(
         model.model, RegressorInputs((recording,), model.preprocessing, model.estimate.next_reference())
     )
-    data = rows.gather_products(pool)
-    base = tuple(range(pool.n_base))
-    state = State(base, estimate_residual_noise(data, base), np.full(6, 0.05), ())
+    base, floor = tuple(range(pool.n_base)), np.full(6, 0.05)
+    state = State(rows.gather_products(pool), pool, base, floor, floor).estimate_noise()
     for choice in two:
-        (judged,) = score_all(data, pool, state.base, [pool.find_candidate(choice)], state.noise)
-        found = Finding(judged, (), 1e-4)
-        state = replace(state, base=state.base + found.columns, findings=(*state.findings, found))
-    after = merge_findings_on_joint(rows, data, pool, state)
+        (judged,) = score_all(state, [pool.find_candidate(choice)])
+        state = state.add_finding(Finding(judged, (), 1e-4))
+    after = merge_findings_on_joint(rows, state)
     assert [finding.judged.candidate.effect for finding in after.findings] == names
     assert set(after.base) == {*base, *(k for finding in after.findings for k in finding.columns)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -28,12 +29,13 @@ from support.hidden_effects import (
 from support.oracles import fourier_motion
 
 from dynident.advice import advise
-from dynident.diagnosis import Diagnosis, compare, diagnose, examine
+from dynident.diagnosis import Diagnosis, compare, diagnose, diagnose_model, examine
 from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.diagnosis.residuals.spectral_peaks import AngleLines, find_angle_lines
 from dynident.diagnosis.search import forward_selection
 from dynident.diagnosis.search.comparison_of_rivals import compare_names
+from dynident.diagnosis.search.finding_refinement import refine_findings
 from dynident.diagnosis.search.search_state import State
 from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.identification import IdentificationChoices, extend, identify
@@ -243,40 +245,39 @@ def test_a_search_ends_where_nothing_more_passes_and_not_at_a_number_of_effects(
         initial_candidates=ripples, candidates=(), faint=frozenset(), observation=SimpleNamespace(robot=ROBOT)
     )
     for name, stub in {
-        "select_candidate": lambda data, pool, state, judged, rejections: (judged[0], ()),
-        "compare_names": lambda model, pool, state, choice, *others: choice,
-        "score_family": lambda data, pool, base, left, noise: SimpleNamespace(
-            scored=[ScoredStub(candidate, (0,)) for candidate in left]
-        ),
-        "estimate_residual_noise": lambda data, base: np.ones(1),
+        "select_candidate": lambda state, judged, rejections: (judged[0], ()),
+        "compare_names": lambda rows, state, choice, judged: choice,
+        "score_family": lambda state, left: SimpleNamespace(scored=[ScoredStub(candidate, (0,)) for candidate in left]),
         "is_determined": lambda *_: True,
         "_list_neighbour_columns": lambda *_: (),
-        "revisit_findings": lambda rows, data, pool, state: state,
-        "merge_findings_on_joint": lambda rows, data, pool, state: state,
-        "prune_findings": lambda data, pool, state: state,
-        "split_groups": lambda data, pool, state: state,
     }.items():
         monkeypatch.setattr(forward_selection, name, stub)
-    data, rows = SimpleNamespace(select_for_model=lambda base: None), SimpleNamespace(model=None, gather_products=None)
+    monkeypatch.setattr(State, "estimate_noise", lambda state: state)
     first = [ScoredStub(candidate, (0,)) for candidate in ripples]
-    state = State((), np.ones(1), np.ones(1), ())
-    record = forward_selection.search_findings(data, pool, state, first, rows, ignore_progress)
-    assert [finding.judged.candidate for finding in record.findings] == ripples
+    state = State(cast(Any, None), cast(Any, pool), (), np.ones(1), np.ones(1))
+    record = forward_selection.search_findings(state, cast(Any, first), cast(Any, None), ignore_progress)
+    assert [finding.judged.candidate for finding in record.state.findings] == ripples
 
 
-def test_a_search_with_further_proposals_goes_on_where_the_first_ended(monkeypatch):
-    settled = []
+def test_a_search_with_further_proposals_goes_on_where_the_first_ended_and_is_refined_once(monkeypatch):
+    settled, refined = [], []
 
-    def compare(model, pool, state, choice, *others):
+    def refine(*asked):
+        refined.append(len(asked[1]))
+        return refine_findings(*asked)
+
+    def compare(rows, state, choice, judged):
         settled.append(choice[0].candidate.effect)
-        return compare_names(model, pool, state, choice, *others)
+        return compare_names(rows, state, choice, judged)
 
     monkeypatch.setattr(forward_selection, "compare_names", compare)
+    monkeypatch.setattr(diagnose_model, "refine_findings", refine)
     # The large error hides the line of the small one, which only the second search is asked about.
     run = experiment(on_joint(3, lambda q, v, load: 30.0 * hysteresis(q, 0.02) + 0.9 * np.sin(21.0 * q + 0.7)))
     found = diagnose(run.identification, [run.training])
     assert {choice.effect for choice in found.recommended} == {"presliding", "torque_ripple"}
     assert sorted(settled) == ["presliding", "torque_ripple"]
+    assert refined == [2]
 
 
 def test_further_proposals_leave_the_numbers_of_all_earlier_columns():
@@ -285,6 +286,9 @@ def test_further_proposals_leave_the_numbers_of_all_earlier_columns():
     later = build_pool(model, None, ShapeProposals(AngleLines(clear=((0, 9.0),))), None, first)
     assert later.candidates[: len(first.candidates)] == first.candidates
     assert {candidate.effect for candidate in later.candidates[len(first.candidates) :]} >= {"torque_ripple"}
+    # What the earlier pool has compiled is not compiled again.
+    assert later.observation.parts is not None
+    assert later.observation.parts[0] is first.observation
 
 
 def test_what_this_motion_could_not_have_shown_is_said():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -250,7 +252,8 @@ def scored(before: np.ndarray, after: np.ndarray, columns=(5,)) -> Score:
 
 def test_what_says_a_little_more_of_a_change_with_more_parameters_is_told_beside_it():
     since = ("friday",)
-    state = State((), np.ones(2), np.ones(2), (), since)
+    pool = SimpleNamespace(is_change=lambda candidate: bool(candidate.runs))
+    state = State(cast(Any, None), cast(Any, pool), (), np.ones(2), np.ones(2))
     gains = np.random.default_rng(5).uniform(9.0, 11.0, 40)
     more = np.where(np.arange(40) == 7, 30.0, 0.0)
 

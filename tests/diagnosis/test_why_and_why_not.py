@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 import pytest
@@ -21,8 +21,8 @@ from dynident.diagnosis.search.search_state import State
 from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.errors import DynidentError
 
-DATA = SimpleNamespace(count_rows=lambda columns: np.ones((40, 1)))
-STATE = State((), np.ones(1), 0.1 * np.ones(1), ())
+DATA = cast(Any, SimpleNamespace(count_rows=lambda columns: np.ones((40, 1))))
+STATE = State(DATA, cast(Any, None), (), np.ones(1), 0.1 * np.ones(1))
 ROWS = np.ones((40, 1))
 GOOD = judged(np.linspace(1.0, 2.0, 40), name="viscous_asymmetric", p=1e-3, t=9.0, before=2.0 * ROWS, after=ROWS)
 
@@ -39,8 +39,8 @@ GOOD = judged(np.linspace(1.0, 2.0, 40), name="viscous_asymmetric", p=1e-3, t=9.
     ],
 )
 def test_each_rule_returns_its_reason_with_the_numbers_that_decided(change, code, numbers):
-    assert find_rejection(STATE, DATA, GOOD) is None
-    reason = find_rejection(STATE, DATA, replace(GOOD, **change))
+    assert find_rejection(STATE, GOOD) is None
+    reason = find_rejection(STATE, replace(GOOD, **change))
     assert reason is not None
     assert reason.code == code
     values = dict(reason.values)
@@ -50,11 +50,11 @@ def test_each_rule_returns_its_reason_with_the_numbers_that_decided(change, code
 
 def test_a_level_that_the_request_sets_decides():
     weak = replace(GOOD, p=0.04)
-    assert find_rejection(replace(STATE, rules=replace(RULES, significance=0.05)), DATA, weak) is None
+    assert find_rejection(replace(STATE, rules=replace(RULES, significance=0.05)), weak) is None
 
 
 def test_what_removes_less_than_the_sensors_noise_is_too_small_for_it():
-    reason = find_rejection(replace(STATE, floor=10.0 * np.ones(1)), DATA, GOOD)
+    reason = find_rejection(replace(STATE, floor=10.0 * np.ones(1)), GOOD)
     assert reason is not None
     assert dict(reason.values) == pytest.approx({"measure": "noise", "share": 0.01, "least": 0.08})
 

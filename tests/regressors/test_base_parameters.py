@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
+from typing import Any
 
+import casadi
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.oracles import ARMS, arm, crooked_urdf, pinocchio_rows, random_states
 
-from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
-from dynident.regressors.base_parameters import find_base_parameters, select_base
+from dynident.effects import Column, EffectChoice, ReferenceParameters, Signals, build_columns
+from dynident.expressions import compiled_expressions
+from dynident.expressions.compiled_expressions import Compiled
+from dynident.regressors.base_parameters import evaluate_at_random_states, find_base_parameters, select_base
 from dynident.regressors.model_structure import build_model, find_inertial_base_parameters
+from dynident.regressors.observation_matrix import Observation
 from dynident.robot import robot_from_urdf
 
 # Published ranks (Panda: Gaz et al. 2019; UR10: Gaz, Magrini and De Luca 2018) and numpy's for the others.
@@ -197,3 +203,33 @@ def test_a_choice_of_base_parameters_does_not_depend_on_the_random_states():
     first, second = (find_base_parameters(robot, columns, signals, seed=seed) for seed in (0, 1))
     assert first.kept == second.kept
     np.testing.assert_allclose(first.grouping, second.grouping, atol=1e-6)
+
+
+def test_first_order_columns_among_others_stand_in_their_places_and_are_compiled_once(monkeypatch):
+    model = build_model(arm("ur10"), [EffectChoice("rigid_body"), EffectChoice("coulomb")])
+    signals, joint = model.signals, model.robot.joint_names[:1]
+
+    def columns(waves: float) -> list[Column]:
+        ripple = EffectChoice("torque_ripple", joint, (("k", waves),))
+        return build_columns([EffectChoice("torque_delay"), ripple, EffectChoice("encoder_zero_error", joint)], signals)
+
+    whole = Observation.from_columns(model.robot, [*model.kept, *columns(7.0)], signals)
+    extended = model.observation.extend(columns(7.0), signals)
+    assert [column.key for column in extended.columns] == [column.key for column in whole.columns]
+    expected = evaluate_at_random_states(whole, 20)
+    np.testing.assert_allclose(evaluate_at_random_states(extended, 20), expected, rtol=1e-9, atol=1e-9)
+    sizes: list[int] = []
+
+    def compile_counted(serialised: str, *others: Any) -> Compiled:
+        sizes.append(casadi.Function.deserialize(serialised).n_instructions())
+        return Compiled(casadi.Function.deserialize(serialised), *others)
+
+    # Another wave is other code; the derivatives of the whole torque are those that are there.
+    compiled = lru_cache(compile_counted)
+    monkeypatch.setattr(compiled_expressions, "_compile", compiled)
+    evaluate_at_random_states(model.observation.extend(columns(7.0), signals), 20)
+    assert max(sizes) > 1000
+    sizes.clear()
+    evaluate_at_random_states(model.observation.extend(columns(9.5), signals), 20)
+    assert len(sizes) == 1
+    assert max(sizes) < 100

@@ -90,13 +90,6 @@ class DecisionRules:
         "Share of a candidate's column that is independent of the model, times the t of its gain",
         "The uncertainty of its parameter can cause a torque elsewhere, of one over this value times the removed "
         "one", "smallest_gain")
-    blurred_separability: float = _declare_level(0.2, "-",
-        "Share of the column of a sensitivity that is independent of the model, below which the sensitivity must "
-        "gain much",
-        "Its parameter would be extrapolated far beyond the data")
-    blurred_drop: float = _declare_level(0.25, "-",
-        "Share of the squared error that such a sensitivity must remove",
-        "An effect that is hardly separable must gain much")
     least_drop_in_runs: float = _declare_level(0.5, "-",
         "Share of the squared error that an effect of some runs alone must remove",
         "The motions of two runs differ, too: parameters of one run alone compensate for what the model lacks")

@@ -59,15 +59,21 @@ from dynident.diagnosis.search.candidate_outcomes import (
 )
 from dynident.diagnosis.search.detection_limits import compute_detection_limits
 from dynident.diagnosis.search.external_contacts import find_contacts
-from dynident.diagnosis.search.finding_refinement import RecordedSource, refine_findings
-from dynident.diagnosis.search.forward_selection import SearchRecord, search_findings
+from dynident.diagnosis.search.finding_refinement import RecordedSource, predict_with_findings, refine_findings
+from dynident.diagnosis.search.forward_selection import search_findings, settle_findings
 from dynident.diagnosis.search.identifiability_and_invisible_effects import (
     compute_part_to_part_ratio,
     extend_with_findings,
     find_invisible,
     list_too_large_limits,
 )
-from dynident.diagnosis.search.search_state import Finding, ScoredFamily, State, estimate_residual_noise, score_family
+from dynident.diagnosis.search.search_state import (
+    Finding,
+    ScoredFamily,
+    SearchRecord,
+    State,
+    score_family,
+)
 from dynident.diagnosis.search.static_friction import find_static_friction
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.effects.effect_columns import is_lasting_change
@@ -224,13 +230,19 @@ def examine(
     rules = DecisionRules(significance=significance, most_effects=most_effects)
     question = _Question(identification, recordings, comparisons, tried, resolved, floor, since, rules)
     leads = propose_shapes(comparisons, recordings, identification, since)
-    answer = _search_effects(question, leads, scale_progress(progress, 0.1, 0.7))
+    search = _search_effects(question, leads, scale_progress(progress, 0.1, 0.5))
     # What was found hides lines of the residual, until it is in the model.
     has_waves = any(get_effect(name).proposal == "angle_spectrum" for name in tried)
-    further = leads.add_lines(answer.final, model.robot) if has_waves else leads
-    if further != leads:
-        leads, answer = further, _search_effects(question, further, scale_progress(progress, 0.7, 1.0), answer)
-    pool, start, family, record, findings, recommended, grown, undetermined, final = answer
+    if has_waves:
+        left = predict_with_findings(model, search.record.state, question.inputs, comparisons)
+        further = leads.add_lines(left, model.robot)
+        if further != leads:
+            leads, search = further, _search_effects(question, further, scale_progress(progress, 0.5, 0.7), search)
+    family, record = search.family, search.record
+    settle_findings(record)
+    findings, recommended, grown, undetermined, final = _refine_findings(
+        question, record, scale_progress(progress, 0.7, 1.0)
+    )
     first = list(family.scored)
     unknown = find_unknown_patterns(final)
     # An effect whose residual still depends on the same variable has the wrong name, and misleads what was found after
@@ -257,7 +269,7 @@ def examine(
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     everything, named = (*contacts, *findings), (*pushes, *recommended)
-    ranking = _rank_candidates(record, pool, start, everything, named, family, has)
+    ranking = _rank_candidates(search, everything, named, has)
     ranked, limits = ranking.ranked, ranking.limits
     unknown = (*undisturbed.unexplained_patterns, *unknown)
     # The contacts stand first in the ranking, and are no changes of the robot; `identify_on_both` puts the later
@@ -321,14 +333,44 @@ class _Question:
     since: tuple[str, ...]
     rules: DecisionRules
 
+    @property
+    def inputs(self) -> RegressorInputs:
+        """The recordings, with filters and reference of the model."""
+        estimate = self.identification.estimate
+        return RegressorInputs(self.recordings, self.identification.preprocessing, estimate.next_reference())
 
-class _Answer(NamedTuple):
-    """What a search found, the model with it, what cannot be added to it (by number), and what that model leaves."""
 
-    pool: Pool
+class _Search(NamedTuple):
+    """The state that a search starts from, the candidates' scores there, and what the search found."""
+
     start: State
     family: ScoredFamily
     record: SearchRecord
+
+
+def _search_effects(
+    question: _Question, leads: ShapeProposals, progress: Progress, earlier: _Search | None = None
+) -> _Search:
+    """Search all effects on the grid of their shape constants.
+
+    With further proposals the search goes on where an earlier one ended.
+    """
+    model = question.identification.model
+    pool = build_pool(model, question.effects, leads, question.resolved, earlier and earlier.start.pool)
+    rows = RecordedSource(model, question.inputs)
+    # One pass over the recordings for the model and all candidates: every score of the search comes from these
+    # products.
+    data = rows.gather_products(pool, scale_progress(progress, 0.0, 0.5))
+    start = _build_start_state(data, pool, question.identification, question.floor, question.rules)
+    family = score_family(start, pool.initial_candidates)
+    known = earlier and earlier.record
+    record = search_findings(start, family.scored, rows, scale_progress(progress, 0.5, 1.0), known)
+    return _Search(start, family, record)
+
+
+class _Refined(NamedTuple):
+    """Findings that stay, the model with them, what cannot be added to it (by number), and what that model leaves."""
+
     findings: tuple[Finding, ...]
     recommended: tuple[EffectChoice, ...]
     grown: Identification
@@ -336,44 +378,27 @@ class _Answer(NamedTuple):
     final: list[Comparison]
 
 
-def _search_effects(
-    question: _Question, leads: ShapeProposals, progress: Progress, earlier: _Answer | None = None
-) -> _Answer:
-    """Search all effects, refine what is found, and put it to the test by identifying the model with it.
-
-    With further proposals the search goes on where an earlier one ended.
-    """
-    identification, recordings, floor = question.identification, question.recordings, question.floor
-    model = identification.model
-    pool = build_pool(model, question.effects, leads, question.resolved, earlier and earlier.pool)
-    inputs = RegressorInputs(recordings, identification.preprocessing, identification.estimate.next_reference())
-    rows = RecordedSource(model, inputs)
-    # One pass over the recordings for the model and all candidates: every score of the search comes from these
-    # products.
-    data = rows.gather_products(pool, scale_progress(progress, 0.0, 0.45))
-    start = _build_start_state(data, pool, identification, floor, question.rules)
-    family = score_family(data, pool, start.base, pool.initial_candidates, start.noise, level=start.level)
-    # First the best candidates of a coarse grid, then their shape constants, on all rows.
-    known = earlier and earlier.record
-    record = search_findings(data, pool, start, list(family.scored), rows, scale_progress(progress, 0.45, 0.8), known)
+def _refine_findings(question: _Question, record: SearchRecord, progress: Progress) -> _Refined:
+    """Refine what was found on all rows, and put it to the test by identifying the model with it."""
+    identification, recordings = question.identification, question.recordings
     findings, recommended, dropped = refine_findings(
         identification,
-        record.findings,
-        inputs,
+        record.state.findings,
+        question.inputs,
         question.resolved,
-        floor,
+        question.floor,
         question.since,
-        scale_progress(progress, 0.8, 0.9),
+        scale_progress(progress, 0.0, 0.6),
     )
     record.dropped.update(dropped)
     # Some findings cannot be added, or explain nothing any more in the model that is identified with them.
     grown, undetermined = extend_with_findings(
-        identification, recommended, recordings, scale_progress(progress, 0.9, 1.0)
+        identification, recommended, recordings, scale_progress(progress, 0.6, 1.0)
     )
     record.dropped.update((findings[k].judged.candidate, reason) for k, (_, reason) in undetermined.items())
     findings, recommended = _drop_findings(findings, recommended, list(undetermined))
     final = _compare_extended(identification, grown, recordings, question.comparisons)
-    return _Answer(pool, start, family, record, findings, recommended, grown, undetermined, final)
+    return _Refined(findings, recommended, grown, undetermined, final)
 
 
 def _check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -> None:
@@ -412,35 +437,28 @@ class _Ranking(NamedTuple):
 
 
 def _rank_candidates(
-    record: SearchRecord,
-    pool: Pool,
-    start: State,
-    findings: Sequence[Finding],
-    choices: Sequence[EffectChoice],
-    family: ScoredFamily,
-    has: Sequence[str],
+    search: _Search, findings: Sequence[Finding], choices: Sequence[EffectChoice], has: Sequence[str]
 ) -> _Ranking:
     """Score every candidate once more beside all findings, and say what became of it."""
-    first = family.scored
-    final = score_beside_findings(record.data, pool, start, findings, choices, family)
-    outcomes, beside = list_outcomes(final, pool, record, choices, first)
-    limits = compute_detection_limits(final, pool, choices)
+    first, record = search.family.scored, search.record
+    final = score_beside_findings(search.start, record.state, findings, choices, search.family)
+    outcomes, beside = list_outcomes(final, record, choices, first)
+    limits = compute_detection_limits(final, choices)
     outcomes = add_limits(outcomes, limits)
     ranked_findings = rank_findings(findings, choices, has)
     ranked = (*ranked_findings, *rank_rejected(outcomes, first, beside, len(ranked_findings)))
-    rows = record.data.select_for_model(final.state.base)
-    return _Ranking(ranked, outcomes, limits, compute_part_to_part_ratio(rows, final.state))
+    return _Ranking(ranked, outcomes, limits, compute_part_to_part_ratio(final.state))
 
 
 def _build_start_state(
     data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray, rules: DecisionRules
 ) -> State:
     """Return the state that the search starts from: the model with the contacts that disturb it."""
-    base, noise = tuple(range(pool.n_base)), identification.noise
-    findings = find_contacts(data, pool, base, noise, identification.preprocessing)
+    state = State(data, pool, tuple(range(pool.n_base)), identification.noise, floor, (), rules)
+    findings = find_contacts(state, identification.preprocessing)
     for finding in findings:
-        base += finding.columns
-    return State(base, estimate_residual_noise(data, base) if findings else noise, floor, findings, pool.since, rules)
+        state = state.add_finding(finding)
+    return state.estimate_noise() if findings else state
 
 
 def _compute_rms(comparisons: Sequence[Comparison]) -> FloatArray:

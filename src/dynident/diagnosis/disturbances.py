@@ -16,11 +16,10 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Pool, build_pool_of_choices
-from dynident.diagnosis.candidates.inner_product_accumulation import gather_products
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison, compare
 from dynident.diagnosis.diagnosis_result import UnknownPattern
 from dynident.diagnosis.search.external_contacts import find_contacts
-from dynident.diagnosis.search.search_state import Finding
+from dynident.diagnosis.search.search_state import Finding, gather_state
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, OutlyingSpan, concatenate_reductions, find_outlying_spans
@@ -335,26 +334,18 @@ def _add_contact(disturbance: Disturbance, identification: Identification, recor
         for k in links
     ]
     choices = [EffectChoice(PUSH, (), tuple(sorted(shape.items())), (disturbance.run,)) for shape in shapes]
-    pool = build_pool_of_choices(model, choices)
-    reference = identification.estimate.next_reference()
-    data = gather_products(
-        pool.observation,
-        model.signals,
-        RegressorInputs([recording], identification.preprocessing, reference),
-        pool.n_base,
-    )
-    base = tuple(range(pool.n_base))
+    preprocessing, reference = identification.preprocessing, identification.estimate.next_reference()
+    inputs = RegressorInputs([recording], preprocessing, reference)
+    state = gather_state(model, build_pool_of_choices(model, choices), inputs, identification.noise)
     contacts = [
         contact
         for start in dict.fromkeys(window[0] for window in windows)
-        for contact in find_contacts(
-            data, _select_window(pool, start), base, identification.noise, identification.preprocessing
-        )
+        for contact in find_contacts(replace(state, pool=_select_window(state.pool, start)), preprocessing)
     ]
     if not contacts:
         return disturbance
     best = max(contacts, key=lambda contact: contact.judged.t)
-    names = [pool.observation.columns[k].parameter for k in best.judged.candidate.columns]
+    names = [state.pool.observation.columns[k].parameter for k in best.judged.candidate.columns]
     amplitudes = dict(zip(names, best.judged.amplitudes.tolist(), strict=True))
     force = np.array([amplitudes.get(f"f{axis}", 0.0) + amplitudes.get(f"f{axis}h", 0.0) for axis in "xyz"])
     window = dict(best.judged.candidate.shape)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals
+from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals, get_effect
 from dynident.expressions import Program
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot.contacts import compute_contact_projection
@@ -271,7 +271,7 @@ class Observation:
         """
         if not columns:
             return self
-        tail = Observation.from_columns(self.robot, columns, signals)
+        tail = _build_tail(self.robot, columns, signals)
         memory = self.memory + tuple(item for item in tail.memory if item not in self.memory)
         runs = self.runs + tuple(item for item in tail.runs if item not in self.runs)
         widths, selections = list(tail.program.widths), _select_everything(len(tail.program.widths))
@@ -387,6 +387,22 @@ class Observation:
             # Summed row by row: W is sparse, and a dense W would need memory for its zeros.
             out[:, row] = weighted[:, self.entry_rows == row].sum(axis=1)
         return out
+
+
+def _build_tail(robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
+    """Build the matrix of columns that are put behind others, first-order effects in a program of their own.
+
+    Each of them is the derivative of the whole torque, so that compiling them takes longest. Mostly the other columns
+    are what changes from one matrix to the next: then this program is at hand.
+    """
+    first_order = [bool(column.effect) and get_effect(column.effect).first_order for column in columns]
+    if all(first_order) or not any(first_order):
+        return Observation.from_columns(robot, columns, signals)
+    order = np.argsort(first_order, kind="stable")
+    n_others = len(columns) - sum(first_order)
+    others, derivatives = ([columns[k] for k in some] for some in (order[:n_others], order[n_others:]))
+    both = Observation.from_columns(robot, others, signals).extend(derivatives, signals)
+    return replace(both, columns=tuple(columns), entry_columns=order[both.entry_columns], parts=None)
 
 
 def _build_matrix(robot: Robot, columns: Sequence[Column]) -> ca.SX:

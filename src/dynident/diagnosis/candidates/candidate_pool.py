@@ -145,7 +145,7 @@ def build_pool(
         choice for effect in chosen if effect.may_change for choice in list_change_candidates(effect, model, proposals)
     ]
     known = [candidate.choice for candidate in earlier.candidates] if earlier else []
-    pool = build_pool_of_choices(model, list(dict.fromkeys([*known, *resolvable, *changed])))
+    pool = build_pool_of_choices(model, list(dict.fromkeys([*known, *resolvable, *changed])), earlier=earlier)
     # A line that stands out clearly is a candidate from the start, even if it is among the faint ones as well.
     faint = _select_waves(pool, chosen, model, proposals.angle_lines.faint)
     clear = _select_waves(pool, chosen, model, proposals.angle_lines.clear)
@@ -169,7 +169,12 @@ def _list_waves(effect: Effect, model: Model, lines: Sequence[tuple[int, float]]
     return [EffectChoice(effect.id, (joints[j],), ((spec.name, wave),)) for j, wave in waves]
 
 
-def build_pool_of_choices(model: Model, choices: Sequence[EffectChoice], beside: Sequence[Column] = ()) -> Pool:
+def build_pool_of_choices(
+    model: Model,
+    choices: Sequence[EffectChoice],
+    beside: Sequence[Column] = (),
+    earlier: Pool | None = None,
+) -> Pool:
     """Build the pool of a model and these choices; what the model has already, or is zero, is no candidate.
 
     Parameters
@@ -180,6 +185,8 @@ def build_pool_of_choices(model: Model, choices: Sequence[EffectChoice], beside:
         What may be missing.
     beside : sequence of Column
         Columns that stand for the model where they are not those that it keeps.
+    earlier : Pool, optional
+        A pool of the first of these choices, whose compiled columns are shared.
 
     Returns
     -------
@@ -209,8 +216,8 @@ def build_pool_of_choices(model: Model, choices: Sequence[EffectChoice], beside:
             seen.add(fresh)
             candidates.append(Candidate(choice.effect, choice.joints, choice.shape, fresh, choice.runs))
     # What the model has is compiled already.
-    observation = model.observation.extend(columns[model.n_parameters :], signals)
-    return Pool(observation, n_base, tuple(candidates))
+    compiled = earlier.observation if earlier else model.observation
+    return Pool(compiled.extend(columns[compiled.n_columns :], signals), n_base, tuple(candidates))
 
 
 def select_columns_on(pool: Pool, candidate: Candidate, joint: str) -> tuple[int, ...]:

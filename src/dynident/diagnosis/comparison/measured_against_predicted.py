@@ -6,7 +6,7 @@ Holds how long an interval is (0.5 s), and how many are reported (12).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,7 @@ from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.recordings.pose_recordings import has_poses, read_pose_rows
 from dynident.recordings.recording import JointLimits
 from dynident.regressors.dynamic_model_rows import SampleFunction
+from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.row_phases import RowPhases, changes_at_rest
 
 # Length of an interval, s, and number of those that are reported.
@@ -325,6 +326,30 @@ def compare(identification: Identification, recording: Recording, progress: Prog
         free=phases.free,
         temperature=more[0] if more else None,
     )
+
+
+def predict_again(
+    comparison: Comparison, observation: Observation, values: FloatArray, inputs: RegressorInputs
+) -> Comparison:
+    """Return a comparison with the prediction of other columns, where its joint moves; at rest it stays as it was.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The comparison.
+    observation : Observation
+        The columns W.
+    values : (b,)
+        Their parameters.
+    inputs : RegressorInputs
+        The recording that is compared, the model's filters, and what torque is predicted with.
+    """
+    (recording,) = inputs.recordings
+    entries = SampleFunction(observation, inputs.reference, recording)
+    pieces = filter_in_parallel(recording, inputs.preprocessing, entries)
+    predicted = np.concatenate([observation.compute_torque(rows, values) for _, _, rows in pieces])
+    phases = RowPhases.from_recording(observation, recording, inputs.preprocessing)
+    return replace(comparison, predicted=predicted, remembering=phases.remembering, free=phases.free)
 
 
 def _yield_parts(

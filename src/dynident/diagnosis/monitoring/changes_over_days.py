@@ -30,7 +30,7 @@ from dynident.diagnosis.monitoring.reduced_days import Day, Measure
 from dynident.diagnosis.search.identifiability_and_invisible_effects import is_determined
 from dynident.diagnosis.search.next_finding import select_candidate
 from dynident.diagnosis.search.pruning import prune_findings
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_family
+from dynident.diagnosis.search.search_state import Finding, State, score_family
 from dynident.effects import get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import build_weighted_factor, solve_weighted, statistics
@@ -63,33 +63,26 @@ def find_changes(data: PhasedProducts, pool: Pool, floor: FloatArray, progress: 
     tuple of Finding
         The changes that pass, without those that others make superfluous.
     """
-    base = tuple(range(pool.n_base))
-    state = State(base, estimate_residual_noise(data, base), floor, (), pool.since)
+    state = State(data, pool, tuple(range(pool.n_base)), floor, floor).estimate_noise()
     remaining: Sequence[Candidate] = pool.candidates
-    firm = is_determined(data.select_for_model(base), state)
+    firm = is_determined(state)
     while remaining and len(state.findings) < MOST_CHANGES:
         progress(len(state.findings) / MOST_CHANGES, f"{len(state.findings)} changes found")
-        judged = score_family(data, pool, state.base, remaining, state.noise).scored
+        judged = score_family(state, remaining).scored
         # What explains as much on all days alike has not changed.
         unshadowed = [scored for scored in judged if not _is_shadow(scored, judged)]
-        choice = select_candidate(data, pool, state, [_judge_by_side(scored, pool, data) for scored in unshadowed])
+        choice = select_candidate(state, [_judge_by_side(scored, state) for scored in unshadowed])
         if choice is None:
             break
         chosen, equal = choice
-        grown = state.base + chosen.candidate.columns
-        state = replace(
-            state,
-            base=grown,
-            noise=estimate_residual_noise(data, grown),
-            findings=(*state.findings, Finding(chosen, equal, chosen.p)),
-        )
+        state = state.add_finding(Finding(chosen, equal, chosen.p)).estimate_noise()
         # Where the motion does not determine the model, a gain may only be a better conditioned model. Then nothing is
         # named.
-        firm = firm or is_determined(data.select_for_model(grown), state)
+        firm = firm or is_determined(state)
         if not firm:
             return ()
-        remaining = [candidate for candidate in remaining if not set(candidate.columns) <= set(grown)]
-    return prune_findings(data, pool, state).findings
+        remaining = [candidate for candidate in remaining if not set(candidate.columns) <= set(state.base)]
+    return prune_findings(state).findings
 
 
 def get_first_day(candidate: Candidate, count: int) -> int:
@@ -108,13 +101,13 @@ def _is_shadow(scored: ScoredCandidate, judged: Sequence[ScoredCandidate]) -> bo
     )
 
 
-def _judge_by_side(scored: ScoredCandidate, pool: Pool, data: PhasedProducts) -> ScoredCandidate:
+def _judge_by_side(scored: ScoredCandidate, state: State) -> ScoredCandidate:
     """Return a change judged by the better of two sides: the days before it, or the days from it on."""
-    since = get_first_day(scored.candidate, len(pool.since) + 1)
+    since = get_first_day(scored.candidate, len(state.pool.since) + 1)
     if not since:
         return scored
     # The runs of these products are the days.
-    later = data.moving.run >= since
+    later = state.data.moving.run >= since
     # Of ten days, the last has a tenth of all the error: over all days even a complete change would explain little.
     sides = [replace(scored, before=scored.before[side], after=scored.after[side]) for side in (~later, later)]
     best = max(sides, key=_compute_drop)

@@ -12,14 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.diagnosis.candidates.candidate_pool import Candidate
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate, compute_least_t
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason, build_too_small, describe_choice
 from dynident.diagnosis.search.search_state import State
 from dynident.effects import Effect, get_effect
-from dynident.effects.effect_columns import is_lasting_change
 
 # Resamplings: a share of 0.9 is then known to within 0.02.
 _DRAWS = 200
@@ -85,15 +82,13 @@ def _compute_margin(chosen: ScoredCandidate, rival: ScoredCandidate) -> FloatArr
     return np.asarray(chosen.gains - rival.gains)
 
 
-def find_rejection(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def find_rejection(state: State, scored: ScoredCandidate) -> Reason | None:
     """Return the first rule that a candidate fails, as a reason; None where it passes them all.
 
     Parameters
     ----------
     state : State
         The model so far and what was found.
-    data : PhasedProducts
-        Products of all columns.
     scored : ScoredCandidate
         The candidate.
     """
@@ -102,38 +97,35 @@ def find_rejection(state: State, data: PhasedProducts, scored: ScoredCandidate) 
         _check_significance,
         _check_size,
         _check_reach,
-        _check_blur,
         _check_shadows,
         _check_each_joint,
         _check_runs,
     )
-    return next((reason for rule in rules if (reason := rule(state, data, scored)) is not None), None)
+    return next((reason for rule in rules if (reason := rule(state, scored)) is not None), None)
 
 
-def is_too_small_for_runs(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
+def is_too_small_for_runs(state: State, scored: ScoredCandidate) -> bool:
     """Return whether a candidate would be a finding, were it not of some runs and too small for that.
 
     Parameters
     ----------
     state : State
         The model so far and what was found.
-    data : PhasedProducts
-        Products of all columns.
     scored : ScoredCandidate
         The candidate.
     """
-    rejection = find_rejection(state, data, scored)
+    rejection = find_rejection(state, scored)
     # The size in its runs is checked last: all other rules passed where that is what a candidate fails.
     return rejection is not None and dict(rejection.values).get("measure") == "runs"
 
 
-def _check_visibility(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_visibility(state: State, scored: ScoredCandidate) -> Reason | None:
     if scored.separability >= state.rules.least_separability:
         return None
     return Reason.build("not_determined", share=scored.separability, least=state.rules.least_separability)
 
 
-def _check_significance(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_significance(state: State, scored: ScoredCandidate) -> Reason | None:
     """Check that a gain is no chance, among all that was tried and by itself, and large enough to notice."""
     if scored.p > state.level:
         return Reason.build("not_significant", p=scored.p, level=state.level)
@@ -147,39 +139,24 @@ def _check_significance(state: State, _data: PhasedProducts, scored: ScoredCandi
     return None
 
 
-def _check_size(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
-    gain, least = _compute_largest_gain(state, data, scored), get_least_gain(get_effect(scored.candidate.effect))
+def _check_size(state: State, scored: ScoredCandidate) -> Reason | None:
+    gain, least = _compute_largest_gain(state, scored), get_least_gain(get_effect(scored.candidate.effect))
     return build_too_small("noise", gain, least) if gain < least else None
 
 
-def _check_reach(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_reach(state: State, scored: ScoredCandidate) -> Reason | None:
     # A column of which little is left needs a gain that is very sure.
     least = state.rules.least_reach / max(scored.t, np.finfo(float).tiny)
-    return _check_share(scored, least)
-
-
-def _check_blur(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
-    is_first_order = get_effect(scored.candidate.effect).first_order
-    return (
-        _check_share(scored, state.rules.blurred_separability)
-        if is_first_order and scored.drop < state.rules.blurred_drop
-        else None
-    )
-
-
-def _check_share(scored: ScoredCandidate, least: float) -> Reason | None:
     if scored.separability >= least:
         return None
     return Reason.build("not_determined", share=scored.separability, least=min(least, 1.0))
 
 
-def find_least_drops(candidate: Candidate, separability: float, t: FloatArray) -> FloatArray:
+def find_least_drops(separability: float, t: FloatArray) -> FloatArray:
     """Return (d,): the share of the squared error that a candidate has to remove; infinite where no share is enough.
 
     Parameters
     ----------
-    candidate : Candidate
-        The candidate.
     separability : float
         Share of its column that is left beside the model.
     t : (d,)
@@ -187,12 +164,10 @@ def find_least_drops(candidate: Candidate, separability: float, t: FloatArray) -
     """
     if separability < RULES.least_separability:
         return np.full_like(t, np.inf)
-    is_blurred = get_effect(candidate.effect).first_order and separability < RULES.blurred_separability
-    least = RULES.blurred_drop if is_blurred else RULES.least_drop
-    return np.where(separability * t < RULES.least_reach, np.inf, least)
+    return np.where(separability * t < RULES.least_reach, np.inf, RULES.least_drop)
 
 
-def _check_shadows(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_shadows(state: State, scored: ScoredCandidate) -> Reason | None:
     for finding in state.findings:
         if is_shadowed(scored, finding.judged, state.floor):
             size = compute_explained_error(scored, state.floor) / compute_explained_error(finding.judged, state.floor)
@@ -200,11 +175,11 @@ def _check_shadows(state: State, _data: PhasedProducts, scored: ScoredCandidate)
     return None
 
 
-def _check_each_joint(state: State, data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_each_joint(state: State, scored: ScoredCandidate) -> Reason | None:
     """Check that what pulls at two joints explains both: what explains one alone is a function of that joint."""
     if not get_effect(scored.candidate.effect).pulls_on_each:
         return None
-    idle = [joint for joint in scored.joints if not has_gain_on_joint(state, data, scored, joint)]
+    idle = [joint for joint in scored.joints if not has_gain_on_joint(state, scored, joint)]
     if not idle:
         return None
     before = scored.before[:, idle].sum(axis=0)
@@ -212,43 +187,26 @@ def _check_each_joint(state: State, data: PhasedProducts, scored: ScoredCandidat
     return build_too_small("joint", float(shares.min()), state.rules.joint_drop)
 
 
-def _check_runs(state: State, _data: PhasedProducts, scored: ScoredCandidate) -> Reason | None:
+def _check_runs(state: State, scored: ScoredCandidate) -> Reason | None:
     """Check that an effect of some runs alone explains as much of them as it has to."""
     if not scored.candidate.runs:
         return None
-    is_lasting = is_lasting_change(scored.candidate.choice, state.since)
+    is_lasting = state.pool.is_change(scored.candidate)
     least = state.rules.least_drop_of_change if is_lasting else state.rules.least_drop_in_runs
     return build_too_small("runs", scored.drop, least) if scored.drop < least else None
 
 
-def is_too_small(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
-    """Return whether a candidate removes less of the sensors' noise than its kind has to.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    data : PhasedProducts
-        Products of all columns.
-    scored : ScoredCandidate
-        The candidate.
-    """
-    return _check_size(state, data, scored) is not None
+def _compute_largest_gain(state: State, scored: ScoredCandidate) -> float:
+    return max(compute_gain_over_floor(state, scored, j) for j in scored.joints)
 
 
-def _compute_largest_gain(state: State, data: PhasedProducts, scored: ScoredCandidate) -> float:
-    return max(compute_gain_over_floor(scored, j, state.floor, data) for j in scored.joints)
-
-
-def has_gain_on_joint(state: State, data: PhasedProducts, scored: ScoredCandidate, joint: int) -> bool:
+def has_gain_on_joint(state: State, scored: ScoredCandidate, joint: int) -> bool:
     """Return whether a candidate that acts on several joints lowers the error of one of them enough, and evenly.
 
     Parameters
     ----------
     state : State
         The model so far and what was found.
-    data : PhasedProducts
-        Products of all columns.
     scored : ScoredCandidate
         The candidate.
     joint : int
@@ -264,9 +222,7 @@ def has_gain_on_joint(state: State, data: PhasedProducts, scored: ScoredCandidat
         float(gain.mean())
         >= (state.rules.joint_t if share < state.rules.large_joint_drop else state.rules.large_joint_t) * spread
     )
-    large = compute_gain_over_floor(scored, joint, state.floor, data) >= get_least_gain(
-        get_effect(scored.candidate.effect)
-    )
+    large = compute_gain_over_floor(state, scored, joint) >= get_least_gain(get_effect(scored.candidate.effect))
     return share >= state.rules.joint_drop and even and large
 
 
@@ -311,21 +267,19 @@ def get_least_gain(effect: Effect) -> float:
     return RULES.least_gain_at_reversals if at_reversals else RULES.least_gain_over_noise
 
 
-def compute_gain_over_floor(scored: ScoredCandidate, joint: int, floor: FloatArray, data: PhasedProducts) -> float:
+def compute_gain_over_floor(state: State, scored: ScoredCandidate, joint: int) -> float:
     """Return the squared error that a candidate removes on a joint, over that of the sensor's noise.
 
     Parameters
     ----------
+    state : State
+        The model so far and what was found.
     scored : ScoredCandidate
         The candidate.
     joint : int
         Index of the joint.
-    floor : (n,)
-        Noise of the sensors, N m or N.
-    data : PhasedProducts
-        Products of all columns.
     """
     removed = float((scored.before - scored.after)[:, joint].sum()) / max(
-        float(data.count_rows(scored.candidate.columns)[:, joint].sum()), 1.0
+        float(state.data.count_rows(scored.candidate.columns)[:, joint].sum()), 1.0
     )
-    return removed / max(float(floor[joint]) ** 2, np.finfo(float).tiny)
+    return removed / max(float(state.floor[joint]) ** 2, np.finfo(float).tiny)

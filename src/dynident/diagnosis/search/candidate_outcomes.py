@@ -6,18 +6,23 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, explain_absence
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.candidate_pool import Candidate, explain_absence
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, ScoredCandidate
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason, describe_choice
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.diagnosis.search.acceptance_rules import find_rejection
-from dynident.diagnosis.search.forward_selection import Loss, SearchRecord
 from dynident.diagnosis.search.identifiability_and_invisible_effects import list_columns_with_findings
 from dynident.diagnosis.search.physical_plausibility import find_impossibility
-from dynident.diagnosis.search.search_state import Finding, ScoredFamily, State, estimate_residual_noise, score_family
+from dynident.diagnosis.search.search_state import (
+    Finding,
+    Loss,
+    ScoredFamily,
+    SearchRecord,
+    State,
+    score_family,
+)
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.regressors.model_structure import Model
 
@@ -30,8 +35,6 @@ class FinalScores:
     ----------
     state : State
         The model with its findings.
-    data : PhasedProducts
-        Products of all columns.
     scored : tuple of ScoredCandidate
         The candidates, scored beside it.
     levels : FamilywiseLevels
@@ -39,29 +42,19 @@ class FinalScores:
     """
 
     state: State
-    data: PhasedProducts
     scored: tuple[ScoredCandidate, ...]
     levels: FamilywiseLevels
 
 
 def score_beside_findings(
-    data: PhasedProducts,
-    pool: Pool,
-    start: State,
-    findings: Sequence[Finding],
-    choices: Sequence[EffectChoice],
-    first: ScoredFamily,
+    start: State, last: State, findings: Sequence[Finding], choices: Sequence[EffectChoice], first: ScoredFamily
 ) -> FinalScores:
     """Score all candidates of the first round once more, beside the model with everything that was found.
 
     Parameters
     ----------
-    data : PhasedProducts
-        Products of all columns, with the torque that the last model predicts.
-    pool : Pool
-        Model and candidates.
-    start : State
-        The state that the search started from.
+    start, last : State
+        The states that the search started from and ended in.
     findings : sequence of Finding
         What was found in the end.
     choices : sequence of EffectChoice
@@ -70,21 +63,18 @@ def score_beside_findings(
         All candidates, scored beside the model alone.
     """
     # Where nothing was found, these are the scores; beside a contact that was dropped since they are not.
-    if not findings and not start.findings and data is first.data:
-        return FinalScores(start, data, first.scored, first.levels)
-    base = list_columns_with_findings(pool, start.base, choices)
-    noise = estimate_residual_noise(data, base) if findings else start.noise
-    known = set(base)
-    candidates = [scored.candidate for scored in first.scored if not set(scored.candidate.columns) <= known]
-    family = score_family(data, pool, base, candidates, noise, level=start.level)
-    return FinalScores(
-        replace(start, base=base, noise=noise, findings=tuple(findings)), data, family.scored, family.levels
-    )
+    if not findings and not start.findings and last.data is start.data:
+        return FinalScores(start, first.scored, first.levels)
+    base = list_columns_with_findings(start.pool, start.base, choices)
+    state = replace(start, data=last.data, base=base, findings=tuple(findings))
+    state = state.estimate_noise() if findings else state
+    candidates = [scored.candidate for scored in first.scored if not set(scored.candidate.columns) <= set(base)]
+    family = score_family(state, candidates)
+    return FinalScores(state, family.scored, family.levels)
 
 
 def list_outcomes(
     final: FinalScores,
-    pool: Pool,
     record: SearchRecord,
     choices: Sequence[EffectChoice],
     first: Sequence[ScoredCandidate],
@@ -95,8 +85,6 @@ def list_outcomes(
     ----------
     final : FinalScores
         All candidates beside everything that was found.
-    pool : Pool
-        Model and candidates.
     record : SearchRecord
         What the search found, and why it chose no others.
     choices : sequence of EffectChoice
@@ -116,7 +104,7 @@ def list_outcomes(
         key = candidate.effect, candidate.joints, candidate.runs
         if key not in best or scored.total_gain > best[key].total_gain:
             best[key] = scored
-    judge = _Judge(final, pool, record, tuple(choices))
+    judge = _Judge(final, record, tuple(choices))
     outcomes = [
         CandidateOutcome(choice, finding.judged.error_drop, Reason.build("accepted", step))
         for step, (finding, choice) in enumerate(zip(final.state.findings, choices, strict=True), 1)
@@ -201,7 +189,6 @@ class _Judge:
     """Finds the reason of each candidate."""
 
     final: FinalScores
-    pool: Pool
     record: SearchRecord
     choices: tuple[EffectChoice, ...]
 
@@ -219,11 +206,9 @@ class _Judge:
         dropped = self._find_dropped(candidate)
         if dropped is not None:
             return dropped
-        state, data = self.final.state, self.final.data
+        state = self.final.state
         if last is not None:
-            rejection = find_rejection(state, data, last) or find_impossibility(
-                data, self.pool, state.base, state.noise, last
-            )
+            rejection = find_rejection(state, last) or find_impossibility(state, last)
             if rejection is not None:
                 return self._number_step(rejection)
         if candidate in self.record.rejections:

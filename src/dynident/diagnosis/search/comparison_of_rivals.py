@@ -9,22 +9,20 @@ Stribeck friction won against the quadratic friction that it was.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from scipy.special import fdtri
 
-from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, build_pool_of_choices
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool_of_choices
 from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, are_indistinguishable
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.search.acceptance_rules import compute_stability
 from dynident.diagnosis.search.next_finding import is_seldom_change, select_candidate
-from dynident.diagnosis.search.search_state import State, score_all
+from dynident.diagnosis.search.search_state import ProductSource, State, score_all
 from dynident.effects import EffectChoice
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification.shape_search import list_between
-from dynident.regressors.model_structure import Model
 
 # `benchmarks/equal_terms.py` calibrates these; seeds 1 to 3 and 5.
 
@@ -37,32 +35,21 @@ Choice = tuple[ScoredCandidate, tuple[ScoredCandidate, ...]]
 """A finding by its name, and its equals."""
 
 
-def compare_names(
-    model: Model,
-    pool: Pool,
-    state: State,
-    choice: Choice,
-    judged: Sequence[ScoredCandidate],
-    products: Callable[[Pool], PhasedProducts],
-) -> Choice:
+def compare_names(rows: ProductSource, state: State, choice: Choice, judged: Sequence[ScoredCandidate]) -> Choice:
     """Return the finding by the name that it has on equal terms, and its equals.
 
     The name stays as long as another does not say more in nearly every draw of the blocks.
 
     Parameters
     ----------
+    rows : ProductSource
+        Gives products of further columns.
+    state : State
+        The model so far and what was found.
     choice : tuple of ScoredCandidate, tuple of ScoredCandidate
         What was chosen on the grid, and its equals.
     judged : sequence of ScoredCandidate
         All candidates on the grid.
-    products : callable
-        Gives the inner products of the columns of a pool.
-    model : Model
-        The model in which something is missing.
-    pool : Pool
-        Model and candidates.
-    state : State
-        The model so far and what was found.
 
     Returns
     -------
@@ -73,26 +60,18 @@ def compare_names(
     if all(scored.candidate.effect == choice[0].candidate.effect for scored in contenders):
         return choice
     parents = {finer: scored for scored in [*contenders, choice[0]] for finer in list_between(scored.candidate.choice)}
-    finer = build_finer_pool(model, pool, state, list(parents))
-    data = products(finer)
+    finer = refine_grid(rows, state, list(parents))
     # With those of each kind of rows apart: what is about joints that start has none in common with other friction.
-    for rivals in _group_by_row_kinds(data, finer):
-        own = [candidate for candidate in finer.candidates if candidate.effect == choice[0].candidate.effect]
-        choice = _compare_on_common_rows(data, finer, state, choice, list(dict.fromkeys([*own, *rivals])), parents)
+    kinds: dict[tuple[bool, bool], list[Candidate]] = {}
+    for candidate in finer.pool.candidates:
+        kinds.setdefault(finer.data.find_row_kinds(candidate.columns), []).append(candidate)
+    for rivals in kinds.values():
+        own = [candidate for candidate in finer.pool.candidates if candidate.effect == choice[0].candidate.effect]
+        choice = _compare_on_common_rows(finer, choice, list(dict.fromkeys([*own, *rivals])), parents)
     return choice
 
 
-def _group_by_row_kinds(data: PhasedProducts, finer: Pool) -> list[list[Candidate]]:
-    """Group the candidates that are about the same kinds of rows."""
-    kinds: dict[tuple[bool, bool], list[Candidate]] = {}
-    for candidate in finer.candidates:
-        kinds.setdefault(data.find_row_kinds(candidate.columns), []).append(candidate)
-    return list(kinds.values())
-
-
 def _compare_on_common_rows(
-    data: PhasedProducts,
-    finer: Pool,
     state: State,
     choice: Choice,
     candidates: Sequence[Candidate],
@@ -100,19 +79,16 @@ def _compare_on_common_rows(
 ) -> Choice:
     """Return the choice, or another name that explains more of the rows that count for all of these candidates."""
     chosen = choice[0]
-    finer_state = replace(state, base=tuple(range(finer.n_base)))
-    each = [data.find_row_kinds(candidate.columns) for candidate in candidates]
+    each = [state.data.find_row_kinds(candidate.columns) for candidate in candidates]
     common = all(turns for turns, _ in each), all(starts for _, starts in each)
-    rescored = score_all(data, finer, finer_state.base, candidates, state.noise, kinds=common)
+    rescored = score_all(state, candidates, kinds=common)
     # That something is there is what the test on the grid says; here it is asked what it is called.
     rescored = [replace(scored, p=parents[scored.candidate.choice].p) for scored in rescored]
-    selected = select_candidate(data, finer, finer_state, rescored)
+    selected = select_candidate(state, rescored)
     if selected is None:
         return choice
     # A name with fewer constants that explains as much is preferred, if it passes the same tests.
-    slim = select_candidate(
-        data, finer, finer_state, [scored for scored in rescored if _is_slimmer(state, scored, selected[0])]
-    )
+    slim = select_candidate(state, [scored for scored in rescored if _is_slimmer(state, scored, selected[0])])
     selected = slim or selected
     # The finer constants decide the name only; the finding itself stays one of the grid, which is refined later.
     winner = parents.get(selected[0].candidate.choice)
@@ -122,7 +98,7 @@ def _compare_on_common_rows(
         return replace(winner, p=chosen.p), choice[1]
     own = [scored for scored in rescored if scored.candidate.effect == chosen.candidate.effect]
     before = max(own, key=lambda scored: scored.total_gain)
-    if slim is None and compute_stability([selected[0]], [before], data.moving.run) < state.rules.found_again:
+    if slim is None and compute_stability([selected[0]], [before], state.data.moving.run) < state.rules.found_again:
         return choice
     equal = {scored.candidate.effect: parents.get(scored.candidate.choice) for scored in selected[1]}
     others = [scored for effect, scored in equal.items() if scored is not None and effect != winner.candidate.effect]
@@ -187,19 +163,18 @@ def list_starts(judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
     ]
 
 
-def build_finer_pool(model: Model, pool: Pool, state: State, choices: Sequence[EffectChoice]) -> Pool:
-    """Build the pool of the search's columns so far and, behind them, these choices.
+def refine_grid(rows: ProductSource, state: State, choices: Sequence[EffectChoice]) -> State:
+    """Return the state on a pool of its columns so far and, behind them, other choices as candidates.
 
     Parameters
     ----------
-    model : Model
-        The model in which something is missing.
-    pool : Pool
-        Model and candidates.
+    rows : ProductSource
+        Gives products of further columns.
     state : State
         The model so far and what was found.
     choices : sequence of EffectChoice
         What stands behind these columns.
     """
-    base = [pool.observation.columns[k] for k in state.base]
-    return replace(build_pool_of_choices(model, choices, base), since=pool.since)
+    base = [state.pool.observation.columns[k] for k in state.base]
+    pool = replace(build_pool_of_choices(rows.model, choices, base), since=state.pool.since)
+    return replace(state, data=rows.gather_products(pool), pool=pool, base=tuple(range(pool.n_base)))

@@ -49,17 +49,13 @@ _SEED = 43
 _TOGETHER = 8
 
 
-def compute_detection_limits(
-    final: FinalScores, pool: Pool, choices: Sequence[EffectChoice]
-) -> tuple[DetectionLimit, ...]:
+def compute_detection_limits(final: FinalScores, choices: Sequence[EffectChoice]) -> tuple[DetectionLimit, ...]:
     """Compute the detection limit of each effect on each joint, beside the model with everything that was found.
 
     Parameters
     ----------
     final : FinalScores
         All candidates beside that model.
-    pool : Pool
-        Model and candidates.
     choices : sequence of EffectChoice
         What the findings have become: for these, and what the data cannot tell from them, there is no limit.
 
@@ -68,7 +64,8 @@ def compute_detection_limits(
     tuple of DetectionLimit
         One for each effect and joint that was tried and has a usual size, in the order of the candidates.
     """
-    base = set(final.state.base)
+    state, pool = final.state, final.state.pool
+    base = set(state.base)
     best: dict[tuple[str, tuple[str, ...]], tuple[float, Candidate]] = {}
     for candidate in pool.initial_candidates:
         if len(candidate.joints) > 1 or candidate.runs or base & set(candidate.columns):
@@ -80,23 +77,21 @@ def compute_detection_limits(
     sets: dict[tuple[bool, bool], list[Candidate]] = {}
     named = [
         ({choice.effect, *(scored.candidate.effect for scored in finding.equal)}, set(choice.joints))
-        for finding, choice in zip(final.state.findings, choices, strict=True)
+        for finding, choice in zip(state.findings, choices, strict=True)
     ]
     for (effect, joints), (_, candidate) in best.items():
         # What was found, by whichever name, is no longer hidden.
         if not any(effect in names and set(joints) <= places for names, places in named):
-            sets.setdefault(final.data.find_row_kinds(candidate.columns), []).append(candidate)
+            sets.setdefault(state.data.find_row_kinds(candidate.columns), []).append(candidate)
     limits: dict[Candidate, DetectionLimit] = {}
     for kinds, members in sets.items():
-        rows = final.data.select_for_candidates(final.state.base, np.array(kinds))
+        rows = state.data.select_for_candidates(state.base, np.array(kinds))
         elsewhere: dict[Candidate, _PlantedEffect] = {}
         if kinds[0]:
             # What is judged on rows at reversals has to help where joints move on, too.
-            moving = final.data.select_for_candidates(final.state.base, np.array((False, kinds[1])))
-            elsewhere = {planted.candidate: planted for planted in _list_planted(moving, pool, final, members)}
-        planted = [
-            replace(each, moving=elsewhere.get(each.candidate)) for each in _list_planted(rows, pool, final, members)
-        ]
+            moving = state.data.select_for_candidates(state.base, np.array((False, kinds[1])))
+            elsewhere = {planted.candidate: planted for planted in _list_planted(moving, final, members)}
+        planted = [replace(each, moving=elsewhere.get(each.candidate)) for each in _list_planted(rows, final, members)]
         limits.update((each.candidate, _build_limit(pool, each, own)) for each, own in _find_thresholds(planted))
     return tuple(limits[candidate] for _, candidate in best.values() if candidate in limits)
 
@@ -319,7 +314,7 @@ class _Batch:
         floor = np.array([each.floor for each in self.planted])[:, :, None]
         own_drops, own_removed = self._reduce_joints(drops), self._reduce_joints(removed / floor)
         for k, each in enumerate(self.planted):
-            least_drop = find_least_drops(each.candidate, each.separability, t[k])
+            least_drop = find_least_drops(each.separability, t[k])
             least_gain = get_least_gain(get_effect(each.candidate.effect))
             accepted[k] &= (t[k] >= each.levels.gains) | each.test_scores(shares[k])
             accepted[k] &= (t[k] >= each.least_t) & (own_drops[k] >= least_drop) & (own_removed[k] >= least_gain)
@@ -378,12 +373,10 @@ def _compute_medians(values: FloatArray) -> FloatArray:
     return np.asarray(np.partition(values, middle, axis=-1)[..., middle].mean(axis=-1, keepdims=True))
 
 
-def _list_planted(
-    rows: Products, pool: Pool, final: FinalScores, members: Sequence[Candidate]
-) -> Iterator[_PlantedEffect]:
+def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidate]) -> Iterator[_PlantedEffect]:
     """Yield what is needed to plant each of some candidates that are about the same rows."""
-    state = final.state
-    blocks = JointBlocks.from_products(rows, np.array(state.base, dtype=np.intp), members)
+    state, pool = final.state, final.state.pool
+    blocks = JointBlocks.from_products(rows, state.columns, members)
     total = blocks.sum_products(state.noise)
     fit = FoldFit(total, blocks.portions)
     acting = find_acting_columns(pool)

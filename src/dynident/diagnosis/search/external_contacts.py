@@ -13,10 +13,8 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from dynident.array_types import FloatArray
-from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
+from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import compute_fitted_errors
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import compute_median_error
@@ -35,23 +33,15 @@ _BAND = 20.0
 """Hz, where the torque is not filtered: an arm's motion and what answers to it."""
 
 
-def find_contacts(
-    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, preprocessing: Preprocessing
-) -> tuple[Finding, ...]:
+def find_contacts(state: State, preprocessing: Preprocessing) -> tuple[Finding, ...]:
     """Try every burst as a contact.
 
     Parameters
     ----------
-    base : tuple of int
-        Columns of the model.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
+    state : State
+        The model, and its pool with bursts among the candidates.
     preprocessing : Preprocessing
         Filters of the torque: twice the cut-off independent samples a second come out of them.
-    data : PhasedProducts
-        Products of all columns.
-    pool : Pool
-        Model and candidates, bursts among them.
 
     Returns
     -------
@@ -61,7 +51,7 @@ def find_contacts(
     band = preprocessing.torque_cutoff or _BAND
     bursting = [
         candidate
-        for candidate in pool.candidates
+        for candidate in state.pool.candidates
         if get_effect(candidate.effect).is_transient and _get_duration(candidate) >= _LASTING / band
     ]
     bursts: dict[tuple[tuple[str, ...], float, float], list[Candidate]] = {}
@@ -69,16 +59,15 @@ def find_contacts(
         window = dict(candidate.shape)
         bursts.setdefault((candidate.runs, window["t0"], window["t1"]), []).append(candidate)
     contacts: list[Finding] = []
-    columns = base
     for links in bursts.values():
-        rows = data.select_for_candidates(columns, np.zeros(2, dtype=bool))
+        rows = state.data.select_for_candidates(state.base, np.zeros(2, dtype=bool))
         # Of the links that may be pushed, the one that leaves least.
-        trials = (_test_contact(rows, columns, link, noise, 2 * band * _get_duration(link)) for link in links)
+        trials = (_test_contact(rows, state, link, 2 * band * _get_duration(link)) for link in links)
         judged, p = max(trials, key=lambda trial: trial[0].t)
         # Bonferroni: each burst is tried on every link.
         if judged.drop >= _EXPLAINED and p * len(bursting) <= _LARGEST_P:
             contacts.append(Finding(judged, (), p * len(bursting)))
-            columns = columns + judged.candidate.columns
+            state = replace(state, base=state.base + judged.candidate.columns)
     return tuple(contacts)
 
 
@@ -87,7 +76,7 @@ def _get_duration(candidate: Candidate) -> float:
     return float(window["t1"] - window["t0"])
 
 
-def drop_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preprocessing: Preprocessing) -> State:
+def drop_faded_contacts(state: State, preprocessing: Preprocessing) -> State:
     """Drop the contacts of which little is left beside what was found after them.
 
     They are looked for first, in what the plain model leaves: where friction is missing, an interval in which it is
@@ -95,10 +84,6 @@ def drop_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preproce
 
     Parameters
     ----------
-    data : PhasedProducts
-        Products of all columns.
-    pool : Pool
-        Model and candidates.
     state : State
         The model so far and what was found.
     preprocessing : Preprocessing
@@ -108,27 +93,16 @@ def drop_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preproce
     if len(contacts) in (0, len(state.findings)):
         return state
     # The contacts are taken out and looked for again, beside all that was found since.
-    touched = {k for finding in contacts for k in finding.columns}
-    rest = tuple(k for k in state.base if k not in touched)
-    still_contacts = {
-        contact.judged.candidate for contact in find_contacts(data, pool, rest, state.noise, preprocessing)
-    }
-    findings = tuple(
-        finding for finding in state.findings if not finding.is_transient or finding.judged.candidate in still_contacts
-    )
-    return replace(
-        state,
-        findings=findings,
-        base=(*rest, *(k for finding in findings if finding.is_transient for k in finding.columns)),
-    )
+    rest = state.drop_columns({k for finding in contacts for k in finding.columns})
+    still_contacts = {contact.judged.candidate for contact in find_contacts(rest, preprocessing)}
+    return state.drop_findings([finding for finding in contacts if finding.judged.candidate not in still_contacts])
 
 
 def _test_contact(
-    data: Products, base: tuple[int, ...], candidate: Candidate, noise: FloatArray, independent: float
+    data: Products, state: State, candidate: Candidate, independent: float
 ) -> tuple[ScoredCandidate, float]:
-    before, after, separability, amplitudes = compute_fitted_errors(
-        data, np.array(base, dtype=np.intp), candidate, noise
-    )
+    noise = state.noise
+    before, after, separability, amplitudes = compute_fitted_errors(data, state.columns, candidate, noise)
     gains = ((before - after) / noise**2).sum(axis=1)
     whole = (before / noise**2).sum(axis=1)
     # Only the intervals that the contact is in gain; the others would dilute what it explains.

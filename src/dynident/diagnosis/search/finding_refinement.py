@@ -17,16 +17,19 @@ from dynident.diagnosis.candidates.candidate_pool import (
     is_width_resolved,
     select_columns_on,
 )
+from dynident.diagnosis.candidates.fold_fit import FoldFit
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import ScoredCandidate, are_indistinguishable
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison, predict_again
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason, ReasonCode
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.search.acceptance_rules import compute_explained_error
 from dynident.diagnosis.search.physical_plausibility import is_physically_possible
 from dynident.diagnosis.search.pruning import RefinedModel
-from dynident.diagnosis.search.search_state import Finding, State, score_all
-from dynident.effects import EffectChoice, build_columns, get_effect
+from dynident.diagnosis.search.search_state import Finding, State, gather_state, score_all
+from dynident.effects import EffectChoice, get_effect
 from dynident.estimation import EstimationError, solve_weighted
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification import Identification
@@ -38,7 +41,7 @@ from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot import Robot
 
 
-def split_groups(data: PhasedProducts, pool: Pool, state: State) -> State:
+def split_groups(state: State) -> State:
     """Split every group whose joints have shape constants that the data tell apart.
 
     A group was found with one value for all of its joints. Values are those of the grid still; joints that have the
@@ -46,19 +49,15 @@ def split_groups(data: PhasedProducts, pool: Pool, state: State) -> State:
 
     Parameters
     ----------
-    data : PhasedProducts
-        Products of all columns.
-    pool : Pool
-        Model and candidates.
     state : State
         The model so far and what was found.
     """
     findings: list[Finding] = []
     # Group after group, each beside what the earlier ones have become.
     for finding in state.findings:
-        parts = _split_finding(data, pool, state, finding)
-        columns = tuple(k for part in parts for k in part.columns)
-        state = replace(state, base=(*(k for k in state.base if k not in finding.columns), *columns))
+        parts = _split_finding(state, finding)
+        rest = state.drop_columns(finding.columns)
+        state = replace(rest, base=(*rest.base, *(k for part in parts for k in part.columns)))
         findings += parts
     return replace(state, findings=tuple(findings))
 
@@ -104,40 +103,39 @@ def merge_findings_with_close_constants(
     return tuple(finding for finding, _ in merged), tuple(choice for _, choice in merged)
 
 
-def _split_finding(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> list[Finding]:
+def _split_finding(state: State, finding: Finding) -> list[Finding]:
     """Return the finding, or one for every set of constants that its joints have, that of most joints first."""
     group = finding.judged.candidate
     # Without a constant that is refined there is nothing in which joints could differ.
     if len(group.joints) < 2 or all(spec.refined is None for spec in get_effect(group.effect).shapes):
         return [finding]
-    each = [_choose_constants(data, pool, state, group, joint) for joint in group.joints]
+    each = [_choose_constants(state, group, joint) for joint in group.joints]
     shapes = {candidate.shape: [other for other in each if other.shape == candidate.shape] for candidate in each}
     if len(shapes) < 2:
         return [finding]
-    rest = tuple(k for k in state.base if k not in finding.columns)
+    rest = state.drop_columns(finding.columns)
     # Joints that have the same constants stay together.
     whole = [_join_candidates(some) for some in sorted(shapes.values(), key=len, reverse=True)]
-    return [
-        replace(
-            finding, judged=replace(_judge_beside_others(data, pool, state, rest, whole, k), p=finding.p), around=()
-        )
-        for k in range(len(whole))
-    ]
+    parts = []
+    for candidate in whole:
+        others = tuple(k for other in whole if other is not candidate for k in other.columns)
+        (scored,) = score_all(replace(rest, base=rest.base + others), [candidate])
+        parts.append(replace(finding, judged=replace(scored, p=finding.p), around=()))
+    return parts
 
 
-def _choose_constants(data: PhasedProducts, pool: Pool, state: State, group: Candidate, joint: str) -> Candidate:
+def _choose_constants(state: State, group: Candidate, joint: str) -> Candidate:
     """Return the effect on one joint of a group, with its own constants where the data tell them apart."""
-    mine = select_columns_on(pool, group, joint)
+    mine = select_columns_on(state.pool, group, joint)
     same = Candidate(group.effect, (joint,), group.shape, mine, group.runs)
     others = [
         candidate
-        for candidate in pool.candidates
+        for candidate in state.pool.candidates
         if (candidate.effect, candidate.joints, candidate.runs) == (group.effect, (joint,), group.runs)
         and candidate.columns != mine
     ]
-    rest = tuple(k for k in state.base if k not in mine)
     # The group's constants are scored along with the joint's own, beside the same model.
-    first, *judged = score_all(data, pool, rest, [same, *others], state.noise)
+    first, *judged = score_all(state.drop_columns(mine), [same, *others])
     best = max(judged, key=lambda scored: scored.total_gain, default=first)
     return best.candidate if _are_distinguishable(first, best) else same
 
@@ -155,14 +153,6 @@ def _join_candidates(candidates: list[Candidate]) -> Candidate:
     return Candidate(
         first.effect, joints, first.shape, tuple(k for candidate in candidates for k in candidate.columns), first.runs
     )
-
-
-def _judge_beside_others(
-    data: PhasedProducts, pool: Pool, state: State, rest: tuple[int, ...], parts: list[Candidate], k: int
-) -> ScoredCandidate:
-    """Score one of several candidates beside the others."""
-    base = (*rest, *(column for i, part in enumerate(parts) if i != k for column in part.columns))
-    return score_all(data, pool, base, [parts[k]], state.noise)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,21 +227,17 @@ def locate_findings(
     choices = [finding.judged.candidate.choice for finding in findings] + [
         choice for own in places.values() for choice in own
     ]
-    pool = build_pool_of_choices(model, choices)
-    data = gather_products(pool.observation, model.signals, inputs, model.n_parameters)
+    state = gather_state(model, build_pool_of_choices(model, choices), inputs, identification.noise)
+    find = state.pool.find_candidate
     placed_findings = list(findings)
     for k in loose:
         # Each finding is placed beside all others, where they are by now.
-        others = [
-            pool.find_candidate(finding.judged.candidate.choice) for i, finding in enumerate(placed_findings) if i != k
-        ]
-        base = (*range(pool.n_base), *(column for other in others if other for column in other.columns))
-        candidates = [candidate for choice in places[k] if (candidate := pool.find_candidate(choice))]
-        judged = score_all(data, pool, base, candidates, identification.noise)
+        others = [find(finding.judged.candidate.choice) for i, finding in enumerate(placed_findings) if i != k]
+        base = (*state.base, *(column for other in others if other for column in other.columns))
+        beside = replace(state, base=base)
+        judged = score_all(beside, [candidate for choice in places[k] if (candidate := find(choice))])
         # On a link where it would be below zero, a mass makes up for something else.
-        judged = [
-            scored for scored in judged if is_physically_possible(data, pool, base, identification.noise, scored)
-        ] or judged
+        judged = [scored for scored in judged if is_physically_possible(beside, scored)] or judged
         placed_findings[k] = _move_to_best_link(placed_findings[k], judged, model.robot.joint_names)
     return tuple(placed_findings)
 
@@ -346,7 +332,7 @@ def refine_findings(
         choices = refine_shapes(model, choices, inputs)
     while choices:
         inputs = improve_reference(model, choices, inputs)
-        lean = RefinedModel.from_choices(model, findings, choices, since, inputs)
+        lean = RefinedModel.from_choices(model, findings, choices, since, inputs, floor)
         impossible = lean.find_impossible()
         if impossible:
             dropped.update(
@@ -358,7 +344,7 @@ def refine_findings(
             )
             choices = refine_shapes(model, choices, inputs)
             continue
-        slimmer, needed = lean.select_needed(floor, inputs.preprocessing)
+        slimmer, needed = lean.select_needed(inputs.preprocessing)
         # Refining the constants of fewer effects may make others superfluous, so this goes on until nothing changes.
         if slimmer == choices:
             break
@@ -366,15 +352,13 @@ def refine_findings(
         choices = refine_shapes(model, slimmer, inputs)
     if not choices:
         return (), (), dropped
-    resolved_indices = [
-        i for i in _find_independent(model, choices) if is_width_resolved(choices[i], model.robot, resolved)
-    ]
+    resolved_indices = [i for i, choice in enumerate(choices) if is_width_resolved(choice, model.robot, resolved)]
     # In the order in which somebody would add them: the largest first.
     lasting = lean.select_harmless(
         sorted(resolved_indices, key=lambda i: -compute_explained_error(findings[i].judged, floor))
     )
     remaining = select(lasting, "harmful")
-    # What cannot be resolved, or depends on the others, was not tried for harm.
+    # What cannot be resolved was not tried for harm.
     select(resolved_indices, "not_resolved")
     return remaining, tuple(choices[i] for i in lasting), dropped
 
@@ -430,6 +414,41 @@ def improve_reference(
     return inputs
 
 
+def predict_with_findings(
+    model: Model, state: State, inputs: RegressorInputs, comparisons: Sequence[Comparison]
+) -> Sequence[Comparison]:
+    """Return comparisons with the torque that a model predicts with what was found, as it is on the grid.
+
+    Parameters
+    ----------
+    model : Model
+        The model in which something is missing.
+    state : State
+        The model so far and what was found.
+    inputs : RegressorInputs
+        Recordings that the search learns from, the model's filters, and what torque is predicted with.
+    comparisons : sequence of Comparison
+        The recordings with the model's own prediction.
+
+    Returns
+    -------
+    sequence of Comparison
+        As they were where nothing was found.
+    """
+    if not state.findings:
+        return comparisons
+    inputs = improve_reference(model, [finding.judged.candidate.choice for finding in state.findings], inputs)
+    # With the neighbours of coarse constants: what those are off by would hide a line, or look like one.
+    columns = [state.pool.observation.columns[k] for k in state.base[state.pool.n_base :]]
+    observation = model.observation.extend(columns, model.signals)
+    blocks = JointBlocks.from_products(state.rows, state.columns, ())
+    values = FoldFit(blocks.sum_products(state.noise), blocks.portions).chi
+    return [
+        predict_again(comparison, observation, values, replace(inputs, recordings=[recording]))
+        for comparison, recording in zip(comparisons, inputs.recordings, strict=True)
+    ]
+
+
 def changes_prediction(choice: EffectChoice) -> bool:
     """Return whether the torque that columns depend on is another one with an effect in the model.
 
@@ -442,16 +461,3 @@ def changes_prediction(choice: EffectChoice) -> bool:
     """
     effect = get_effect(choice.effect)
     return effect.first_order or effect.in_some_runs
-
-
-def _find_independent(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:
-    """Return the indices of the choices of which a column is independent of the model and of those before it."""
-    if not choices:
-        return []
-    grown = extend_model(model, choices)
-    independent = {column.key for column in grown.kept}
-    return [
-        i
-        for i, choice in enumerate(choices)
-        if any(column.key in independent for column in build_columns([choice], model.signals))
-    ]

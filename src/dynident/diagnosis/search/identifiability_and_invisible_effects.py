@@ -11,7 +11,6 @@ import numpy as np
 from dynident.array_types import BoolArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.held_out_scores import compute_fitted_errors, compute_held_out_errors
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
 from dynident.diagnosis.decision_levels import RULES
@@ -122,22 +121,20 @@ def _find_pool_columns(choice: EffectChoice, pool: Pool) -> tuple[int, ...]:
     return find_nearest(choice.joints) or tuple(column for name in choice.joints for column in find_nearest((name,)))
 
 
-def is_determined(rows: Products, state: State) -> bool:
+def is_determined(state: State) -> bool:
     """Return whether the model that the search starts from predicts parts of the motion from the others.
 
     Where the motion does not determine it, what a candidate gains is what it happens to hold the model by.
 
     Parameters
     ----------
-    rows : Products
-        Rows that are equations for the model.
     state : State
         The model so far and what was found.
     """
-    return compute_part_to_part_ratio(rows, state) <= state.rules.part_to_part
+    return compute_part_to_part_ratio(state) <= state.rules.part_to_part
 
 
-def compute_part_to_part_ratio(rows: Products, state: State) -> float:
+def compute_part_to_part_ratio(state: State) -> float:
     """Return the error on a fifth of the motion that is left out in a row, over that on every fifth block.
 
     Blocks with what was found already, a contact, do not count: it happened once, no other part of the motion tells
@@ -145,24 +142,22 @@ def compute_part_to_part_ratio(rows: Products, state: State) -> float:
 
     Parameters
     ----------
-    rows : Products
-        Rows that are equations for the model.
     state : State
         The model so far and what was found.
     """
-    columns = np.array(state.base, dtype=np.intp)
+    rows, noise = state.rows, state.noise
     usual = np.ones(rows.n_blocks, dtype=bool)
     for finding in state.findings:
         usual &= ~_find_active_blocks(rows, finding.columns)
     # Interleaved folds are surrounded by data of the fit; a contiguous fold is a motion that the fit has not seen.
     inside, ahead = (
-        float((compute_held_out_errors(rows, columns, state.noise, kind)[usual] / state.noise**2).sum())
+        float((compute_held_out_errors(rows, state.columns, noise, kind)[usual] / noise**2).sum())
         for kind in ("interleaved", "contiguous")
     )
     return float(np.sqrt(ahead / max(inside, np.finfo(float).tiny)))
 
 
-def is_main_explanation(data: PhasedProducts, state: State, scored: ScoredCandidate) -> bool:
+def is_main_explanation(state: State, scored: ScoredCandidate) -> bool:
     """Return whether a candidate takes away most of what the model leaves where it was fitted.
 
     There nothing is predicted, so that none of it is for holding a model that the motion does not determine; a column
@@ -170,17 +165,14 @@ def is_main_explanation(data: PhasedProducts, state: State, scored: ScoredCandid
 
     Parameters
     ----------
-    data : PhasedProducts
-        Products of all columns.
     state : State
         The model so far and what was found.
     scored : ScoredCandidate
         The candidate.
     """
     # Fitted, not held out: what a poor motion leaves undetermined cannot be predicted by any model.
-    rows = data.select_for_candidates(state.base, np.array(data.find_row_kinds(scored.candidate.columns)))
-    columns = np.array(state.base, dtype=np.intp)
-    before, after, _, _ = compute_fitted_errors(rows, columns, scored.candidate, state.noise)
+    rows = state.data.select_for_candidates(state.base, np.array(state.data.find_row_kinds(scored.candidate.columns)))
+    before, after, _, _ = compute_fitted_errors(rows, state.columns, scored.candidate, state.noise)
     own = list(scored.joints)
     initial, remaining = before[:, own].sum(axis=0), after[:, own].sum(axis=0)
     # A group is judged by all of its joints together.

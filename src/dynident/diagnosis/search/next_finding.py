@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dynident.array_types import IndexArray
-from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate, has_larger_gain, select_simplest
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason, describe_choice
@@ -16,13 +15,11 @@ from dynident.diagnosis.search.acceptance_rules import (
     find_rejection,
     has_gain_on_joint,
     is_other_name,
-    is_too_small,
     is_too_small_for_runs,
 )
-from dynident.diagnosis.search.physical_plausibility import find_impossibility, is_physically_possible
+from dynident.diagnosis.search.physical_plausibility import find_impossibility
 from dynident.diagnosis.search.search_state import State, score_all
 from dynident.effects import get_effect
-from dynident.effects.effect_columns import is_lasting_change
 from dynident.estimation.residual_errors import compute_t
 
 # Of what gains more, so many are asked whether they explain the chosen one away.
@@ -30,8 +27,6 @@ _SHADOWS = 3
 
 
 def select_candidate(
-    data: PhasedProducts,
-    pool: Pool,
     state: State,
     judged: Sequence[ScoredCandidate],
     rejections: dict[Candidate, Reason] | None = None,
@@ -43,10 +38,6 @@ def select_candidate(
 
     Parameters
     ----------
-    data : PhasedProducts
-        Products of all columns.
-    pool : Pool
-        Model and candidates.
     state : State
         The model so far and what was found.
     judged : sequence of ScoredCandidate
@@ -62,7 +53,7 @@ def select_candidate(
     reasons = {} if rejections is None else rejections
     large = []
     for scored in judged:
-        rejection = find_rejection(state, data, scored)
+        rejection = find_rejection(state, scored)
         if rejection is None:
             large.append(scored)
         else:
@@ -70,21 +61,19 @@ def select_candidate(
     # Physics is checked last and once for each, since it takes a fit of the model with the candidate.
     passing, unnatural = [], []
     for scored in large:
-        impossibility = find_impossibility(data, pool, state.base, state.noise, scored)
+        impossibility = find_impossibility(state, scored)
         if impossibility is None:
             passing.append(scored)
         else:
             unnatural.append(scored)
             reasons[scored.candidate] = impossibility
     doubted: list[ScoredCandidate] = []
-    shy = [scored for scored in judged if is_too_small_for_runs(state, data, scored)]
+    shy = [scored for scored in judged if is_too_small_for_runs(state, scored)]
     while passing:
         # A group is dropped here where its joints gain clearly more with constants of their own.
         best, equal = select_simplest(_drop_split_groups(passing))
-        plainer = _find_plainer(data, pool, state, best, judged)
-        chosen, equal = (plainer, (best, *equal)) if plainer else (best, equal)
-        lasting = _find_lasting_cause(state, chosen, passing)
-        chosen, equal = (lasting, (chosen, *equal)) if lasting else (chosen, equal)
+        lasting = _find_lasting_cause(state, best, passing)
+        chosen, equal = (lasting, (best, *equal)) if lasting else (best, equal)
         others = [
             scored
             for scored in [*passing, *doubted]
@@ -92,22 +81,18 @@ def select_candidate(
         ]
         if lasting:
             # Wear that warmth or a load says is no rival to it.
-            others = [scored for scored in others if not is_lasting_change(scored.candidate.choice, state.since)]
-        chosen, twins = _prefer_usual_change(state, chosen, _find_twins(chosen, others, data.moving.run))
+            others = [scored for scored in others if not state.pool.is_change(scored.candidate)]
+        chosen, twins = _prefer_usual_change(state, chosen, _find_twins(chosen, others, state.data.moving.run))
         beyond = [scored for scored in others if all(scored is not twin for twin in twins)]
         equal = (*(scored for scored in equal if scored is not chosen), *(twin for twin in twins if twin not in equal))
-        hidden = [*_select_first_order(chosen, unnatural), *_find_larger_rivals(data, pool, state, chosen, judged)]
-        stability = _compute_stability(data, pool, state, (chosen, *twins), [*beyond, *hidden])
+        hidden = _select_first_order(chosen, unnatural)
+        stability = _compute_stability(state, (chosen, *twins), [*beyond, *hidden])
         if stability >= state.rules.found_again:
-            slim = drop_idle_joints(data, pool, state, chosen)
+            slim = drop_idle_joints(state, chosen)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
-            by_itself = None if whole else find_rejection(state, data, replace(slim, p=chosen.p))
-            rejection = (
-                by_itself
-                or _check_moving_joints(data, pool, state, slim)
-                or _check_run_effects(data, pool, state, slim, shy)
-            )
+            by_itself = None if whole else find_rejection(state, replace(slim, p=chosen.p))
+            rejection = by_itself or _check_moving_joints(state, slim) or _check_run_effects(state, slim, shy)
             if rejection is None:
                 equivalents = equal + _find_confused(slim, judged, equal)
                 return replace(slim, p=chosen.p), equivalents + find_richer_changes(state, slim, passing, equivalents)
@@ -135,31 +120,11 @@ def _find_twins(chosen: ScoredCandidate, others: Sequence[ScoredCandidate], run:
     ]
 
 
-def _find_plainer(
-    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
-) -> ScoredCandidate | None:
-    """Find what explains as much on the same joints with fewer parameters, though it alone just misses the level.
-
-    That something is there is what the test says; what it is called is another question.
-    """
-    plainer = [
-        scored
-        for scored in judged
-        if scored.candidate.joints == chosen.candidate.joints
-        and scored.freedom < chosen.freedom
-        and scored.p > state.level
-        and not has_larger_gain(chosen, scored)
-        and find_rejection(state, data, replace(scored, p=chosen.p)) is None
-        and is_physically_possible(data, pool, state.base, state.noise, scored)
-    ]
-    return max((replace(scored, p=chosen.p) for scored in plainer), key=lambda scored: scored.total_gain, default=None)
-
-
 def _find_lasting_cause(
     state: State, chosen: ScoredCandidate, passing: Sequence[ScoredCandidate]
 ) -> ScoredCandidate | None:
     """Find a dependence on warmth, or on a load that was added, that explains as much as a change: that is no wear."""
-    if not is_lasting_change(chosen.candidate.choice, state.since):
+    if not state.pool.is_change(chosen.candidate):
         return None
     is_loaded = get_effect(chosen.candidate.effect).is_friction and any(
         get_effect(finding.judged.candidate.effect).in_some_runs
@@ -203,23 +168,21 @@ def _select_first_order(chosen: ScoredCandidate, others: Sequence[ScoredCandidat
     return [scored for scored in others if get_effect(scored.candidate.effect).first_order]
 
 
-def _check_moving_joints(data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate) -> Reason | None:
+def _check_moving_joints(state: State, chosen: ScoredCandidate) -> Reason | None:
     """Check that what remembers the path also lowers the error where joints move on, not only where they reverse.
 
     There soft gears and clocks leave something like it, and the error that is told is that of the other rows.
     """
-    turns, starts = data.find_row_kinds(chosen.candidate.columns)
+    turns, starts = state.data.find_row_kinds(chosen.candidate.columns)
     if not turns:
         return None
-    (scored,) = score_all(data, pool, state.base, [chosen.candidate], state.noise, kinds=(False, starts))
+    (scored,) = score_all(state, [chosen.candidate], kinds=(False, starts))
     if scored.error_drop >= state.rules.least_error_drop:
         return None
     return Reason.build("only_at_reversals", share=max(scored.error_drop, 0.0), least=state.rules.least_error_drop)
 
 
-def _check_run_effects(
-    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, shy: Sequence[ScoredCandidate]
-) -> Reason | None:
+def _check_run_effects(state: State, chosen: ScoredCandidate, shy: Sequence[ScoredCandidate]) -> Reason | None:
     """Check that nothing of some runs gains clearly more, beside which the chosen one, of all runs, is nothing.
 
     A payload leaves what a spring says in part. That it is too small to be told makes no spring of it.
@@ -233,32 +196,11 @@ def _check_run_effects(
         and has_larger_gain(scored, chosen)
     ]
     for scored in sorted(larger, key=lambda scored: -scored.total_gain)[:_SHADOWS]:
-        (rescored,) = score_all(data, pool, state.base + scored.candidate.columns, [chosen.candidate], state.noise)
+        (rescored,) = score_all(replace(state, base=state.base + scored.candidate.columns), [chosen.candidate])
         if rescored.total_gain < state.rules.still_gains * chosen.total_gain:
             left = max(rescored.total_gain, 0.0) / chosen.total_gain
             return Reason.build("explained", by=describe_choice(scored.candidate.choice), left=left)
     return None
-
-
-def _find_larger_rivals(
-    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
-) -> list[ScoredCandidate]:
-    """Find what gains more on the same rows and joints, though it is too small to be told from what filters do there.
-
-    The chosen one is no surer a name for want of it.
-    """
-    return [
-        scored
-        for scored in judged
-        if scored.candidate.joints == chosen.candidate.joints
-        and scored.candidate.runs == chosen.candidate.runs
-        and scored.total_gain > chosen.total_gain
-        and scored.is_significant(state.level)
-        and scored.separability >= state.rules.least_separability
-        and is_too_small(state, data, scored)
-        and data.find_row_kinds(scored.candidate.columns) == data.find_row_kinds(chosen.candidate.columns)
-        and is_physically_possible(data, pool, state.base, state.noise, scored)
-    ]
 
 
 def _prefer_usual_change(
@@ -266,9 +208,7 @@ def _prefer_usual_change(
 ) -> tuple[ScoredCandidate, list[ScoredCandidate]]:
     """Return the name of a finding that robots usually get from one day to the next, and the others."""
     seldom = is_seldom_change(state, chosen)
-    usual = [
-        scored for scored in twins if is_lasting_change(scored.candidate.choice, state.since) and not _is_seldom(scored)
-    ]
+    usual = [scored for scored in twins if state.pool.is_change(scored.candidate) and not _is_seldom(scored)]
     if not (seldom and usual):
         return chosen, twins
     best = max(usual, key=lambda scored: scored.total_gain)
@@ -285,28 +225,26 @@ def is_seldom_change(state: State, scored: ScoredCandidate) -> bool:
     scored : ScoredCandidate
         The candidate.
     """
-    return is_lasting_change(scored.candidate.choice, state.since) and _is_seldom(scored)
+    return state.pool.is_change(scored.candidate) and _is_seldom(scored)
 
 
 def _is_seldom(scored: ScoredCandidate) -> bool:
     return get_effect(scored.candidate.effect).seldom_changes
 
 
-def _compute_stability(
-    data: PhasedProducts, pool: Pool, state: State, names: Sequence[ScoredCandidate], passing: Sequence[ScoredCandidate]
-) -> float:
+def _compute_stability(state: State, names: Sequence[ScoredCandidate], passing: Sequence[ScoredCandidate]) -> float:
     """Return the share of resampled data in which the same finding, by any of its names, is made.
 
     Another finding beside it is none that could take its place.
     """
     others = [scored for scored in passing if all(is_other_name(name, scored) for name in names)]
-    run, chosen = data.moving.run, names[0]
+    run, chosen = state.data.moving.run, names[0]
     share = compute_stability(names, others, run)
     if share >= state.rules.found_again:
         return share
-    base = state.base + chosen.candidate.columns
+    beside = replace(state, base=state.base + chosen.candidate.columns)
     # Only names of the same thing are rivals: beside the chosen effect nothing of them is left.
-    rescored = score_all(data, pool, base, [scored.candidate for scored in others], state.noise)
+    rescored = score_all(beside, [scored.candidate for scored in others])
     rivals = [
         before
         for before, after in zip(others, rescored, strict=True)
@@ -370,7 +308,7 @@ def find_richer_changes(
 
     The simpler name stands, but what changed may as well be this: a base that leans, of which an offset says the most.
     """
-    if not is_lasting_change(chosen.candidate.choice, state.since):
+    if not state.pool.is_change(chosen.candidate):
         return ()
     known = {scored.candidate.effect for scored in (chosen, *equivalents)}
     richer: dict[str, ScoredCandidate] = {}
@@ -381,15 +319,15 @@ def find_richer_changes(
     return tuple(scored for scored in richer.values() if not has_larger_gain(scored, chosen))
 
 
-def drop_idle_joints(data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate) -> ScoredCandidate:
+def drop_idle_joints(state: State, chosen: ScoredCandidate) -> ScoredCandidate:
     """Take joints out of a group that gain nothing from it, or that only stick: by themselves they slip at once."""
     if len(chosen.candidate.joints) < 2:
         return chosen
     # The gain from a passive joint shows in the torque of the joint that moves it.
-    movers = pool.observation.robot.get_movers
-    gaining = [name for name in chosen.candidate.joints if has_gain_on_joint(state, data, chosen, movers(name)[0])]
+    movers = state.pool.observation.robot.get_movers
+    gaining = [name for name in chosen.candidate.joints if has_gain_on_joint(state, chosen, movers(name)[0])]
     if not gaining or len(gaining) == len(chosen.candidate.joints):
         return chosen
-    columns = tuple(k for k in chosen.candidate.columns if pool.observation.columns[k].link in gaining)
+    columns = tuple(k for k in chosen.candidate.columns if state.pool.observation.columns[k].link in gaining)
     smaller = Candidate(chosen.candidate.effect, tuple(gaining), chosen.candidate.shape, columns, chosen.candidate.runs)
-    return score_all(data, pool, state.base, [smaller], state.noise)[0]
+    return score_all(state, [smaller])[0]

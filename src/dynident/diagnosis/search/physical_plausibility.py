@@ -15,129 +15,93 @@ import numpy as np
 from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Pool
 from dynident.diagnosis.candidates.held_out_scores import compute_deviations
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
 from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
+from dynident.diagnosis.search.search_state import State
 from dynident.effects import Column, Estimate, get_effect, get_spec
 
 
-def is_physically_possible(
-    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
-) -> bool:
+def is_physically_possible(state: State, scored: ScoredCandidate) -> bool:
     """Return whether a candidate beside a model is physically possible with the amplitudes that the data ask for.
 
     Parameters
     ----------
-    data : PhasedProducts
-        Products of all columns.
-    pool : Pool
-        Model and candidates.
-    base : tuple of int
-        Columns of the model.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
+    state : State
+        The model so far and what was found.
     scored : ScoredCandidate
         The candidate.
     """
-    return find_impossibility(data, pool, base, noise, scored) is None
+    return find_impossibility(state, scored) is None
 
 
-def find_impossibility(
-    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
-) -> Reason | None:
+def find_impossibility(state: State, scored: ScoredCandidate) -> Reason | None:
     """Return what makes a candidate beside a model physically impossible; None where nothing does.
 
     Parameters
     ----------
-    data : PhasedProducts
-        Products of all columns.
-    pool : Pool
-        Model and candidates.
-    base : tuple of int
-        Columns of the model.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
+    state : State
+        The model so far and what was found.
     scored : ScoredCandidate
         The candidate.
     """
-    rows = data.select_for_model(base + scored.candidate.columns)
+    rows = state.data.select_for_model(state.base + scored.candidate.columns)
     # Several steps of a round ask for the same candidate beside the same model.
-    key = "impossibility", base, noise.tobytes(), scored.candidate
-    return rows.find_cached(key, lambda: _find_impossibility(rows, pool, base, noise, scored))
+    key = "impossibility", state.base, state.noise.tobytes(), scored.candidate
+    return rows.find_cached(key, lambda: _find_impossibility(rows, state, scored))
 
 
-def find_impossible_parameter(
-    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
-) -> tuple[Reason, tuple[str, ...]] | None:
+def find_impossible_parameter(state: State, scored: ScoredCandidate) -> tuple[Reason, tuple[str, ...]] | None:
     """Return which parameter of a candidate itself is physically impossible, and the joints on which one is.
 
     Parameters
     ----------
-    data : PhasedProducts
-        Products of all columns.
-    pool : Pool
-        Model and candidates.
-    base : tuple of int
-        Columns of the model.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
+    state : State
+        The model so far and what was found.
     scored : ScoredCandidate
         The candidate.
     """
-    rows = data.select_for_model(base + scored.candidate.columns)
-    fit = _fit_columns(rows, base, scored.candidate.columns, noise)
-    reason = _check_parameters(rows, pool, base, noise, scored, fit)
+    rows = state.data.select_for_model(state.base + scored.candidate.columns)
+    fit = _fit_columns(rows, state.base, scored.candidate.columns, state.noise)
+    reason = _check_parameters(rows, state, scored, fit)
     if reason is None:
         return None
     effect, choice = get_effect(scored.candidate.effect), scored.candidate.choice
-    own = _build_estimates(*fit)[len(base) :]
+    own = _build_estimates(*fit)[len(state.base) :]
     joints = tuple(
         link
-        for link, known in _group_by_link(pool, scored, own)
+        for link, known in _group_by_link(state.pool, scored, own)
         if link in choice.joints and not effect.is_plausible(known, choice.shape_values)
     )
-    return reason, joints if joints and not pool.is_change(scored.candidate) else choice.joints
+    return reason, joints if joints and not state.pool.is_change(scored.candidate) else choice.joints
 
 
-def _find_impossibility(
-    rows: Products, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
-) -> Reason | None:
-    columns = np.array(base + scored.candidate.columns, dtype=np.intp)
-    values, doubts = _fit_columns(rows, base, scored.candidate.columns, noise)
-    effect = get_effect(scored.candidate.effect)
-    if effect.is_friction and not _is_dissipative(rows, pool, columns, values, scored):
-        return Reason.build("impossible")
-    estimates = _build_estimates(values, doubts)
-    if effect.is_friction and (column_estimate := _find_wrong_friction(pool, base, estimates, scored)):
-        return _build_impossible(*column_estimate)
-    return _check_parameters(rows, pool, base, noise, scored, (values, doubts))
+def _find_impossibility(rows: Products, state: State, scored: ScoredCandidate) -> Reason | None:
+    columns = np.array(state.base + scored.candidate.columns, dtype=np.intp)
+    values, doubts = _fit_columns(rows, state.base, scored.candidate.columns, state.noise)
+    if get_effect(scored.candidate.effect).is_friction:
+        if not _is_dissipative(rows, state.pool, columns, values, scored):
+            return Reason.build("impossible")
+        if column_estimate := _find_wrong_friction(state, _build_estimates(values, doubts), scored):
+            return _build_impossible(*column_estimate)
+    return _check_parameters(rows, state, scored, (values, doubts))
 
 
 def _check_parameters(
-    rows: Products,
-    pool: Pool,
-    base: tuple[int, ...],
-    noise: FloatArray,
-    scored: ScoredCandidate,
-    fit: tuple[FloatArray, FloatArray],
+    rows: Products, state: State, scored: ScoredCandidate, fit: tuple[FloatArray, FloatArray]
 ) -> Reason | None:
     """Return which of a candidate's own parameters is impossible, from values and doubts of the whole fit."""
-    values, doubts = fit
-    effect = get_effect(scored.candidate.effect)
-    columns = np.array(base + scored.candidate.columns, dtype=np.intp)
-    own = _build_estimates(values, doubts)[len(base) :]
+    values, doubts = (each[len(state.base) :] for each in fit)
+    effect, pool = get_effect(scored.candidate.effect), state.pool
     if pool.is_change(scored.candidate):
         # Filtered rows of two days differ more than those of one: what they tell of a difference says its own doubt.
-        difference_deviations = compute_deviations(
-            JointBlocks.from_products(rows, columns[: len(base)], [scored.candidate]), 1, noise
-        )[0]
-        own = _build_estimates(values[len(base) :], difference_deviations)
-        is_possible = _is_possible_change(pool, base, scored, own)
+        blocks = JointBlocks.from_products(rows, state.columns, [scored.candidate])
+        own = _build_estimates(values, compute_deviations(blocks, 1, state.noise)[0])
+        is_possible = _is_possible_change(state, scored, own)
     else:
-        shape = scored.candidate.choice.shape_values
+        own, shape = _build_estimates(values, doubts), scored.candidate.choice.shape_values
         is_possible = all(effect.is_plausible(known, shape) for _, known in _group_by_link(pool, scored, own))
     if is_possible:
         return None
@@ -185,32 +149,33 @@ def _group_by_link(
     return by_link.items()
 
 
-def _is_possible_change(pool: Pool, base: tuple[int, ...], scored: ScoredCandidate, own: Sequence[Estimate]) -> bool:
+def _is_possible_change(state: State, scored: ScoredCandidate, own: Sequence[Estimate]) -> bool:
     """Return whether the later days may differ in this way: by less, too, where there is something to lose.
 
     Friction wears in, a mass is taken off; what the other days do not have can only be added.
     """
     effect = get_effect(scored.candidate.effect)
-    columns = [pool.observation.columns[k] for k in base]
+    columns = [state.pool.observation.columns[k] for k in state.base]
     # Where the model has the effect on all days, the later days may have less of it.
     had = {column.link for column in columns if column.effect == effect.id}
     return all(
         effect.is_plausible_change(known)
         and (link in had or effect.is_plausible(known, scored.candidate.choice.shape_values))
-        for link, known in _group_by_link(pool, scored, own)
+        for link, known in _group_by_link(state.pool, scored, own)
     )
 
 
 def _find_wrong_friction(
-    pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], scored: ScoredCandidate
+    state: State, estimates: Sequence[Estimate], scored: ScoredCandidate
 ) -> tuple[Column, Estimate] | None:
     """Return friction of the model on a candidate's joints that would have the wrong sign beside it.
 
     A large power of the velocity less a large multiple of the velocity fits a bend, and says nothing of other speeds.
     """
-    joints = {pool.observation.robot.joint_names[j] for j in scored.joints}
-    for k, estimate in zip(base, estimates, strict=False):
-        column = pool.observation.columns[k]
+    observation = state.pool.observation
+    joints = {observation.robot.joint_names[j] for j in scored.joints}
+    for k, estimate in zip(state.base, estimates, strict=False):
+        column = observation.columns[k]
         effect = get_effect(column.effect)
         if effect.is_friction and column.link in joints:
             spec = get_spec(column)

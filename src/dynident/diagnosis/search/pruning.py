@@ -13,7 +13,6 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, select_columns_on
 from dynident.diagnosis.candidates.held_out_scores import compute_held_out_errors
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import can_leave_out_runs
 from dynident.diagnosis.decision_levels import RULES
@@ -21,7 +20,7 @@ from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.acceptance_rules import compute_gain_over_floor, get_least_gain, is_shadowed
 from dynident.diagnosis.search.external_contacts import drop_faded_contacts
 from dynident.diagnosis.search.physical_plausibility import find_impossible_parameter, is_physically_possible
-from dynident.diagnosis.search.search_state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.search_state import Finding, State, gather_state, score_all
 from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.estimation.residual_errors import compute_evenness
 from dynident.identification.identified_models.held_out_gain import IN_PASSING
@@ -30,12 +29,7 @@ from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
 
 
-def select_harmless(
-    data: PhasedProducts,
-    base: tuple[int, ...],
-    columns: Sequence[tuple[int, ...]],
-    noise: FloatArray,
-) -> list[int]:
+def select_harmless(state: State, columns: Sequence[tuple[int, ...]]) -> list[int]:
     """Select the findings that make the prediction worse nowhere, in the order in which they are to be added.
 
     One that hurts waits for the next that does not, and is tried again beside it: friction judged on torque that is
@@ -44,14 +38,10 @@ def select_harmless(
 
     Parameters
     ----------
-    base : tuple of int
-        Columns of the model.
+    state : State
+        The model without them.
     columns : sequence of tuple of int
         Columns of each finding, the most important first.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
-    data : PhasedProducts
-        Products of all columns.
 
     Returns
     -------
@@ -60,20 +50,20 @@ def select_harmless(
     """
     accepted: list[int] = []
     waiting = list(range(len(columns)))
-    while (number := next((k for k in waiting if _is_harmless(data, base, columns[k], noise)), None)) is not None:
+    while (number := next((k for k in waiting if _is_harmless(state, columns[k])), None)) is not None:
         accepted.append(number)
         waiting.remove(number)
-        base += columns[number]
+        state = replace(state, base=state.base + columns[number])
     return accepted
 
 
-def _is_harmless(data: PhasedProducts, base: tuple[int, ...], own: tuple[int, ...], noise: FloatArray) -> bool:
+def _is_harmless(state: State, own: tuple[int, ...]) -> bool:
     # The rows of the larger model for both, so that the errors are of the same samples.
-    rows = data.select_for_model(base + own)
-    plain, grown = (np.array(model, dtype=np.intp) for model in (base, base + own))
+    larger, noise = replace(state, base=state.base + own), state.noise
+    rows = larger.rows
     # Whole runs are the harder test: they are other motions, or other days.
-    kind = "runs" if can_leave_out_runs(rows, grown) else "parts"
-    before, after = (compute_held_out_errors(rows, model, noise, kind) for model in (plain, grown))
+    kind = "runs" if can_leave_out_runs(rows, larger.columns) else "parts"
+    before, after = (compute_held_out_errors(rows, model.columns, noise, kind) for model in (state, larger))
     # As in scoring, no loss counts for more than there was: a part left out may be what decides.
     return not _is_harmful(before / noise**2, np.minimum(after, 2.0 * before) / noise**2)
 
@@ -89,17 +79,13 @@ def _is_harmful(before: FloatArray, after: FloatArray) -> bool:
     return bool((grown & (compute_evenness((after - before).T) >= RULES.harm_t)).any())
 
 
-def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
+def prune_findings(state: State) -> State:
     """Remove the findings that others have made superfluous, the weakest first.
 
     Neighbours of coarse shape constants are left out: so many columns more would leave little for anything else.
 
     Parameters
     ----------
-    data : PhasedProducts
-        Products of all columns.
-    pool : Pool
-        Model and candidates.
     state : State
         The model so far and what was found.
 
@@ -108,15 +94,11 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
     State
         The state without the superfluous findings.
     """
-    around = {k for finding in state.findings for k in finding.around}
-    state = replace(
-        state,
-        findings=tuple(replace(finding, around=()) for finding in state.findings),
-        base=tuple(k for k in state.base if k not in around),
-    )
+    state = state.drop_columns({k for finding in state.findings for k in finding.around})
+    state = replace(state, findings=tuple(replace(finding, around=()) for finding in state.findings))
     while len(state.findings) > 1:
         judged = [
-            (_rescore_finding(data, pool, state, finding), finding)
+            (_rescore_finding(state, finding), finding)
             for finding in state.findings
             # A contact happened once and cannot be held out.
             if not finding.is_transient
@@ -125,103 +107,75 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
             (scored, finding)
             for scored, finding in judged
             if not scored.is_still_helpful(state.rules.joint_drop, state.rules.staying_finding_t)
-            or not _is_still_possible(data, pool, state, scored)
             or any(is_shadowed(scored, other, state.floor) for other, rival in judged if rival is not finding)
         ]
         if not weak:
             break
         # One at a time: without the weakest, another may be needed again.
         _, superfluous = min(weak, key=lambda pair: pair[0].total_gain)
-        state = replace(
-            state,
-            findings=tuple(finding for finding in state.findings if finding is not superfluous),
-            base=tuple(k for k in state.base if k not in superfluous.columns),
-        )
+        state = state.drop_findings([superfluous])
     return state
 
 
-def _rescore_finding(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> ScoredCandidate:
+def _rescore_finding(state: State, finding: Finding) -> ScoredCandidate:
     """Score a finding beside all others."""
-    base = tuple(k for k in state.base if k not in finding.columns)
-    return score_all(data, pool, base, [finding.judged.candidate], state.noise)[0]
+    return score_all(state.drop_columns(finding.columns), [finding.judged.candidate])[0]
 
 
-def _is_still_possible(data: PhasedProducts, pool: Pool, state: State, scored: ScoredCandidate) -> bool:
-    """Return whether a change of one joint is still possible: what no day has any more cannot have become less."""
-    candidate = scored.candidate
-    if len(candidate.joints) != 1 or not pool.is_change(candidate):
-        return True
-    rest = tuple(k for k in state.base if k not in candidate.columns)
-    return is_physically_possible(data, pool, rest, state.noise, scored)
-
-
-def trim_joints(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, ...]]:
+def trim_joints(state: State) -> list[tuple[str, ...]]:
     """Return the joints of every finding that still gain from it, each beside all the rest; at least one of a group.
 
     Parameters
     ----------
-    data : PhasedProducts
-        Products of all columns.
-    pool : Pool
-        Model and candidates.
     state : State
         The model so far and what was found.
     """
-    base = state.base
     joints = []
     for finding in state.findings:
-        members, base = _select_members(data, pool, replace(state, base=base), finding.judged.candidate)
+        members, state = _select_members(state, finding.judged.candidate)
         joints.append(members)
     return joints
 
 
-def _select_members(
-    data: PhasedProducts, pool: Pool, state: State, group: Candidate
-) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Return the joints of a group that gain from it, and the columns of the model that are left (b,).
+def _select_members(state: State, group: Candidate) -> tuple[tuple[str, ...], State]:
+    """Return the joints of a group that gain from it, and the state without the columns of the others.
 
     What most joints of an arm have, their gears have: another of the group stays there unless data speak against it.
     """
     if len(group.joints) < 2:
-        return group.joints, state.base
-    base, gains, firm, likely = state.base, {}, [], []
+        return group.joints, state
+    gains, firm, likely, pool, rules = {}, [], [], state.pool, state.rules
     for joint in group.joints:
         own = select_columns_on(pool, group, joint)
-        rest = tuple(k for k in base if k not in own)
+        rest = state.drop_columns(own)
         alone = Candidate(group.effect, (joint,), group.shape, own, group.runs)
-        (scored,) = score_all(data, pool, rest, [alone], state.noise)
+        (scored,) = score_all(rest, [alone])
         # If no joint passes, the one that gains most stands for the group.
         gains[joint] = scored.total_gain
+        least_t = rules.joint_t if scored.drop < rules.large_joint_drop else rules.large_joint_t
         # What a group's other days had, it may have lost to another finding since: then it cannot have become less.
-        if pool.is_change(alone) and not is_physically_possible(data, pool, rest, state.noise, scored):
-            base = rest
-        elif _has_gain(
-            data,
-            pool,
-            state,
-            scored,
-            state.rules.joint_t if scored.drop < state.rules.large_joint_drop else state.rules.large_joint_t,
-        ):
+        if pool.is_change(alone) and not is_physically_possible(rest, scored):
+            state = rest
+        elif _has_gain(state, scored, least_t):
             firm.append(joint)
-        elif _has_gain(data, pool, state, scored, state.rules.staying_t):
+        elif _has_gain(state, scored, rules.staying_t):
             likely.append(joint)
         else:
-            base = rest
+            state = rest
     # Only where half of all joints surely have the effect is it likely on the others, too.
     if 2 * len(firm) < len(pool.observation.robot.joint_names):
-        removed = {k for joint in likely for k in select_columns_on(pool, group, joint)}
-        base, likely = tuple(k for k in base if k not in removed), []
+        state = state.drop_columns({k for joint in likely for k in select_columns_on(pool, group, joint)})
+        likely = []
     members = tuple(joint for joint in group.joints if joint in firm or joint in likely)
-    return members or (max(gains, key=lambda name: gains[name]),), base
+    return members or (max(gains, key=lambda name: gains[name]),), state
 
 
-def _has_gain(data: PhasedProducts, pool: Pool, state: State, alone: ScoredCandidate, least_t: float) -> bool:
+def _has_gain(state: State, alone: ScoredCandidate, least_t: float) -> bool:
     """Return whether a joint of a group gains by itself: enough, evenly, and more than the sensor's noise."""
-    joint = pool.observation.robot.get_movers(alone.candidate.joints[0])[0]
-    over_floor = compute_gain_over_floor(alone, joint, state.floor, data)
-    return alone.is_still_helpful(state.rules.joint_drop, least_t) and over_floor >= get_least_gain(
-        get_effect(alone.candidate.effect)
-    )
+    joint = state.pool.observation.robot.get_movers(alone.candidate.joints[0])[0]
+    least_gain = get_least_gain(get_effect(alone.candidate.effect))
+    is_helpful = alone.is_still_helpful(state.rules.joint_drop, least_t)
+    return is_helpful and compute_gain_over_floor(state, alone, joint) >= least_gain
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,17 +184,11 @@ class RefinedModel:
 
     Parameters
     ----------
-    pool : Pool
-        Model and refined findings.
-    data : PhasedProducts
-        Their products.
-    findings : tuple of Finding
-        The findings, as candidates of this pool.
+    state : State
+        The model with all of them, which are the candidates of its pool.
     """
 
-    pool: Pool
-    data: PhasedProducts
-    findings: tuple[Finding, ...]
+    state: State
 
     @classmethod
     def from_choices(
@@ -250,6 +198,7 @@ class RefinedModel:
         choices: Sequence[EffectChoice],
         since: tuple[str, ...],
         inputs: RegressorInputs,
+        floor: FloatArray,
     ) -> RefinedModel:
         """Gather the products of the model and of the choices that the findings have become.
 
@@ -265,6 +214,8 @@ class RefinedModel:
             Labels of the later runs, where there is a baseline.
         inputs : RegressorInputs
             Recordings, the model's filters, and what torque is predicted with.
+        floor : (n,)
+            Noise of the sensors, N m or N.
         """
         columns = list(model.kept)
         refined: list[Finding] = []
@@ -277,46 +228,36 @@ class RefinedModel:
             columns += new_columns
         observation = model.observation.extend(columns[model.n_parameters :], model.signals)
         pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined), since)
-        data = gather_products(observation, model.signals, inputs, model.n_parameters)
-        return cls(pool, data, tuple(refined))
+        # As after a search that found all of these: each is judged beside all others.
+        state = gather_state(model, pool, inputs, floor)
+        everything = tuple(range(observation.n_columns))
+        return cls(replace(state, base=everything, findings=tuple(refined)).estimate_noise())
 
-    def select_needed(
-        self, floor: FloatArray, preprocessing: Preprocessing
-    ) -> tuple[tuple[EffectChoice, ...], list[int]]:
+    def select_needed(self, preprocessing: Preprocessing) -> tuple[tuple[EffectChoice, ...], list[int]]:
         """Return the choices that still improve the prediction, on the joints where they do, and their indices.
 
         Parameters
         ----------
-        floor : (n,)
-            Noise of the sensors, N m or N.
         preprocessing : Preprocessing
             Filters of the model.
         """
-        # As after a search that found all of these: each is judged beside all others.
-        everything = tuple(range(self.pool.observation.n_columns))
-        state = State(everything, estimate_residual_noise(self.data, everything), floor, self.findings)
-        state = drop_faded_contacts(self.data, self.pool, state, preprocessing)
-        state = prune_findings(self.data, self.pool, state)
+        state = prune_findings(drop_faded_contacts(self.state, preprocessing))
         remaining = {finding.judged.candidate for finding in state.findings}
-        indices = [i for i, finding in enumerate(self.findings) if finding.judged.candidate in remaining]
-        joints = trim_joints(self.data, self.pool, state)
+        indices = [i for i, finding in enumerate(self.state.findings) if finding.judged.candidate in remaining]
         slim = [
-            replace(self.findings[i].judged.candidate.choice, joints=own)
-            for i, own in zip(indices, joints, strict=True)
+            replace(self.state.findings[i].judged.candidate.choice, joints=own)
+            for i, own in zip(indices, trim_joints(state), strict=True)
         ]
         return tuple(slim), indices
 
     def find_impossible(self) -> dict[int, tuple[Reason, tuple[str, ...]]]:
         """Return, by number, findings that refined constants have made physically impossible, and on which joints."""
-        everything = tuple(range(self.pool.observation.n_columns))
-        noise = estimate_residual_noise(self.data, everything)
         impossible: dict[int, tuple[Reason, tuple[str, ...]]] = {}
-        for i, finding in enumerate(self.findings):
+        for i, finding in enumerate(self.state.findings):
             # Without such constants an effect is what the search has judged already.
             if all(spec.refined is None for spec in get_effect(finding.judged.candidate.effect).shapes):
                 continue
-            base = tuple(k for k in everything if k not in finding.columns)
-            found = find_impossible_parameter(self.data, self.pool, base, noise, finding.judged)
+            found = find_impossible_parameter(self.state.drop_columns(finding.columns), finding.judged)
             if found is not None:
                 impossible[i] = found
         return impossible
@@ -329,7 +270,5 @@ class RefinedModel:
         order : sequence of int
             Indices of findings in the order in which they are added.
         """
-        base = tuple(range(self.pool.n_base))
-        noise = estimate_residual_noise(self.data, tuple(range(self.pool.observation.n_columns)))
-        columns = [self.findings[i].judged.candidate.columns for i in order]
-        return [order[k] for k in select_harmless(self.data, base, columns, noise)]
+        plain = replace(self.state, base=tuple(range(self.state.pool.n_base)), findings=())
+        return [order[k] for k in select_harmless(plain, [self.state.findings[i].columns for i in order])]

@@ -1,13 +1,14 @@
-"""The state of a search (findings so far, residual noise), and the scores of all candidates beside it."""
+"""The state of a search (products, model so far, findings, noise), what it records, and the scores of candidates."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
-from dynident.array_types import BoolArray, FloatArray
+from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.fold_fit import ProductSums
 from dynident.diagnosis.candidates.held_out_scores import (
@@ -15,10 +16,9 @@ from dynident.diagnosis.candidates.held_out_scores import (
     compute_held_out_errors,
     score_blocks,
 )
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import (
-    ALPHA,
     BaselineErrors,
     FamilywiseLevels,
     ScoredCandidate,
@@ -27,8 +27,11 @@ from dynident.diagnosis.candidates.significance import (
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 from dynident.diagnosis.decision_levels import RULES, DecisionRules
+from dynident.diagnosis.outcome_reasons import Reason
 from dynident.effects import get_effect
 from dynident.estimation.least_squares import floor_noise
+from dynident.regressors.model_structure import Model
+from dynident.regressors.observation_matrix import RegressorInputs
 
 KINDS = ("interleaved", "contiguous")
 
@@ -71,51 +74,7 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """State of a search: the model so far, and what was found.
-
-    Parameters
-    ----------
-    base : tuple of int
-        Columns of the model so far.
-    noise : (n,)
-        Rms of the residual that they leave, N m or N.
-    floor : (n,)
-        Noise of the sensors, N m or N.
-    findings : tuple of Finding
-        What was found.
-    since : tuple of str
-        Labels of the later runs, where there is a baseline.
-    rules : DecisionRules
-        The levels of the decision.
-    """
-
-    base: tuple[int, ...]
-    noise: FloatArray
-    floor: FloatArray
-    findings: tuple[Finding, ...]
-    since: tuple[str, ...] = ()
-    rules: DecisionRules = RULES
-
-    @property
-    def level(self) -> float:
-        """Largest p-value of a finding."""
-        return self.rules.significance
-
-
-def score_all(
-    data: PhasedProducts,
-    pool: Pool,
-    base: tuple[int, ...],
-    candidates: Sequence[Candidate],
-    noise: FloatArray,
-    *,
-    kinds: tuple[bool, bool] | None = None,
-) -> list[ScoredCandidate]:
-    """Score every candidate beside a model, in both kinds of folds; their p-values stay one.
-
-    Each is scored on the rows that are equations for the model with it in: with friction that remembers the path also
-    those where joints reverse, with friction that shows where a joint starts also those beside a halt; of all joints,
-    so that candidates on different ones have the same rows.
+    """State of a search: what it looks at, the model so far, and what was found.
 
     Parameters
     ----------
@@ -124,11 +83,91 @@ def score_all(
     pool : Pool
         Model and candidates.
     base : tuple of int
-        Columns of the model.
+        Columns of the model so far.
+    noise : (n,)
+        Rms of the residual that they leave, N m or N.
+    floor : (n,)
+        Noise of the sensors, N m or N.
+    findings : tuple of Finding
+        What was found.
+    rules : DecisionRules
+        The levels of the decision.
+    """
+
+    data: PhasedProducts
+    pool: Pool
+    base: tuple[int, ...]
+    noise: FloatArray
+    floor: FloatArray
+    findings: tuple[Finding, ...] = ()
+    rules: DecisionRules = RULES
+
+    @property
+    def level(self) -> float:
+        """Largest p-value of a finding."""
+        return self.rules.significance
+
+    @property
+    def columns(self) -> IndexArray:
+        """Columns of the model so far (b,)."""
+        return np.array(self.base, dtype=np.intp)
+
+    @property
+    def rows(self) -> Products:
+        """Rows that are equations for the model so far."""
+        return self.data.select_for_model(self.base)
+
+    def drop_columns(self, columns: Collection[int]) -> State:
+        """Return the state without some columns; the findings stay."""
+        return replace(self, base=tuple(k for k in self.base if k not in columns))
+
+    def drop_findings(self, gone: Collection[Finding]) -> State:
+        """Return the state without some findings and their columns."""
+        lasting = tuple(finding for finding in self.findings if finding not in gone)
+        return replace(self.drop_columns({k for finding in gone for k in finding.columns}), findings=lasting)
+
+    def add_finding(self, finding: Finding) -> State:
+        """Return the state with one finding more; the noise stays."""
+        return replace(self, base=self.base + finding.columns, findings=(*self.findings, finding))
+
+    def estimate_noise(self) -> State:
+        """Return the state with the noise that its model leaves, held out."""
+        return replace(self, noise=estimate_residual_noise(self.data, self.base))
+
+
+def gather_state(model: Model, pool: Pool, inputs: RegressorInputs, noise: FloatArray) -> State:
+    """Return the state of a model beside which nothing was found, on products of all columns of a pool.
+
+    Parameters
+    ----------
+    model : Model
+        The model in which something is missing.
+    pool : Pool
+        Model and candidates.
+    inputs : RegressorInputs
+        Recordings, the model's filters, and what torque is predicted with.
+    noise : (n,)
+        Rms of the model's residual, N m or N; it stands for the noise of the sensors, too.
+    """
+    data = gather_products(pool.observation, model.signals, inputs, pool.n_base)
+    return State(data, pool, tuple(range(pool.n_base)), noise, noise)
+
+
+def score_all(
+    state: State, candidates: Sequence[Candidate], *, kinds: tuple[bool, bool] | None = None
+) -> list[ScoredCandidate]:
+    """Score every candidate beside the model so far, in both kinds of folds; their p-values stay one.
+
+    Each is scored on the rows that are equations for the model with it in: with friction that remembers the path also
+    those where joints reverse, with friction that shows where a joint starts also those beside a halt; of all joints,
+    so that candidates on different ones have the same rows.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
     candidates : sequence of Candidate
         Candidates to score.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
     kinds : tuple of (bool, bool) or None
         Whether rows at reversals, and rows beside halts, count for all candidates, so that their gains can be compared;
         by default each has its own rows.
@@ -140,8 +179,8 @@ def score_all(
     """
     scored = {
         k: each
-        for rows in _group_by_rows(data, base, candidates, noise, kinds)
-        for k, each in zip(rows.members, _score_same_rows(rows, pool, noise), strict=True)
+        for rows in _group_by_rows(state, candidates, kinds)
+        for k, each in zip(rows.members, _score_same_rows(rows, state), strict=True)
     }
     return [scored[k] for k in range(len(candidates))]
 
@@ -156,40 +195,21 @@ class ScoredFamily:
         The candidates.
     levels : FamilywiseLevels
         What the test asks of each of them.
-    data : PhasedProducts
-        What they were scored on.
     """
 
     scored: tuple[ScoredCandidate, ...]
     levels: FamilywiseLevels
-    data: PhasedProducts
 
 
-def score_family(
-    data: PhasedProducts,
-    pool: Pool,
-    base: tuple[int, ...],
-    candidates: Sequence[Candidate],
-    noise: FloatArray,
-    *,
-    level: float = ALPHA,
-) -> ScoredFamily:
+def score_family(state: State, candidates: Sequence[Candidate]) -> ScoredFamily:
     """Score candidates as `score_all` does, and test them together.
 
     Parameters
     ----------
-    data : PhasedProducts
-        Products of all columns.
-    pool : Pool
-        Model and candidates.
-    base : tuple of int
-        Columns of the model.
+    state : State
+        The model so far and what was found.
     candidates : sequence of Candidate
         Candidates to score.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
-    level : float
-        Largest p-value of a finding.
 
     Returns
     -------
@@ -198,18 +218,18 @@ def score_family(
     """
     scored: dict[int, ScoredCandidate] = {}
     scores: dict[int, FloatArray] = {}
-    for rows in _group_by_rows(data, base, candidates, noise, None):
-        scored.update(zip(rows.members, _score_same_rows(rows, pool, noise), strict=True))
-        each = compute_block_contributions(rows.blocks, rows.total, len(rows.members), noise)
+    for rows in _group_by_rows(state, candidates, None):
+        scored.update(zip(rows.members, _score_same_rows(rows, state), strict=True))
+        each = compute_block_contributions(rows.blocks, rows.total, len(rows.members), state.noise)
         for k, own in zip(rows.members, each, strict=True):
-            by_scores = pool.is_change(candidates[k]) or may_use_scores(candidates[k])
+            by_scores = state.pool.is_change(candidates[k]) or may_use_scores(candidates[k])
             # Zeros are the scores of a candidate that explains nothing, so that its gains decide.
             scores[k] = own if by_scores else np.zeros_like(own)
     order = range(len(candidates))
     # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
     gains = np.stack([scored[k].gains for k in order]) if candidates else np.zeros((0, 0))
-    p, levels = run_familywise_test(gains, [scores[k] for k in order], level)
-    return ScoredFamily(tuple(replace(scored[k], p=float(p[k])) for k in order), levels, data)
+    p, levels = run_familywise_test(gains, [scores[k] for k in order], state.level)
+    return ScoredFamily(tuple(replace(scored[k], p=float(p[k])) for k in order), levels)
 
 
 def may_use_scores(candidate: Candidate) -> bool:
@@ -242,30 +262,26 @@ class _CommonRows:
 
 
 def _group_by_rows(
-    data: PhasedProducts,
-    base: tuple[int, ...],
-    candidates: Sequence[Candidate],
-    noise: FloatArray,
-    kinds: tuple[bool, bool] | None,
+    state: State, candidates: Sequence[Candidate], kinds: tuple[bool, bool] | None
 ) -> Iterator[_CommonRows]:
     """Yield the candidates by their rows, so that the model's products are summed once for all that share them."""
     # There are four sets at most: with or without rows at reversals, with or without rows beside halts.
     sets: dict[tuple[bool, bool], list[int]] = {}
     for k, candidate in enumerate(candidates):
-        sets.setdefault(kinds or data.find_row_kinds(candidate.columns), []).append(k)
+        sets.setdefault(kinds or state.data.find_row_kinds(candidate.columns), []).append(k)
     for used, members in sets.items():
         own = [candidates[k] for k in members]
-        rows = data.select_for_candidates(base, np.array(used))
-        blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), own)
-        yield _CommonRows(members, own, rows, blocks, blocks.sum_products(noise))
+        rows = state.data.select_for_candidates(state.base, np.array(used))
+        blocks = JointBlocks.from_products(rows, state.columns, own)
+        yield _CommonRows(members, own, rows, blocks, blocks.sum_products(state.noise))
 
 
-def _score_same_rows(rows: _CommonRows, pool: Pool, noise: FloatArray) -> list[ScoredCandidate]:
+def _score_same_rows(rows: _CommonRows, state: State) -> list[ScoredCandidate]:
     """Score candidates that are all about the same rows."""
-    candidates = rows.candidates
+    candidates, noise = rows.candidates, state.noise
     scores_by_kind = [score_blocks(rows.data, rows.blocks, rows.total, candidates, noise, kind) for kind in KINDS]
     bars = [BaselineErrors.from_errors(before, noise) for before, _ in scores_by_kind]
-    acting = find_acting_columns(pool)
+    acting = find_acting_columns(state.pool)
     return [
         combine_scores(pair, _list_joints(acting, candidate), noise, bars)
         for candidate, *pair in zip(candidates, *(scores for _, scores in scores_by_kind), strict=True)
@@ -301,3 +317,83 @@ def estimate_residual_noise(data: PhasedProducts, base: tuple[int, ...]) -> Floa
     )
     sigma = np.sqrt(squares / np.maximum(rows.counts.sum(axis=0), 1.0))
     return floor_noise(sigma)
+
+
+class ProductSource(Protocol):
+    """Source of the products of any columns."""
+
+    @property
+    def model(self) -> Model:
+        """The model in which something is missing."""
+
+    def gather_products(self, pool: Pool) -> PhasedProducts:
+        """Return inner products of all columns of a pool and of the torque."""
+
+    def add_findings(self, findings: Sequence[Finding]) -> ProductSource:
+        """Return the same with the torque predicted by the model with these findings in it."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """The finding beside which a candidate lost most of its gain.
+
+    Parameters
+    ----------
+    finding : Finding
+        The finding.
+    gain : float
+        What the candidate lost when this was added, in units of the noise.
+    """
+
+    finding: Finding
+    gain: float
+
+
+@dataclass(eq=False)
+class SearchRecord:
+    """What a search found, and what became of the candidates that it did not choose.
+
+    Parameters
+    ----------
+    state : State
+        The model with what was found, and products with the torque that it predicts.
+    rows : ProductSource
+        Gives products of further columns, with that torque.
+    is_undetermined : bool
+        Whether a finding was given up because the motion does not determine the model.
+    rejections : dict of Candidate to Reason
+        Why candidates were not chosen in the last round.
+    dropped : dict of Candidate to Reason
+        Why findings were dropped again.
+    added : tuple of Finding
+        The findings as they were added one by one, before they were renamed, merged, pruned or split.
+    losses : dict of Candidate to Loss
+        Which finding took most of each candidate's gain.
+    """
+
+    state: State
+    rows: ProductSource
+    is_undetermined: bool = False
+    rejections: dict[Candidate, Reason] = field(default_factory=dict)
+    dropped: dict[Candidate, Reason] = field(default_factory=dict)
+    added: tuple[Finding, ...] = ()
+    losses: dict[Candidate, Loss] = field(default_factory=dict)
+
+    def record_losses(
+        self, finding: Finding, before: Sequence[ScoredCandidate], after: Sequence[ScoredCandidate]
+    ) -> None:
+        """Record what each candidate lost by a finding; one that is no candidate any more lost all.
+
+        Parameters
+        ----------
+        finding : Finding
+            The finding that was added.
+        before, after : sequence of ScoredCandidate
+            The candidates, scored without it and beside it.
+        """
+        gains = {scored.candidate: scored.total_gain for scored in after}
+        for scored in before:
+            lost = scored.total_gain - gains.get(scored.candidate, 0.0)
+            known = self.losses.get(scored.candidate)
+            if lost > 0.0 and (known is None or lost > known.gain):
+                self.losses[scored.candidate] = Loss(finding, lost)

@@ -16,14 +16,12 @@ import numpy as np
 from scipy import special
 
 from dynident.array_types import FloatArray
-from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, build_pool_of_choices
-from dynident.diagnosis.candidates.held_out_scores import compute_fitted_errors, score_candidates
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
+from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
 from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, compute_single_p
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison, compare
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.search.pruning import select_harmless
-from dynident.diagnosis.search.search_state import KINDS, Finding
+from dynident.diagnosis.search.search_state import Finding, State, gather_state, score_all
 from dynident.effects import CATALOGUE, Effect, EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation.residual_errors import compute_evenness
@@ -231,97 +229,29 @@ def _combine_p_values(at_rest: float, moving: float) -> float:
     return 2.0 * float(min(at_rest, both))
 
 
-@dataclass(frozen=True, eq=False)
-class _FittedCandidate:
-    """A candidate beside the model.
-
-    Parameters
-    ----------
-    candidate : Candidate
-        The candidate.
-    separability : float
-        Share of its column that is left beside the model.
-    amplitudes : (k,)
-        Its parameters.
-    p : float
-        How likely its gain where joints move is by chance, nothing else tried; 1 where that was not tested.
-    """
-
-    candidate: Candidate
-    separability: float
-    amplitudes: FloatArray
-    p: float = 1.0
-
-    @property
-    def size(self) -> float:
-        """What it holds at rest."""
-        return float(self.amplitudes[0])
-
-    @property
-    def width(self) -> float:
-        """The constant that a filtered position has to resolve."""
-        shape = dict(self.candidate.shape)
-        return next(
-            shape[spec.name] for spec in CATALOGUE[self.candidate.effect].shapes if spec.resolved_by is not None
-        )
+def _try_friction(
+    grown: Identification, recordings: Sequence[Recording], choices: Sequence[EffectChoice]
+) -> tuple[State, list[ScoredCandidate]]:
+    """Return the model's state, and the choices that have a column of their own beside it, by their widths."""
+    inputs = RegressorInputs(recordings, grown.preprocessing, grown.estimate.next_reference())
+    state = gather_state(grown.model, build_pool_of_choices(grown.model, choices), inputs, grown.noise)
+    return state, sorted(score_all(state, state.pool.candidates), key=_get_width)
 
 
-@dataclass(frozen=True, eq=False)
-class _FrictionTrials:
-    """The model and candidates beside it, on the rows that are equations for each."""
+def _get_width(scored: ScoredCandidate) -> float:
+    """Return the constant that a filtered position has to resolve."""
+    shape = dict(scored.candidate.shape)
+    return next(shape[spec.name] for spec in CATALOGUE[scored.candidate.effect].shapes if spec.resolved_by is not None)
 
-    grown: Identification
-    pool: Pool
-    data: PhasedProducts
 
-    @classmethod
-    def from_choices(
-        cls, grown: Identification, recordings: Sequence[Recording], choices: Sequence[EffectChoice]
-    ) -> _FrictionTrials:
-        """Gather the products of the model's columns and of the choices'."""
-        model, reference = grown.model, grown.estimate.next_reference()
-        pool = build_pool_of_choices(model, choices)
-        data = gather_products(
-            pool.observation,
-            model.signals,
-            RegressorInputs(recordings, grown.preprocessing, reference),
-            model.n_parameters,
-        )
-        return cls(grown, pool, data)
-
-    @property
-    def candidate_fits(self) -> list[_FittedCandidate]:
-        """Every candidate that has a column of its own, by its width."""
-        fits = []
-        for candidate in self.pool.candidates:
-            rows = self.data.select_for_candidates(self._base, np.array(self.data.find_row_kinds(candidate.columns)))
-            columns = np.array(self._base, dtype=np.intp)
-            *_, separability, own = compute_fitted_errors(rows, columns, candidate, self.grown.noise)
-            fits.append(_FittedCandidate(candidate, separability, own))
-        return sorted(fits, key=lambda fit: fit.width)
-
-    def test_where_moving(self, fit: _FittedCandidate) -> _FittedCandidate:
-        """Test what speaks for it where joints move, by the weaker of both kinds of folds."""
-        rows = self.data.select_for_candidates(self._base, np.array(self.data.find_row_kinds(fit.candidate.columns)))
-        base, noise = np.array(self._base, dtype=np.intp), self.grown.noise
-        p = 0.0
-        for kind in KINDS:
-            before, (score,) = score_candidates(rows, base, [fit.candidate], noise, kind)
-            p = max(p, compute_single_p(((before - score.after) / noise**2).sum(axis=1)))
-        return replace(fit, p=p)
-
-    def is_harmless(self, fit: _FittedCandidate) -> bool:
-        """Return whether it makes nothing worse where joints move."""
-        return bool(select_harmless(self.data, self._base, [fit.candidate.columns], self.grown.noise))
-
-    @property
-    def _base(self) -> tuple[int, ...]:
-        return tuple(range(self.pool.n_base))
+def _get_size(scored: ScoredCandidate) -> float:
+    """Return what the friction holds at rest."""
+    return float(scored.amplitudes[0])
 
 
 def _find_best_friction(
     grown: Identification, recordings: Sequence[Recording], joint: int, halts: Halts, asked: Sequence[str] | None
-) -> _FittedCandidate | None:
+) -> ScoredCandidate | None:
     """Find the friction whose size, fitted where the joint moves, is what is held at rest.
 
     The narrower its peak, the larger it has to be.
@@ -337,17 +267,15 @@ def _find_best_friction(
         if is_extrapolated(effect, known):
             continue
         shapes = [tuple(sorted(shape.items())) for shape in _list_narrow_shapes(effect, robot, joint)]
-        coarse = _FrictionTrials.from_choices(
-            grown, recordings, [EffectChoice(effect.id, (name,), shape) for shape in shapes]
-        )
-        shape = _interpolate_width(coarse.candidate_fits, needed)
+        _, coarse = _try_friction(grown, recordings, [EffectChoice(effect.id, (name,), shape) for shape in shapes])
+        shape = _interpolate_width(coarse, needed)
         if shape is None:
             continue
-        exact = _FrictionTrials.from_choices(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
-        fit = next(iter(exact.candidate_fits), None)
+        state, exact = _try_friction(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
         # Interpolating between widths may miss: the fit at the width itself decides.
-        if fit is not None and 1 / _LIKE <= fit.size / needed <= _LIKE and exact.is_harmless(fit):
-            return exact.test_where_moving(fit)
+        for fit in exact:
+            if 1 / _LIKE <= _get_size(fit) / needed <= _LIKE and select_harmless(state, [fit.candidate.columns]):
+                return replace(fit, p=compute_single_p(fit.gains))
     return None
 
 
@@ -361,15 +289,15 @@ def is_extrapolated(effect: Effect, known: Collection[str]) -> bool:
     return any(all(spec.resolved_by is None for spec in law.shapes) for law in laws)
 
 
-def _interpolate_width(fits: Sequence[_FittedCandidate], needed: float) -> tuple[tuple[str, float], ...] | None:
+def _interpolate_width(fits: Sequence[ScoredCandidate], needed: float) -> tuple[tuple[str, float], ...] | None:
     """Interpolate the shape constants with which the friction has a size, from fits in the order of their widths."""
     # From the widest on: of several widths that would do, it is the one that the data resolve best.
     for narrow, wide in reversed(list(pairwise(fits))):
-        large, small = narrow.size / needed, wide.size / needed
+        large, small = _get_size(narrow) / needed, _get_size(wide) / needed
         if large >= 1.0 > small > 0.0:
             # Size and width follow a power law closely, so that the logarithms are interpolated.
             share = np.log(large) / (np.log(large) - np.log(small))
-            width = narrow.width * (wide.width / narrow.width) ** float(share)
+            width = _get_width(narrow) * (_get_width(wide) / _get_width(narrow)) ** float(share)
             changed = {spec.name for spec in CATALOGUE[wide.candidate.effect].shapes if spec.resolved_by is not None}
             return tuple((name, width if name in changed else value) for name, value in wide.candidate.shape)
     return None
@@ -399,7 +327,7 @@ def _list_narrow_shapes(effect: Effect, robot: Robot, joint: int) -> list[dict[s
     return shapes
 
 
-def _score_halts(fit: _FittedCandidate, joint: int, halts: Halts, held: Halts, noise: FloatArray) -> ScoredCandidate:
+def _score_halts(fit: ScoredCandidate, joint: int, halts: Halts, held: Halts, noise: FloatArray) -> ScoredCandidate:
     """Score the candidate with the joint's halts as the blocks that were left out of the fit."""
     before, after = (np.zeros((len(halts.squares), len(noise))) for _ in range(2))
     before[:, joint], after[:, joint] = halts.squares, held.squares
@@ -407,8 +335,8 @@ def _score_halts(fit: _FittedCandidate, joint: int, halts: Halts, held: Halts, n
     measured[joint] = halts.measured.sum()
     gains = (halts.squares - held.squares) / noise[joint] ** 2
     drop = 1.0 - float(held.squares.sum() / halts.squares.sum())
-    return ScoredCandidate(
-        candidate=fit.candidate,
+    return replace(
+        fit,
         joints=(joint,),
         before=before,
         after=after,
@@ -416,8 +344,6 @@ def _score_halts(fit: _FittedCandidate, joint: int, halts: Halts, held: Halts, n
         total_drop=drop,
         t=float(compute_evenness(gains[None])[0]),
         gains=gains,
-        separability=fit.separability,
-        amplitudes=fit.amplitudes,
         share_improved=float(np.mean(gains > 0)),
         measured=measured,
         after_weighted=held.squares / noise[joint] ** 2,
