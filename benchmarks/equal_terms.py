@@ -20,7 +20,7 @@ import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from unittest.mock import patch
@@ -113,7 +113,7 @@ def listening(case: Case) -> Iterator[list[Contest]]:
         rows: ProductSource, state: State, choice: comparison_of_rivals.Choice, judged: Sequence[ScoredCandidate]
     ) -> comparison_of_rivals.Choice:
         with (
-            patch.object(comparison_of_rivals, "_CONTENDS", RIVALS),
+            patch.object(comparison_of_rivals, "RULES", replace(comparison_of_rivals.RULES, contends=RIVALS)),
             patch.object(comparison_of_rivals, "_STARTS", STARTS),
         ):
             found = weighed(case, rows, state, choice[0], judged)
