@@ -244,10 +244,26 @@ def _wrap_type(head: str, hint: str) -> Iterator[str]:
         yield f"{head} {hint}"
         return
     margin = head[: len(head) - len(head.lstrip())]
+    if hint.startswith("Sequence[") and hint.endswith(" | None"):
+        yield f"{head} ("
+        yield from _wrap_sequence(f"{margin}    ", f"{margin}    ", hint.removesuffix(" | None"))
+        yield from (f"{margin}    | None", f"{margin})")
+        return
+    if hint.startswith("Sequence["):
+        yield from _wrap_sequence(f"{head} ", margin, hint)
+        return
     names = hint.removeprefix("Literal[").replace("] | None", ", None").removesuffix("]")
     yield f"{head} Literal["
     yield from (f"{margin}    {name}," for name in names.split(", "))
     yield f"{margin}]"
+
+
+def _wrap_sequence(start: str, margin: str, hint: str) -> Iterator[str]:
+    """Yield a type `Sequence[…]` behind a start, with its members in a line of their own if it is too long."""
+    if len(start) + len(hint) <= _WIDTH:
+        yield f"{start}{hint}"
+        return
+    yield from (f"{start}Sequence[", f"{margin}    {hint.removeprefix('Sequence[')[:-1]}", f"{margin}]")
 
 
 def _write_hint(about: Mapping[str, Any]) -> str:

@@ -121,7 +121,7 @@ def write_option(remedy: Remedy) -> str:
     if remedy.field == "locked_joints" and isinstance(value, Mapping):
         places = (name if not at else f"{name}={_write_value(at)}" for name, at in value.items())
         return f"--lock {','.join(places)}"
-    if remedy.field in ("signs", "scale", "zeros", DELAY):
+    if remedy.field in ("signs", "scale", "zeros", "effort_kind", DELAY):
         return f"{remedy} in --metadata"
     if isinstance(value, Mapping):
         return f"{option} {','.join(f'{key}={_write_value(item)}' for key, item in value.items())}"

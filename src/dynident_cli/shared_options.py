@@ -78,7 +78,8 @@ class RobotAdditions:
         typer.Option(
             "--drive-gains",
             metavar="G1,G2,…",
-            help="Drive gains [12.17] in N m per unit of current: one per joint, or joint=gain pairs.",
+            help="Drive gains [12.17] in N m per unit of current (of position servos without a torque signal: per rad "
+            "between command and position): one per joint, or joint=gain pairs.",
         ),
     ] = ""
     lock: Annotated[

@@ -17,7 +17,8 @@ class Drive(TypedDict, total=False):
     """Other joints that this motor also moves, each with its motion relative to the motor's own joint; the motor's
     torque acts on them with the same factors (-1e+09 to 1e+09)"""
     drive_gain: float | None
-    """Joint torque per unit of current, in N m or N (-1e+09 to 1e+09)"""
+    """Joint torque per unit of current, or of a position servo per rad (or m) between command and position, in N m or N
+    (-1e+09 to 1e+09)"""
     gear_ratio: float | None
     """Turns of the motor per turn of the joint (-1e+09 to 1e+09)"""
     torque_constant: float | None
@@ -35,13 +36,14 @@ class MeasurementOptions(TypedDict, total=False):
         "motor_current",
         "motor_torque",
         "joint_torque",
+        "position_command",
         "gravity_compensated",
         "external",
         "commanded",
         "unknown",
         None,
     ]
-    """Kind of signal in the torque or current columns; signals that are not measurements are rejected"""
+    """Signal in the torque or current columns; position_command: torque is drive gain (N m/rad) x (q_command - q)"""
     exclude: Sequence[tuple[float, float]]
     """Windows of t to leave out in s, [from, to]; [] for none"""
     format: Literal[
@@ -75,9 +77,11 @@ class MeasurementOptions(TypedDict, total=False):
     """Positive factors for the positions or torques of a joint: {"tau2": 0.1} (above 0 to 1e+16)"""
     signs: Mapping[str, float]
     """Factor 1 or -1 for the positions or torques of a joint: {"tau2": -1}; "tau" means all joints (-1 to 1)"""
-    skip: Sequence[Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]]
-    """Conditioning steps to leave out, because samples that look like unsigned registers, held, switched off, corrupted
-    or wrapped are right"""
+    skip: Sequence[
+        Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles", "full_duty"]
+    ]
+    """Conditioning steps to leave out, because samples that look like unsigned registers, held, switched off,
+    corrupted, wrapped or at the full voltage of servos are right"""
     torque_delay: float
     """Delay of the torque in the file, in s (-1 to 1)"""
     units: Mapping[str, str]
@@ -108,9 +112,14 @@ class RevisionOptions(TypedDict, total=False):
     """Positive factors for the positions or torques of a joint: {"tau2": 0.1} (above 0 to 1e+16)"""
     signs: Mapping[str, float] | None
     """Factor 1 or -1 for the positions or torques of a joint: {"tau2": -1}; "tau" means all joints (-1 to 1)"""
-    skip: Sequence[Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]] | None
-    """Conditioning steps to leave out, because samples that look like unsigned registers, held, switched off, corrupted
-    or wrapped are right"""
+    skip: (
+        Sequence[
+            Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles", "full_duty"]
+        ]
+        | None
+    )
+    """Conditioning steps to leave out, because samples that look like unsigned registers, held, switched off,
+    corrupted, wrapped or at the full voltage of servos are right"""
     torque_delay: float | None
     """Delay of the torque in the file, in s (-1 to 1)"""
     units: Mapping[str, str] | None

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
-from support.measurement_uploads import sound
+from service_helpers import TWO_JOINTS, wait_for
+from support.measurement_uploads import as_csv, sound
 
 from dynident_service.storage.deletion_and_expiry import delete_unused_imports
 
@@ -161,3 +162,35 @@ def test_torque_that_is_no_measurement_is_refused_with_that_word(client, robot, 
     answer = client.post("/v1/measurements", json={"import_id": found["id"], "metadata": metadata})
     assert answer.status_code == 422
     assert kind.replace("_", "-") in answer.json()["detail"]
+
+
+def test_commands_of_servos_without_torque_are_proposed_and_identified_but_not_diagnosed(client):
+    columns, gain = sound(), 1000.0
+    for joint in (1, 2):
+        columns[f"q_command{joint}"] = columns[f"q{joint}"] + columns.pop(f"tau{joint}") / gain
+    body = {"name": "servos", "description": {"format": "modified_dh", "content": TWO_JOINTS}}
+    plain = client.post("/v1/robots", json=body).json()
+    asked = imported(client, plain, as_csv(columns)).json()
+    assert asked["proposed"]["effort_kind"] == asked["effort_kind"] == "position_command"
+    assert [one["field"] for one in asked["questions"]] == ["drives"]
+    drives = {joint["name"]: {"drive_gain": gain} for joint in plain["joints"]}
+    robot = client.post("/v1/robots", json=body | {"drives": drives}).json()
+    found = imported(client, robot, as_csv(columns)).json()
+    assert found["questions"] == []
+    answer = client.post("/v1/measurements", json={"import_id": found["id"], "metadata": found["proposed"]})
+    assert answer.status_code == 201, answer.text
+    measurement = answer.json()
+    assert measurement["effort_kind"] == "position_command"
+    assert "back-EMF" in next(one["detail"] for one in measurement["checks"] if one["name"] == "torque_source")
+    body = {"robot_id": robot["id"], "measurement_ids": [measurement["id"]]}
+    model = client.post("/v1/identifications", json=body).json()["id"]
+
+    def ended(path: str) -> Any:
+        shown = client.get(path).json()
+        return shown if shown["status"] in ("succeeded", "failed") else None
+
+    assert wait_for(lambda: ended(f"/v1/identifications/{model}"), 120.0)["status"] == "succeeded"
+    diagnosis = client.post("/v1/diagnoses", json={"identification_id": model}).json()["id"]
+    refused = wait_for(lambda: ended(f"/v1/diagnoses/{diagnosis}"), 120.0)
+    assert refused["status"] == "failed"
+    assert "no torque was recorded" in json.dumps(refused)

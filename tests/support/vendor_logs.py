@@ -179,11 +179,18 @@ def lbr_state(signals: Signals, path: Path) -> Path:
 
 
 def lerobot(
-    episodes: list[Signals], folder: Path, joints: list[str] | None, *, together: bool = False, version: str = "v3.0"
+    episodes: list[Signals],
+    folder: Path,
+    joints: list[str] | None,
+    *,
+    together: bool = False,
+    version: str = "v3.0",
+    effort: bool = True,
 ) -> Path:
     """A data set of LeRobot whose state holds the positions of named joints, and whose action the commanded ones.
 
-    Effort and velocity stand in features of their own or, `together`, in the state, as `<joint>.pos` and so on.
+    Effort and velocity stand in features of their own or, `together`, in the state, as `<joint>.pos` and so on; without
+    `effort` there are none, as LeRobot itself records its arms.
     """
     states, efforts, speeds, actions = (
         [getattr(one, name) for one in episodes] for name in ("q", "tau", "dq", "q_command")
@@ -197,7 +204,7 @@ def lerobot(
         names["observation.state"] = [
             f"{joint}.{field}" for field in ("pos", "vel", "effort") for joint in joints or []
         ] or None
-    else:
+    elif effort:
         columns |= {"observation.velocity": np.concatenate(speeds), "observation.effort": np.concatenate(efforts)}
         names |= {"observation.velocity": joints, "observation.effort": joints}
     columns["action"] = np.concatenate(actions)

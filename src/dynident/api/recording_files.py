@@ -68,13 +68,16 @@ class InspectedFile:
 
     @property
     def said(self) -> ProposedColumns:
-        """Proposed columns and units, and the rate that was stated, as arguments of `read_recordings`."""
+        """Proposed columns and units, commands as the torque's source, and a stated rate, for `read_recordings`."""
         proposal = self.inspection.proposal
         if proposal is None:
             return {}
         # Copies, so that changing the proposal for a call leaves the inspection as it was.
         arguments: ProposedColumns = {"columns": dict(proposal.columns), "units": dict(proposal.units)}
-        return arguments if self.rate is None else {**arguments, "metadata": RecordingMetadata(rate=self.rate)}
+        effort_kind = proposal.effort_kind if proposal.effort_kind == "position_command" else None
+        if self.rate is not None or effort_kind is not None:
+            arguments["metadata"] = RecordingMetadata(rate=self.rate, effort_kind=effort_kind)
+        return arguments
 
     def __repr__(self) -> str:
         lines = [self._format_head()]

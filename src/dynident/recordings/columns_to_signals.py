@@ -66,6 +66,8 @@ class Layout:
         Indices of the joints whose torque was not recorded; it is read as zero.
     n_base : int
         Number of leading joints that are coordinates of the base, which have no torque of their own.
+    servo_gains : (n,), optional
+        Torque of position servos over their position error, N m/rad or N/m; the columns of tau are then commands.
     """
 
     t: Column
@@ -80,6 +82,7 @@ class Layout:
     mixing: FloatArray | None = None
     without_torque: tuple[int, ...] = ()
     n_base: int = 0
+    servo_gains: FloatArray | None = None
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -98,6 +101,27 @@ class Layout:
         needed = [kind in ("q", "tau", "wrench") for kind in self.kinds for _ in getattr(self, kind)]
         return np.flatnonzero(needed)
 
+    @property
+    def has_own_torque_columns(self) -> bool:
+        """Whether each torque is a column of the file, times a factor, and not made of several columns."""
+        return self.mixing is None and self.servo_gains is None
+
+    def make_torques(self, values: FloatArray) -> None:
+        """Make torques of the joints of the columns of tau, in place, where these are something else.
+
+        Parameters
+        ----------
+        values : (m, c)
+            All columns of the layout.
+        """
+        rows = values[:, self.columns_of_kind("tau")]
+        if self.mixing is not None:
+            # Motors that act on several joints: their torques are turned into the joints' torques row by row.
+            rows = rows @ self.mixing
+        if self.servo_gains is not None:
+            rows = self.servo_gains * compute_servo_error(rows, values[:, self.columns_of_kind("q")])
+        values[:, self.columns_of_kind("tau")] = rows
+
     def columns_of_kind(self, kind: str) -> slice:
         """Return the slice of a kind's columns among all; empty if there are none."""
         first = 0
@@ -106,6 +130,18 @@ class Layout:
                 break
             first += len(getattr(self, other))
         return slice(first, first + len(getattr(self, kind)))
+
+
+def compute_servo_error(command: FloatArray, position: FloatArray) -> FloatArray:
+    """Return what positions in rad or m are behind their commands.
+
+    Parameters
+    ----------
+    command, position : (m, ...)
+        Positions that servos are to take, and those that they have.
+    """
+    # No joint is half a turn behind: there, one of the two angles has begun a new turn.
+    return np.asarray(np.remainder(command - position + np.pi, 2.0 * np.pi) - np.pi)
 
 
 def find_columns(
@@ -142,6 +178,7 @@ def find_columns(
     n, gains, coupling = joints.n, joints.known_gains, joints.coupling
     tau, from_current, unused, without_torque = [], list[str](), list[str](), []
     mixing = np.eye(n)
+    servo_gains = np.zeros(n) if metadata.effort_kind == "position_command" else None
     for joint in range(n):
         if joint < joints.n_base and finder.find("tau", joint) is None:
             # Nothing acts on the base but what measured wrenches add.
@@ -150,6 +187,11 @@ def find_columns(
         if finder.has_no_torque(joint):
             tau.append(mark_not_recorded(finder.find_needed("q", joint)))
             without_torque.append(joint)
+            continue
+        if servo_gains is not None:
+            tau.append(finder.find_needed("q_command", joint))
+            gain = _require_gain(f"{tau[-1].source} is a command", joints.names[joint], gains[joint], "N m/rad")
+            servo_gains[joint] = gain * finder.arrangement.factor("tau", joint)
             continue
         torque, current = finder.find("tau", joint), finder.find("current", joint)
         if metadata.effort_kind == "motor_current":
@@ -183,16 +225,18 @@ def find_columns(
         mixing=None if np.array_equal(mixing, np.eye(n)) else mixing,
         without_torque=tuple(without_torque),
         n_base=joints.n_base,
+        servo_gains=servo_gains,
     )
+    if servo_gains is not None:
+        return layout, _report_servo_law([column.source for column in tau])
     return layout, _report_torque_source(from_current, unused, layout.mixing is not None)
 
 
-def _convert_current(current: Column, joint_name: str, gain: float | None) -> Column:
+def _require_gain(what: str, joint_name: str, gain: float | None, unit: str) -> float:
     if gain is None:
         remedy = Remedy("drives", {joint_name: {"drive_gain": ...}})
         raise RecordingError(
-            f"Column {current.source} is a current, and joint {joint_name} has no drive gain; give {remedy} "
-            "in N m/A, or a torque column.",
+            f"Column {what}, and joint {joint_name} has no drive gain; give {remedy} in {unit}, or a torque column.",
             pointer=f"/drives/{joint_name}/drive_gain",
             title="Missing drive gain",
             remedies=(remedy,),
@@ -203,6 +247,11 @@ def _convert_current(current: Column, joint_name: str, gain: float | None) -> Co
             pointer=f"/drives/{joint_name}/drive_gain",
             title="Missing drive gain",
         )
+    return gain
+
+
+def _convert_current(current: Column, joint_name: str, gain: float | None) -> Column:
+    gain = _require_gain(f"{current.source} is a current", joint_name, gain, "N m/A")
     # The gain acts on the current in A: factor and offset of its unit come before it.
     return Column(current.source, current.factor * gain, current.offset * gain)
 
@@ -245,6 +294,17 @@ def check_surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetad
         "order of the robot, and the surplus columns are not used. If the joint that the robot does not have is not "
         "the last one of the file, map the columns of the other joints by columns.",
         column=surplus[0],
+    )
+
+
+def _report_servo_law(commands: list[str]) -> Check:
+    return Check(
+        "torque_source",
+        "warning",
+        f"The torque was not recorded: it is drive gain x (command - position) of position servos, with the commands "
+        f"in {_shorten_names(commands)}. Viscous friction then includes the back-EMF of the motors, and drive inertia "
+        "what late commands and a D coefficient add. Drive gains that are wrong by one factor make all masses and all "
+        "friction wrong by it, and no error shows it. A voltage that sags under load, and heat, change the gain.",
     )
 
 
@@ -369,6 +429,12 @@ class _ColumnFinder:
             hint += " The file has no column names, so the columns are numbered here."
         elif f"{kind}0" in self.names:
             hint = f" Joints are counted from 1 here, but the file has {kind}0: map the columns."
+        if kind == "tau" and joint is not None and self.find("q_command", joint) is not None:
+            remedies.append(Remedy("effort_kind", "position_command"))
+            hint += (
+                f" If no torque was recorded and position servos follow the commands, say {remedies[-1]}, with drive "
+                "gains in N m/rad."
+            )
         advice, further = (".", ()) if joint is None else self._advise_without_column(kind, joint)
         return RecordingError(
             f"There is no column {expected} for {signal}{whose}{instead}. The file has: {available}. Name it by "

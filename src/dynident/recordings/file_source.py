@@ -194,9 +194,8 @@ class FileSource:
             values = np.empty((len(t), len(columns)))
             for index, column in enumerate(layout.columns if columns else ()):
                 values[:, index] = column.convert(to_float_column(batch, column.source, first))
-            if columns and layout.mixing is not None:
-                # Motors that act on several joints: their torques are turned into the joints' torques row by row.
-                values[:, layout.columns_of_kind("tau")] = values[:, layout.columns_of_kind("tau")] @ layout.mixing
+            if columns and not layout.has_own_torque_columns:
+                layout.make_torques(values)
             yield RawRows(first, t, segment, values)
             first += len(t)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.base_motion import add_base_pose
-from dynident.recordings.columns_to_signals import Column, Layout, find_columns
+from dynident.recordings.columns_to_signals import Column, Layout, compute_servo_error, find_columns
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats import open_source
 from dynident.recordings.recording import RecordedJoints
@@ -89,17 +89,30 @@ class RecordedSignals:
         )
         selected = {name: joint_signals.get(name) or own[name] for name in names}
         self._t = layout.t
+        # Torques of servos need a second column: that of the position.
+        self._servos = {
+            name: (layout.q[joint], float(gain))
+            for joint, gain in enumerate(() if layout.servo_gains is None else layout.servo_gains)
+            for name in (f"tau{joint + 1}", f"tau_{joints[joint]}")
+            if name in selected and joint not in layout.without_torque
+        }
         self._columns = {name: column for name, (column, _) in selected.items()}
         self.names = tuple(names)
         self.units = {name: unit for name, (_, unit) in selected.items()}
 
     def rows(self, names: Sequence[str], start: float | None = None, end: float | None = None) -> Iterator[Rows]:
         """Yield the rows of some of the signals from `start` to `end` in s, in blocks."""
-        layout = Layout(self._t, None, tuple(self._columns[name] for name in names), ())
+        servos = [name for name in names if name in self._servos]
+        columns = [*(self._columns[name] for name in names), *(self._servos[name][0] for name in servos)]
+        layout = Layout(self._t, None, tuple(columns), ())
         for block in self._source.rows(layout) if names else self._source.times(layout):
             inside = _is_inside(block.t, start, end)
+            values = block.values[inside]
+            for place, name in enumerate(servos, start=len(names)):
+                k = list(names).index(name)
+                values[:, k] = self._servos[name][1] * compute_servo_error(values[:, k], values[:, place])
             if inside.any():
-                yield Rows(block.t[inside], block.values[inside])
+                yield Rows(block.t[inside], values[:, : len(names)])
 
     def count(self, start: float | None = None, end: float | None = None) -> int:
         """Return the number of rows from `start` to `end`."""

@@ -222,6 +222,8 @@ class Recording:
         Whether its rows hold commanded positions.
     joints_without_torque : tuple of str
         Joints whose torque was not recorded and is stored as zero: their motion counts, their own equation does not.
+    torque_from_commands : bool
+        Whether no torque was recorded, and the rows hold what position servos make of their commands.
     """
 
     name: str
@@ -237,6 +239,7 @@ class Recording:
     has_wrench: bool = False
     has_command: bool = False
     joints_without_torque: tuple[str, ...] = ()
+    torque_from_commands: bool = False
 
     def __post_init__(self) -> None:
         # The name of its file may be no UTF-8, and Arrow and matplotlib take no text that has no encoding.

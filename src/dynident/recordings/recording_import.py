@@ -77,7 +77,9 @@ def mark_empty_torques(layout: Layout, file: FileSource) -> Layout:
         for torque, position, recorded in zip(layout.tau, layout.q, holds_numbers, strict=True)
     )
     empty = {int(joint) for joint in np.flatnonzero(~holds_numbers)}
-    return replace(layout, tau=tau, without_torque=tuple(sorted(empty | set(layout.without_torque))))
+    gains = None if layout.servo_gains is None else np.where(holds_numbers, layout.servo_gains, 0.0)
+    silent = tuple(sorted(empty | set(layout.without_torque)))
+    return replace(layout, tau=tau, without_torque=silent, servo_gains=gains)
 
 
 def report_missing_torques(layout: Layout, joint_names: Sequence[str]) -> tuple[Check, ...]:
@@ -188,6 +190,7 @@ def import_recording(
                 has_wrench=bool(layout.wrench),
                 has_command=bool(layout.q_command),
                 joints_without_torque=tuple(joint_names[joint] for joint in layout.without_torque),
+                torque_from_commands=layout.servo_gains is not None,
             )
             # The description stands behind the rows, because the segments are known only after the last of them.
             sink.describe(recording)
@@ -378,7 +381,9 @@ def _convert_rows(
     conditioning: Conditioning | None = None,
 ) -> tuple[tuple[Segment, ...], RawSample]:
     """Second pass: condition the rows and write them; keep a bounded sample of them for the checks."""
-    segmenter = Segmenter(layout, base, metadata.torque_delay)
+    # A servo follows a command until the next one comes: on average, the one of half a row ago.
+    held = 0.0 if layout.servo_gains is None else 0.5 * base.period
+    segmenter = Segmenter(layout, base, metadata.torque_delay - held)
     collector = SampleCollector(base.n_rows, len(layout.q), layout.kinds)
     blocks = source.rows(layout)
     for rows in blocks if conditioning is None else conditioning.condition(blocks):

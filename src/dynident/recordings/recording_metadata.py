@@ -33,24 +33,28 @@ EffortKind = Literal[
     "motor_current",
     "motor_torque",
     "joint_torque",
+    "position_command",
     "gravity_compensated",
     "external",
     "commanded",
     "unknown",
 ]
-"""What "effort" is: a motor's current or torque, a joint's torque, or one of those that are no measurement of it."""
+"""What "effort" is: a motor's current or torque, a joint's torque, a servo's command, or no measurement of it."""
 
 EFFORT_KINDS = OneOf(
     Choice("motor_current", "current of the motors"),
     Choice("motor_torque", "torque of the motors"),
     Choice("joint_torque", "torque of the joints"),
+    Choice("position_command", "not recorded: drive gain x (command - position) of position servos"),
     Choice("gravity_compensated", "torque without gravity: not a measurement"),
     Choice("external", "external torque: not a measurement"),
     Choice("commanded", "commanded torque: not a measurement"),
     Choice("unknown", "not known"),
 )
 
-ConditioningStep = Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]
+ConditioningStep = Literal[
+    "registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles", "full_duty"
+]
 """What is put right in a recording unless it is said that it is right."""
 
 DELAY = "torque_delay"
@@ -76,8 +80,7 @@ class RecordingMetadata(Request):
 
     Kinds of signals are "q", "q_command", "dq", "ddq", "tau", "current", "temperature", "base_force", "base_moment" and
     "t"; columns are ours ("q3", "q_elbow", "base_fx"). Columns and units are applied before the permutation, the signs
-    and
-    the scale.
+    and the scale.
 
     Parameters
     ----------
@@ -89,8 +92,7 @@ class RecordingMetadata(Request):
         The file's name of a column by ours. A torque that was not recorded is the column "none".
     units : mapping of str to str
         Units by kind of signal or by column; SI where nothing is said, degC of temperatures. "counts:4096" are counts
-        of
-        an encoder, 4096 a turn, "counts:4096@2048" with zero at 2048.
+        of an encoder, 4096 a turn, "counts:4096@2048" with zero at 2048.
     role : str, optional
         What the recording is for: identification, validation, friction or payload.
     windows : pairs (from, to)
@@ -115,7 +117,7 @@ class RecordingMetadata(Request):
     exclude : pairs (from, to)
         Seconds of t to leave out.
     effort_kind : str, optional
-        What the torque or current columns hold; kinds that are no measurement are refused (`NO_MEASUREMENT`).
+        What the torque or current columns hold (not `NO_MEASUREMENT`); "position_command": there are only commands.
     rate : float, optional
         Rows a second in Hz, evenly spaced, of a file without time.
 
@@ -148,7 +150,7 @@ class RecordingMetadata(Request):
     accept: tuple[str, ...] = declare_field("Names of checks whose errors count as warnings", default=())
     skip: tuple[ConditioningStep, ...] = declare_field(
         "Conditioning steps to leave out, because samples that look like unsigned registers, held, switched off, "
-        "corrupted or wrapped are right",
+        "corrupted, wrapped or at the full voltage of servos are right",
         default=(),
     )
     permutation: Mapping[Axis, tuple[int, ...]] = declare_field(
@@ -173,7 +175,7 @@ class RecordingMetadata(Request):
     )
     exclude: Windows = declare_field("Windows of t to leave out in s, [from, to]; [] for none", default=())
     effort_kind: EffortKind | None = declare_field(
-        "Kind of signal in the torque or current columns; signals that are not measurements are rejected",
+        "Signal in the torque or current columns; position_command: torque is drive gain (N m/rad) x (q_command - q)",
         default=None,
         kinds=EFFORT_KINDS,
     )

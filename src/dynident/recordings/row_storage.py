@@ -353,6 +353,7 @@ def describe_recording(recording: Recording) -> bytes:
         "has_wrench": recording.has_wrench,
         "has_command": recording.has_command,
         "joints_without_torque": recording.joints_without_torque,
+        "torque_from_commands": recording.torque_from_commands,
     }
     return json.dumps(content).encode()
 
@@ -409,4 +410,5 @@ def open_recording(path: Path | str) -> Recording:
         has_wrench=content.get("has_wrench", False),
         has_command=content.get("has_command", False),
         joints_without_torque=tuple(content.get("joints_without_torque", ())),
+        torque_from_commands=content.get("torque_from_commands", False),
     )

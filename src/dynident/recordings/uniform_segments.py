@@ -79,11 +79,15 @@ class Resampler:
 
 
 class ShiftedResampler:
-    """Resamples a segment whose torque (columns n to 2 n) is read `delay` s later than the rest of a row."""
+    """Resamples a segment whose torque (columns n to 2 n) is read `delay` s later than the rest of a row.
 
-    def __init__(self, period: float, n: int, delay: float) -> None:
+    Of servos with `gains` (n,), torque over position error, the command alone is read later, and not the position.
+    """
+
+    def __init__(self, period: float, n: int, delay: float, gains: FloatArray | None = None) -> None:
         self._n = n
         self._delay = delay
+        self._gains = np.zeros(n) if gains is None else gains
         # Both parts begin at the first time of which the other one is known as well: nothing is extrapolated.
         self._rest = Resampler(period, max(0.0, -delay))
         self._torque = Resampler(period, max(0.0, delay))
@@ -97,7 +101,7 @@ class ShiftedResampler:
 
     def push(self, t: FloatArray, values: FloatArray) -> FloatArray:
         """Take samples; return the rows of which all parts are settled."""
-        torque = values[:, self._n : 2 * self._n]
+        torque = values[:, self._n : 2 * self._n] + self._gains * values[:, : self._n]
         others = np.delete(values, np.s_[self._n : 2 * self._n], axis=1)
         return self._join_parts(self._rest.push(t, others), self._torque.push(t, torque))
 
@@ -113,7 +117,8 @@ class ShiftedResampler:
             torque = np.concatenate([self._waiting_torque, torque])
         count = min(len(others), len(torque))
         self._waiting_rest, self._waiting_torque = others[count:], torque[count:]
-        return np.concatenate([others[:count, : self._n], torque[:count], others[:count, self._n :]], axis=1)
+        position, rest = others[:count, : self._n], others[:count, self._n :]
+        return np.concatenate([position, torque[:count] - self._gains * position, rest], axis=1)
 
 
 def interpolate_samples(t: FloatArray, values: FloatArray, times: FloatArray, period: float) -> FloatArray:
@@ -266,7 +271,8 @@ class Segmenter:
         return tuple(self._closed)
 
     def _begin_segment(self, start: float, label: int) -> None:
-        self._resampler = ShiftedResampler(self._base.period, len(self._layout.q), self._torque_delay)
+        layout = self._layout
+        self._resampler = ShiftedResampler(self._base.period, len(layout.q), self._torque_delay, layout.servo_gains)
         self._open = Segment(self._n_written, 0, start + self._resampler.lead, label)
         self._held, self._n_held = [], 0
         self._first_stamp = start

@@ -139,7 +139,7 @@ class Drive(Request):
     """
 
     drive_gain: float | None = declare_field(
-        "Joint torque per unit of current",
+        "Joint torque per unit of current, or of a position servo per rad (or m) between command and position",
         default=None,
         unit="N m or N",
         at_least=-LARGEST,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from dynident.validation.contact_detection import CollisionValidation, ContactDe
 from dynident.validation.open_loop_drift import Drift
 from dynident.verdict.fitness_by_use import (
     DIAGNOSE,
+    GAINS,
     USES,
     Action,
     NextStep,
@@ -216,6 +217,9 @@ def verdict(
         sentence = f"Not for {silent}, whose torque was not recorded."
         reservations.append(UseFinding("limited", sentence, NextStep(f"Record the torque of {silent}, too.")))
     reservations += _list_disturbances(identification)
+    from_commands = any(recording.torque_from_commands for recording in (*recordings, *validation))
+    if from_commands:
+        reservations.append(UseFinding("limited", _OF_COMMANDS, GAINS))
     against = _find_universal_objection(identification, stop, common, checks or {})
     held_out = identification.held_out
     drift, force, mass, contact = None, None, None, None
@@ -244,6 +248,8 @@ def verdict(
             "collision_detection": judge_collision_detection(evidence, collision, obstacle),
             "payload": judge_payload(evidence, mass),
         }
+        if from_commands:
+            findings_by_use = {name: _replace_diagnosis(own) for name, own in findings_by_use.items()}
         uses = tuple(
             combine_findings(name, [*_list_failed_validations(evidence, name), *reservations, *own], _WHEN_GOOD[name])
             for name, own in findings_by_use.items()
@@ -254,7 +260,7 @@ def verdict(
         identification.held_out_moving,
         stop,
         common,
-        tuple(_list_next_steps(identification, stop, common)),
+        tuple(_list_next_steps(identification, stop, common, from_commands=from_commands)),
         drift,
         force,
         mass,
@@ -404,7 +410,24 @@ def explain_stop(identification: Identification) -> str:
     )
 
 
-def _list_next_steps(identification: Identification, stop: Stop | None, common: Sequence[DataOverlap]) -> list[str]:
+_OF_COMMANDS = (
+    "The torque was not recorded, but computed from the commands of servos: if the drive gains are wrong by one "
+    "factor, so is all of the model."
+)
+_CURRENTS = NextStep("Record the currents of the servos, too: without a torque no missing effect can be named.")
+
+
+def _replace_diagnosis(findings: Sequence[UseFinding]) -> list[UseFinding]:
+    """Return findings whose next step is no diagnosis, where no torque was recorded that could be diagnosed."""
+    return [
+        replace(finding, next=_CURRENTS) if finding.next is not None and finding.next.action == "diagnose" else finding
+        for finding in findings
+    ]
+
+
+def _list_next_steps(
+    identification: Identification, stop: Stop | None, common: Sequence[DataOverlap], *, from_commands: bool
+) -> list[str]:
     if stop is not None and stop.apply is not None:
         return [f"Read {stop.recording} again with: {stop.apply}.", "Identify again, and look at the verdict again."]
     if stop is not None and any(overlap.kind == "copied" for overlap in common):
@@ -432,6 +455,8 @@ def _list_next_steps(identification: Identification, stop: Stop | None, common: 
         steps.append(
             f"The held-out error is {error / max(own, 1e-12):.1f} times that of the fit: record a designed motion."
         )
+    if from_commands:
+        return [*steps, _CURRENTS.sentence]
     return [*steps, *_advise_diagnosis(error, was_extended=identification.step.parent is not None)]
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -93,6 +93,7 @@ class DynamicsFits:
     def __init__(self, robot: Robot, t: FloatArray, segment: FloatArray | None = None) -> None:
         self.robot = robot
         self._t = t
+        self.from_commands = False
         self._segment = RunLabels().label_rows(0, t) if segment is None else segment.astype(np.int64)
 
     def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
@@ -109,9 +110,9 @@ class DynamicsFits:
             q, tau, _ = self.condition_signals(q, tau)
             good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
             segment = self._segment[good]
-            return recording_from_arrays(
-                self._t[good], q[good], tau[good], joint_names=self.robot.joint_names, segment=segment
-            )
+            names = self.robot.joint_names
+            recording = recording_from_arrays(self._t[good], q[good], tau[good], joint_names=names, segment=segment)
+            return replace(recording, torque_from_commands=self.from_commands)
         except DynidentError:
             return None
 

@@ -115,7 +115,7 @@ def _import_sample(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal
     # Open questions come first: without their answers the import would fail for reasons that are known already.
     if not proposal.is_sure:
         return proposal
-    metadata = RecordingMetadata(columns=proposal.columns, units=proposal.units)
+    metadata = RecordingMetadata(columns=proposal.columns, units=proposal.units, effort_kind=proposal.effort_kind)
     with TemporaryDirectory(prefix="dynident-") as folder:
         rows = Path(folder) / "rows.parquet"
         # The rows go through the real import, so that nothing is proposed that it would refuse afterwards.

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.errors import Remedy
 from dynident.identification.column_inference import dynamics_fits
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import (
@@ -48,6 +47,7 @@ from dynident.identification.column_inference.time_and_pose_columns import (
     report_empty_columns,
 )
 from dynident.identification.column_inference.torque_or_current import (
+    NO_MEASUREMENT,
     ask_for_gains,
     classify_effort,
     fit_torque_unit,
@@ -108,7 +108,6 @@ def propose(sample: Sample, robot: Robot) -> Proposal:
 class _ColumnInference(WorkingProposal):
     """A proposal in the making: the steps from names and data to columns, units and the kind of effort."""
 
-    silent: list[int] = field(default_factory=list)
     moving_base: Robot | None = None
 
     def run(self) -> Proposal:
@@ -166,7 +165,7 @@ class _ColumnInference(WorkingProposal):
         # Registers and empty columns are corrected first, as the import will do it.
         self.read_signs(position, "q")
         self.read_signs(effort, "tau")
-        self._mark_unrecorded_torques(effort)
+        self.mark_unrecorded_torques(effort)
         q = self._convert_positions(position, effort)
         if self.of_poses:
             return self._finish(
@@ -189,21 +188,6 @@ class _ColumnInference(WorkingProposal):
         if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
-
-    def _mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
-        """Treat torques that hold no number as not recorded, as an import does."""
-        raw = np.array(self.sample.values)
-        empty = np.asarray(~np.isfinite(raw).any(axis=0))
-        for joint, column in enumerate(effort.columns):
-            if not empty[column]:
-                continue
-            raw[:, column] = self.values[:, column] = 0.0
-            name = self.robot.joint_names[joint]
-            lock = Remedy("locked_joints", {name: 0})
-            reason = f"{name} has no torque: its equation is left out (only a finger: {lock})"
-            self.add_guess(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason, (lock,))
-            self.silent.append(joint)
-        self.sample = replace(self.sample, values=raw)
 
     def _group_unnamed(self, groups: list[ColumnGroup], rest: list[int], n: int) -> list[ColumnGroup]:
         """Return groups of the columns whose names say no signal."""
@@ -334,6 +318,7 @@ class _ColumnInference(WorkingProposal):
             return None, "joint_torque"
         if not candidates:
             candidates = find_forces(groups) or self._find_torque_of_most_joints(position)
+            candidates = candidates or self.find_command(groups, position)
         if not candidates:
             if any(question.field == "robot" for question in self.questions):
                 return None, "unknown"
@@ -351,14 +336,8 @@ class _ColumnInference(WorkingProposal):
         if equal:
             names = tuple(self.name_columns(group) for group in [best, *equal])
             self.add_question("columns/tau", "Several sets of columns could be the measured torque: which one?", names)
-        kind: EffortKind = "unknown"
-        if best.named.external:
-            kind = "external"
-        elif best.named.compensated:
-            kind = "gravity_compensated"
-        elif best.rank >= 4:
-            kind = "commanded"
-        if kind != "unknown":
+        kind = _read_kind(best)
+        if kind in NO_MEASUREMENT:
             self.refuse_kind(kind, self.name_columns(best))
         return best, kind
 
@@ -439,9 +418,13 @@ class _ColumnInference(WorkingProposal):
     def _guess_efforts(self, effort: ColumnGroup, q: FloatArray, kind: EffortKind) -> EffortKind:
         tau = self.values[:, list(effort.columns)]
         gains = [drive.gain for drive in self.robot.drives]
+        if kind == "position_command":
+            torque = self.take_servo_law(self.fits, effort, q)
+            self._check_against_dynamics(q, torque, effort, in_si=None not in gains)
+            return kind
         named = effort.signal
         reach = of_units.compute_reach(self.robot)
-        torque = of_units.guess_torque_unit(self.robot, tau, None if named == "current" else effort.unit, reach)
+        torque_unit = of_units.guess_torque_unit(self.robot, tau, None if named == "current" else effort.unit, reach)
         current = of_units.guess_current_unit(tau, gains, self.robot, effort.unit if named == "current" else None)
         by_data = classify_effort(
             self.fits,
@@ -449,25 +432,25 @@ class _ColumnInference(WorkingProposal):
             tau,
             named,
             effort.unit,
-            of_units.get_factor("tau", "revolute", torque.unit) if torque.unit in MOMENTS else 1.0,
+            of_units.get_factor("tau", "revolute", torque_unit.unit) if torque_unit.unit in MOMENTS else 1.0,
             {"A": 1.0, "mA": 1e-3}[current.unit] if current.confidence >= of_units.SURE else None,
         )
         if named == "tau" and effort.unit is None:
-            torque, by_data = fit_torque_unit(torque, by_data)
+            torque_unit, by_data = fit_torque_unit(torque_unit, by_data)
         if kind == "unknown":
             kind = by_data.kind
             if kind in ("gravity_compensated", "external", "commanded"):
                 self.refuse_kind(
                     kind, f"{self.name_columns(effort)} seem to be of another kind ({by_data.reason}); they"
                 )
-        unit_note = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
+        unit_note = "" if torque_unit.unit in ("N m", "N") else f" (in {torque_unit.unit})"
         self.add_guess("effort_kind", kind, by_data.confidence, f"{by_data.reason}{unit_note}")
         signal, kind, effort = self.assign_efforts(effort, kind, by_data.reason, known_gains=None not in gains)
         if signal == "current" and named == "tau":
             # Their size was compared as it is: no other unit of currents goes with the drive gains.
             current = of_units.UnitGuess("A", by_data.confidence, by_data.reason)
         if effort.unit not in ("permille", "percent"):
-            self.take_effort_unit(signal, torque if signal == "tau" else current, effort)
+            self.take_effort_unit(signal, torque_unit if signal == "tau" else current, effort)
         in_si = signal == "tau" or None not in gains
         if signal == "current":
             question = ask_for_gains(self.name_columns(effort), effort.unit, gains, self.fits, (q, tau))
@@ -498,3 +481,14 @@ class _ColumnInference(WorkingProposal):
                 if question.field not in replaced or (question.field == "effort_kind" and not question.choices)
             ]
         self.questions += questions
+
+
+def _read_kind(effort: ColumnGroup) -> EffortKind:
+    """Return what the names of effort columns say; "unknown" where they say nothing."""
+    if effort.signal == "q":
+        return "position_command"
+    if effort.named.external:
+        return "external"
+    if effort.named.compensated:
+        return "gravity_compensated"
+    return "commanded" if effort.rank >= 4 else "unknown"

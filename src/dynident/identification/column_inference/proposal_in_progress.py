@@ -13,15 +13,22 @@ from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_names import ColumnName, read_names
 from dynident.identification.column_inference.column_statistics import Sample
-from dynident.identification.column_inference.dynamics_fits import DynamicsFits, find_units_by_joint
+from dynident.identification.column_inference.dynamics_fits import (
+    DynamicsFits,
+    TorqueScales,
+    compare_with_description,
+    find_units_by_joint,
+)
 from dynident.identification.column_inference.metadata_proposal import Guess, Question
 from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT
-from dynident.recordings.columns_to_signals import NOT_RECORDED
+from dynident.recordings.columns_to_signals import NOT_RECORDED, compute_servo_error
 from dynident.recordings.conditioning.signed_registers import decode_registers
 from dynident.recordings.recording_metadata import EffortKind
 from dynident.recordings.units import FACTORS, find_conversion
 from dynident.robot import Robot
 
+_FOLLOWED = 0.5
+"""Share of the variance of the positions, above which what commands are ahead of them shows that no joint follows."""
 _BORNE_OUT = 0.1
 """Share of the torque that the dynamics may leave unexplained with positions that are taken for the joints'."""
 
@@ -50,6 +57,8 @@ class WorkingProposal:
         Times in s, once the clock is known.
     values : (m, columns)
         The rows that have a time.
+    silent : list of int
+        Joints whose torque was not recorded.
     """
 
     sample: Sample
@@ -61,6 +70,7 @@ class WorkingProposal:
     questions: list[Question] = field(default_factory=list)
     t: FloatArray = field(default_factory=lambda: np.zeros(0))
     values: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    silent: list[int] = field(default_factory=list)
 
     @cached_property
     def column_names(self) -> list[ColumnName]:
@@ -259,20 +269,113 @@ class WorkingProposal:
             "effort_kind", f"{names} are {why}. No model can be identified from them; give the measured torque."
         )
 
+    def mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
+        """Treat torques that hold no number as not recorded, as an import does."""
+        raw = np.array(self.sample.values)
+        empty = np.asarray(~np.isfinite(raw).any(axis=0))
+        for joint, column in enumerate(effort.columns):
+            if not empty[column]:
+                continue
+            raw[:, column] = self.values[:, column] = 0.0
+            name = self.robot.joint_names[joint]
+            lock = Remedy("locked_joints", {name: 0})
+            reason = f"{name} has no torque: its equation is left out (only a finger: {lock})"
+            self.add_guess(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason, (lock,))
+            self.silent.append(joint)
+        self.sample = replace(self.sample, values=raw)
+
+    def find_command(self, groups: list[ColumnGroup], position: ColumnGroup | None) -> list[ColumnGroup]:
+        """Find commanded positions that the joints follow; from here on their columns hold what they are ahead.
+
+        Parameters
+        ----------
+        groups : list of ColumnGroup
+            All groups of columns.
+        position : ColumnGroup, optional
+            Columns of the measured positions.
+
+        Returns
+        -------
+        list of ColumnGroup
+            One group; none where there are no such commands.
+        """
+        for group in groups if position is not None else ():
+            assert position is not None
+            if group.signal != "q" or group.rank < 4 or group is position or group.unit != position.unit:
+                continue
+            commands, positions = list(group.columns), list(position.columns)
+            ahead = self.values[:, commands] - self.values[:, positions]
+            spread = np.maximum(self.values[:, positions].var(axis=0), np.finfo(float).tiny)
+            if not self.values[:, commands].any() or np.median(ahead.var(axis=0) / spread) > _FOLLOWED:
+                continue
+            self.values, raw = np.array(self.values), np.array(self.sample.values)
+            self.values[:, commands] = ahead
+            raw[:, commands] -= raw[:, positions]
+            self.sample = replace(self.sample, values=raw)
+            return [group]
+        return []
+
+    def take_servo_law(self, fits: DynamicsFits, command: ColumnGroup, q: FloatArray) -> FloatArray:
+        """Take commands of position servos, and ask for gains that are missing.
+
+        Parameters
+        ----------
+        fits : DynamicsFits
+            Of the sample.
+        command : ColumnGroup
+            Columns of the commands, which hold what these are ahead of the positions.
+        q : (m, n)
+            Positions in rad or m.
+
+        Returns
+        -------
+        (m, n)
+            Torques in N m or N; without gains the position errors in rad or m.
+        """
+        fits.from_commands = True
+        self.assign_columns("q_command", command)
+        self.add_guess(
+            "effort_kind", "position_command", 0.9, "there is no torque, and the joints follow these commands"
+        )
+        error = np.array(self.values[:, list(command.columns)])  # in the unit of the positions
+        for index, joint in enumerate(self.robot.joints):
+            for key in (f"q{index + 1}", "q"):
+                if key in self.units:
+                    error[:, index] *= find_conversion("q", joint.kind, self.units[key], key)[0]
+                    self.units[f"q_command{key[1:]}"] = self.units[key]
+                    break
+        error = compute_servo_error(error, np.zeros_like(error))
+        gains = [drive.gain for drive in self.robot.drives]
+        if None not in gains:
+            return np.asarray(error * np.array(gains, dtype=float))
+        motion = fits.to_motion(q, error)
+        scales = None if motion is None or not len(motion.q) else compare_with_description(self.robot, motion)
+        described = "" if scales is None else f" {_describe_servo_gains(scales)}"
+        self.add_question(
+            "drives",
+            f"{self.name_columns(command)} are commands, and no torque was recorded. If position servos follow them, "
+            "the torque is gain x (command - position): give the drive gains of the joints in N m/rad, a servo's stall "
+            f"torque times the duty that its P coefficient makes of 1 rad.{described} A Feetech STS3215 with the P "
+            "coefficient 16, which LeRobot writes, has about 7.8 at 12 V and 5.1 at 7.4 V. If all gains are wrong by "
+            "one factor, all masses and all friction are wrong by it, and no error shows it.",
+        )
+        return error
+
     def assign_columns(self, signal: str, group: ColumnGroup) -> None:
         """Assign the columns of a group to a signal of the joints.
 
         Parameters
         ----------
         signal : str
-            "q", "dq", "tau" or "current".
+            "q", "dq", "tau", "current" or "q_command".
         group : ColumnGroup
             One column for each joint.
         """
         for joint, column in enumerate(group.columns):
             name = self.sample.names[column]
             self.columns[f"{'tau' if name == NOT_RECORDED else signal}{joint + 1}"] = name
-        self.add_guess(f"columns/{signal}", self.name_columns(group), 0.95 if group.rank < 4 else 0.6, group.reason)
+        confidence = 0.95 if group.rank < 4 or signal == "q_command" else 0.6
+        self.add_guess(f"columns/{signal}", self.name_columns(group), confidence, group.reason)
 
     def assign_efforts(
         self, effort: ColumnGroup, kind: EffortKind, reason: str, *, known_gains: bool
@@ -358,3 +461,10 @@ class WorkingProposal:
             elif signal == "current":
                 factors[index] = (gains[index] or 1.0) * {"mA": 1e-3}.get(unit or "A", 1.0)
         return factors
+
+
+def _describe_servo_gains(scales: TorqueScales) -> str:
+    """Say with which gains the description's masses explain the position errors."""
+    gains = np.sort(1.0 / np.abs(scales.values[scales.trusted]))
+    span = f" ({gains[0]:.2g} to {gains[-1]:.2g} by joint)" if len(gains) > 1 else ""
+    return f"The masses of the description need gains of {float(np.median(gains)):.2g}{span}."

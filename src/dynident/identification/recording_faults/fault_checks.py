@@ -187,8 +187,8 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         # Sizes are looked at only where order and signs are right: a wrong column has any size.
         off_scale = find_torque_scales(machine, motion, find_excess_of_motion(machine, motion, judges))
         findings = _report_scales(off_scale, recording, tau)
-        if all(check.status == "ok" for check in findings):
-            # A delay can only be estimated once all torques are in the same unit.
+        if all(check.status == "ok" for check in findings) and not recording.torque_from_commands:
+            # A delay can only be estimated once all torques are in the same unit; of servos, play looks like one.
             findings = (*_check_delay(machine, *bands[band], tau, judges), *findings)
         findings = (*report_torque_steps(motion, recording, tau, judges), *findings)
         # Gravity that was taken out would make masses look wrong, so it is reported first.

@@ -8,7 +8,13 @@ from typing import Protocol
 from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.conditioning.angle_wrapping import WrappedAngles
 from dynident.recordings.conditioning.corrupted_sample_removal import CorruptedSamples
-from dynident.recordings.conditioning.missing_and_held import BridgedGaps, HeldSamples, IdleDrives, MissingValues
+from dynident.recordings.conditioning.missing_and_held import (
+    BridgedGaps,
+    FullVoltage,
+    HeldSamples,
+    IdleDrives,
+    MissingValues,
+)
 from dynident.recordings.conditioning.signed_registers import SignedRegisters
 from dynident.recordings.conditioning.windows_and_changed_rows import Signals, Window, cut_into_windows
 from dynident.recordings.file_source import RawRows
@@ -33,10 +39,19 @@ class Step(Protocol):
 
 STEPS: dict[str, Callable[[Signals], Step]] = {
     step.name: step
-    for step in (MissingValues, SignedRegisters, HeldSamples, IdleDrives, CorruptedSamples, WrappedAngles, BridgedGaps)
+    for step in (
+        MissingValues,
+        SignedRegisters,
+        HeldSamples,
+        IdleDrives,
+        CorruptedSamples,
+        WrappedAngles,
+        BridgedGaps,
+        FullVoltage,
+    )
 }
 """The steps in their order: what is missing or corrupted must not be taken for a turn, and what they leave open is
-bridged at the end."""
+bridged at the end. What servos cannot give is left out after that, so that nothing bridges it."""
 
 
 class Conditioning:

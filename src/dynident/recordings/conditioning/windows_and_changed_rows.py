@@ -224,7 +224,8 @@ class Signals:
     (c,): angles; `fastest` (c,): speed in rad/s or m/s that is impossible, inf of what is no position; `limits`:
     position limits by column. `velocity`: the column of an angle's logged velocity.
     `position`: that of the position of a torque's joint. `factors`, `offsets` (c,): what made SI units of the file's
-    numbers; `registers`: columns, by kind of signal, that may be registers.
+    numbers; `registers`: columns, by kind of signal, that may be registers. `servo_gains` (n,): torque over
+    position error.
     """
 
     sources: tuple[str, ...]
@@ -239,6 +240,7 @@ class Signals:
     factors: FloatArray
     offsets: FloatArray
     registers: dict[str, tuple[int, ...]]
+    servo_gains: FloatArray | None
 
     @classmethod
     def from_layout(cls, layout: Layout, limits: tuple[JointLimits, ...], base: TimeBase) -> Signals:
@@ -276,13 +278,14 @@ class Signals:
             factors=np.array([column.factor for column in layout.columns]),
             offsets=np.array([column.offset for column in layout.columns]),
             registers={kind: _find_register_columns(kind, layout) for kind in ("q", "tau")},
+            servo_gains=layout.servo_gains,
         )
 
 
 def _find_register_columns(kind: str, layout: Layout) -> tuple[int, ...]:
     """Return the columns of a kind of signal that are the file's own numbers, but for their unit."""
-    # Torques of coupled motors are sums of several columns: no bits are left in them.
-    if kind == "tau" and layout.mixing is not None:
+    # In a sum of several columns no bits are left.
+    if kind == "tau" and not layout.has_own_torque_columns:
         return ()
     silent = layout.without_torque if kind == "tau" else ()
     return tuple(layout.columns_of_kind(kind).start + j for j in range(len(layout.q)) if j not in silent)

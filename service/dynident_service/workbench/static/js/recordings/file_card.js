@@ -78,13 +78,14 @@ export function fileCard({ file = null, further = [], found = null, role }, { me
   // Where the file lacks what only the robot can tell, its fields stand here.
   const askOfRobot = (robot) => {
     const asks = (field) => found.questions.some((one) => one.field === field);
+    const ofServos = found.proposed.effort_kind === "position_command";
     const hasGains = robot.joints.every((one) => one.drive_gain !== null);
     const gains = asks("drives") || (columns.kinds.has("current") && !hasGains);
     const places = asks("columns/q") || asks("columns/tau");
     put(
       robotsFacts,
       robotButtons(found.questions.flatMap((one) => one.remedies ?? []), robotsFacts),
-      gains ? h("details", { open: true }, h("summary", {}, "The drive gains of these currents"), drivesOf(robot, onRobot)) : null,
+      gains ? h("details", { open: true }, h("summary", {}, ofServos ? "The gains of these servos, in N m per rad between command and position" : "The drive gains of these currents"), drivesOf(robot, onRobot)) : null,
       places ? h("details", {}, h("summary", {}, "The file has no columns for some joints: are they locked?"), placesOf(robot, onRobot)) : null,
     );
   };

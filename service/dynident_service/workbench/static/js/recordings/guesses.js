@@ -53,7 +53,7 @@ export class Guesses extends EventTarget {
     const { guesses, questions } = this.found;
     const about = (field) => guesses.find((one) => one.field === field);
     const asked = (field) => questions.find((one) => one.field === field);
-    const named = [["columns/t", "Time"], ["columns/q", "Positions"], ["columns/tau", "Torques"], ["columns/current", "Currents"], ["columns/dq", "Velocities"]];
+    const named = [["columns/t", "Time"], ["columns/q", "Positions"], ["columns/tau", "Torques"], ["columns/current", "Currents"], ["columns/q_command", "Commands"], ["columns/dq", "Velocities"]];
     const keys = [...new Set([...Object.keys(UNITS).filter((key) => this.#isThere(key)), ...Object.keys(this.proposed.units).filter((key) => this.#isThere(key))])];
     const rows = [
       ...named.filter(([field]) => about(field)).map(([field, name]) => [name, about(field).value, about(field)]),

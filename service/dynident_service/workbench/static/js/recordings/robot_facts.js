@@ -16,7 +16,7 @@ export function gainFields(joints) {
   });
   return [
     table("Drive gains: torque = drive gain × current [12.17]", ["joint", "type", "drive gain"], rows, { class: "narrow" }),
-    h("p", { class: "note" }, "Needed only where recordings have currents instead of torques. A pasted row of numbers fills the fields from here on."),
+    h("p", { class: "note" }, "Needed only where recordings have currents instead of torques, or only commands of servos (then in N m/rad). A pasted row of numbers fills the fields from here on."),
   ];
 }
 

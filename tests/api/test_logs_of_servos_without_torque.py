@@ -1,0 +1,124 @@
+"""Commands and positions of servos, and no torque: proposed, identified with a stated gain, judged honestly."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import vendor_logs
+from support.running_commands import dynident
+from support.servo_arm import RATE, make_exact_log, write_log
+from support.vendor_logs import Signals
+
+import dynident as dy
+from dynident.array_types import FloatArray
+from dynident.recordings import RecordingMetadata
+
+GAIN = 8.0
+COMMANDS = RecordingMetadata(effort_kind="position_command")
+
+
+@pytest.fixture(scope="module")
+def arm() -> dy.Robot:
+    return dy.load_robot("so101")
+
+
+@pytest.fixture(scope="module")
+def logs(arm: dy.Robot, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("servos")
+    return [write_log(folder / f"run{seed}.csv", *make_exact_log(arm, seed, GAIN)) for seed in (1, 2)]
+
+
+@pytest.fixture(scope="module")
+def model(arm: dy.Robot, logs: list[Path]) -> dy.Model:
+    first, second = (dy.read_recordings(log, robot=arm, drive_gains=[GAIN] * 6, metadata=COMMANDS) for log in logs)
+    return dy.identify(arm, first, validation=second)
+
+
+def write_data_set(folder: Path, q: FloatArray, commands: FloatArray, robot: dy.Robot) -> Path:
+    """Write two episodes in degrees, as LeRobot does."""
+    m = len(q) // 2
+    nothing = np.zeros_like(q[:m])
+    episodes = [
+        Signals(
+            t=np.arange(m) / RATE,
+            q=np.degrees(q[k * m : (k + 1) * m]),
+            q_command=np.degrees(commands[k * m : (k + 1) * m]),
+            **dict.fromkeys(("dq", "tau", "current", "tau_command", "current_command", "external"), nothing),
+        )
+        for k in range(2)
+    ]
+    return vendor_logs.lerobot(episodes, folder, list(robot.joint_names), effort=False)
+
+
+def test_a_data_set_of_lerobot_without_torque_is_proposed_and_only_its_gains_are_asked_for(tmp_path, arm):
+    q, commands = make_exact_log(arm, 3, GAIN)
+    path = write_data_set(tmp_path / "set", q, commands, arm)
+    found = dy.inspect(path, arm)
+    assert found.inspection.proposal.effort_kind == "position_command"
+    assert found.said["columns"]["q_command2"] == "action.shoulder_lift.pos"
+    assert {"q": "deg", "q_command": "deg"}.items() <= found.said["units"].items()
+    (question,) = found.questions
+    assert question.field == "drives"
+    # The masses of the description are those of this arm.
+    (described,) = re.findall(r"need gains of ([\d.]+) \(", question.detail)
+    assert float(described) == pytest.approx(GAIN, rel=0.05)
+    assert "no error shows it" in question.detail
+    known = dy.inspect(path, arm, drive_gains=[GAIN] * 6)
+    assert known.questions == ()
+    (read,) = dy.read_recordings(path, robot=arm, drive_gains=[GAIN] * 6, **known.said)
+    assert read.recording.torque_from_commands
+    assert len(read.recording.segments) == 2
+
+
+def test_commands_that_no_joint_follows_are_not_taken(tmp_path, arm):
+    q, commands = make_exact_log(arm, 1, GAIN, 20.0)
+    path = write_log(tmp_path / "run.csv", q, np.roll(commands, len(q) // 3, axis=0))
+    assert [question.field for question in dy.inspect(path, arm).questions] == ["columns/tau"]
+
+
+def test_the_servos_law_gives_friction_and_load_of_the_arm(model):
+    values = {parameter.name: parameter.value for parameter in model.identification.parameters}
+    assert [values[f"Fc{k}"] for k in range(1, 7)] == pytest.approx([0.1] * 6, rel=0.1)
+    assert [values[f"Fv{k}"] for k in range(1, 7)] == pytest.approx([0.7] * 6, rel=0.03)
+    assert model.identification.held_out.relative_total < 0.02
+
+
+def test_gains_that_are_half_as_large_halve_the_model_and_no_error_shows_it(arm, logs, model):
+    first, second = (dy.read_recordings(log, robot=arm, drive_gains=[GAIN / 2] * 6, metadata=COMMANDS) for log in logs)
+    halved = dy.identify(arm, first, validation=second)
+    assert halved.identification.values == pytest.approx(0.5 * model.identification.values, rel=5e-3, abs=5e-5)
+    errors = [one.identification.held_out.relative_total for one in (halved, model)]
+    assert errors[0] == pytest.approx(errors[1], rel=1e-3)
+
+
+def test_the_recording_and_the_verdict_say_what_cannot_be_known(model):
+    (source,) = [check for check in model.recordings[0].checks if check.name == "torque_source"]
+    assert source.status == "warning"
+    assert "back-EMF" in source.detail
+    verdict = model.verdict()
+    assert all(use.state != "yes" for use in verdict.uses)
+    assert all("if the drive gains are wrong" in use.reason for use in verdict.uses if use.state == "limited")
+    assert not any(use.next_action == "diagnose" for use in verdict.uses)
+    assert not any("iagnose" in step for step in verdict.next_steps)
+
+
+def test_a_diagnosis_is_refused_with_its_reason(model):
+    with pytest.raises(dy.DynidentError, match="no torque was recorded") as refused:
+        dy.diagnose(model, model.recordings)
+    assert "Present_Current" in refused.value.detail
+
+
+def test_the_command_line_asks_identifies_and_refuses_a_diagnosis(tmp_path, logs):
+    gains = ("--drive-gains", ",".join(["8"] * 6))
+    asked = dynident("identify", "so101", logs[0], "--as-proposed", "--out", tmp_path / "arm.npz")
+    assert asked.code != 0
+    assert "--drive-gains" in asked.err
+    assert "N m/rad" in asked.err
+    made = dynident("identify", "so101", logs[0], "--as-proposed", *gains, "--out", tmp_path / "arm.npz")
+    assert made.code == 0, made.err
+    refused = dynident("diagnose", tmp_path / "arm.npz", logs[0], "--as-proposed")
+    assert refused.code != 0
+    assert "no torque was recorded" in refused.err
