@@ -39,6 +39,7 @@ from hiding.recorded import recorded
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.search import comparison_of_rivals, forward_selection
 from dynident.diagnosis.search.search_state import ProductSource, State, score_all
 from dynident.estimation.residual_errors import compute_t
@@ -113,7 +114,7 @@ def listening(case: Case) -> Iterator[list[Contest]]:
         rows: ProductSource, state: State, choice: comparison_of_rivals.Choice, judged: Sequence[ScoredCandidate]
     ) -> comparison_of_rivals.Choice:
         with (
-            patch.object(comparison_of_rivals, "RULES", replace(comparison_of_rivals.RULES, contends=RIVALS)),
+            patch.object(comparison_of_rivals, "RULES", replace(RULES, contends=RIVALS)),
             patch.object(comparison_of_rivals, "_STARTS", STARTS),
         ):
             found = weighed(case, rows, state, choice[0], judged)
