@@ -83,9 +83,7 @@ it."""
 _MASSES = "Torques do not match the masses of the description: "
 _FRICTION = "Friction is far larger than on the other joints, or than the drive can overcome: "
 
-_OTHER_CAUSES = (
-    " If columns and signs are right, check gravity in the description, the zeros of the joints and the drive gains."
-)
+_OTHER_CAUSES = " If columns and signs are right, check gravity, the zeros of the joints and the drive gains."
 
 
 class DynamicsCheck(NamedTuple):
@@ -167,7 +165,9 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     from_start = report_zeros_from_start(machine, recording, motion, judges.plain_fit, otherwise, q)
     if from_start is not None:
         return DynamicsCheck((from_start, *described), as_is)
-    mounted = None if _is_explained_by_one(faults, now) else find_other_mounting(machine, motion, as_is)
+    mounted = (
+        None if _is_explained_by_one(faults, now) else find_other_mounting(machine, bands[band:], judges.plain_fit)
+    )
     # One cause for the whole robot is more likely than several for some joints.
     if mounted is not None and (len(faults) > 1 or mounted.explains.score <= now.score + ALIKE):
         faults = ()

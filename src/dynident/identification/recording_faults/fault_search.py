@@ -28,6 +28,7 @@ from dynident.identification.recording_faults.description_fit import Description
 from dynident.identification.recording_faults.joint_angle_faults import (
     ANGLE_FAULTS,
     estimate_zeros,
+    find_parallel_axes,
     list_angle_faults,
     refine_zero_by_masses,
 )
@@ -48,7 +49,7 @@ from dynident.identification.recording_faults.torque_scale import (
     is_nearer_to_others,
     refine_factor_by_masses,
 )
-from dynident.identification.recording_faults.tree_fit import find_moving_joints, find_parallel_axes, list_chains
+from dynident.identification.recording_faults.tree_fit import find_moving_joints, list_chains
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY_IN_ALL_BLOCKS,
     SURELY_ON,
@@ -494,7 +495,6 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
         return delay
     # A log that is late is late for all joints. Where the motors of all others are off, one joint alone may look late
     # by the way in which it breaks loose.
-    driven = find_driving_joints(thin_out(motion), surely=False) | find_joints_with_friction(
-        judge.measure_frictions(thin_out(motion))
-    )
+    few = thin_out(motion)
+    driven = find_driving_joints(few, surely=False) | find_joints_with_friction(judge.measure_frictions(few))
     return replace(delay, is_fault=bool(driven.sum() > 1))
