@@ -195,7 +195,8 @@ def search_faults(
             break
         fall, summed = now.score - step.unexplained.score, now.compute_summed_fall_to(step.unexplained)
         mended = step.fault.mend(motion)
-        if judge is judges.plain_fit and _compute_fall(judges.offset_fit, motion, mended) < BESIDE_OFFSETS * fall:
+        scores = (judges.offset_fit.measure_unexplained(one).score for one in (motion, mended))
+        if judge is judges.plain_fit and next(scores) - next(scores) < BESIDE_OFFSETS * fall:
             # A constant torque explains the same, so the search goes on with constant torques in the model.
             judge = judges.offset_fit
             now = judge.measure_unexplained(motion)
@@ -212,11 +213,6 @@ def search_faults(
         findings.append(DetectedFault(step.fault, step.alike, *left, certain))
         motion, now = mended, step.unexplained
     return tuple(findings), now
-
-
-def _compute_fall(judge: HeldOutFit, motion: Motion, mended: Motion) -> float:
-    """Return how much the score falls without a fault."""
-    return judge.measure_unexplained(motion).score - judge.measure_unexplained(mended).score
 
 
 _Trial = tuple[ColumnFault, UnexplainedTorque]
@@ -423,10 +419,12 @@ class _TorqueEvidence:
 
 
 def _is_possible_fault(fault: ColumnFault, robot: Robot, motion: Motion, sizes: _TorqueEvidence) -> bool:
-    """Tell whether neither masses nor friction refute a fault.
-
-    Where the friction of some joints is too large, a scaled torque has to be among them.
-    """
+    """Tell whether neither masses nor friction refute a fault; too much friction is that of a scaled torque."""
+    if fault.kind == "torques swapped":
+        # Joints at rest hold a load against gravity as others move it, but no friction.
+        has_friction = find_joints_with_friction(sizes.frictions) | find_joints_with_friction(-sizes.frictions)
+        joints = list(fault.joints)
+        return bool(find_moving_joints(motion)[joints].all()) or not bool(has_friction[joints].any())
     if fault.kind != "torque scaled":
         return True
     # A torque that is too small still drives its joint, unless the motor is off.
