@@ -407,7 +407,24 @@ def find_label_columns(
         if name not in (*labels, *source.texts) and not is_time_name(name) and not _OF_ROWS.search(name)
     ]
     running = _find_running_columns(source, others)
-    return labels, [name for name in others if name not in running], bool(joints)
+    others = [name for name in others if name not in running]
+    return _add_further_labels(labels, texts) if len(others) == 1 and not joints else labels, others, bool(joints)
+
+
+def _add_further_labels(labels: tuple[str, ...], texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Return the labels, and further columns that tell signals of the same name apart, such as that of the message.
+
+    A few words tell signals apart; a unit does not, as it goes with the signal, nor do remarks.
+    """
+    n_rows = len(texts[labels[0]])
+    for name in texts:
+        named, finer = (
+            {row for row in zip(*(texts[label] for label in own), strict=True) if all(row)}
+            for own in (labels, (*labels, name))
+        )
+        if name not in labels and len(named) < len(finer) <= min(_MOST_JOINTS, n_rows // 2):
+            labels = tuple(other for other in texts if other in (*labels, name))
+    return labels
 
 
 def _find_running_columns(source: FileSource, names: Sequence[str]) -> set[str]:

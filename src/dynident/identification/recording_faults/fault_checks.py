@@ -165,9 +165,8 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     from_start = report_zeros_from_start(machine, recording, motion, judges.plain_fit, otherwise, q)
     if from_start is not None:
         return DynamicsCheck((from_start, *described), as_is)
-    mounted = (
-        None if _is_explained_by_one(faults, now) else find_other_mounting(machine, bands[band:], judges.plain_fit)
-    )
+    is_known = _is_explained_by_one(faults, now)
+    mounted = None if is_known else find_other_mounting(machine, bands[band:], judges.plain_fit)
     # One cause for the whole robot is more likely than several for some joints.
     if mounted is not None and (len(faults) > 1 or mounted.explains.score <= now.score + ALIKE):
         faults = ()
@@ -183,14 +182,15 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         findings: tuple[Check, ...] = (_report_mounting(mounted, machine),)
     elif faults:
         findings = tuple(_report_fault(finding, recording, q, tau) for finding in faults)
+    elif steps := report_torque_steps(motion, recording, tau, judges):
+        findings = (*_report_compensated(machine, motion, tau), *steps)
     else:
-        # Sizes are looked at only where order and signs are right: a wrong column has any size.
+        # Sizes are looked at only where order and signs are right: a wrong column has any size, and so has a step.
         off_scale = find_torque_scales(machine, motion, find_excess_of_motion(machine, motion, judges))
         findings = _report_scales(off_scale, recording, tau)
         if all(check.status == "ok" for check in findings):
             # A delay can only be estimated once all torques are in the same unit.
             findings = (*_check_delay(machine, *bands[band], tau, judges), *findings)
-        findings = (*report_torque_steps(motion, recording, tau, judges), *findings)
         # Gravity that was taken out would make masses look wrong, so it is reported first.
         findings = (*_report_compensated(machine, motion, tau), *findings)
     return DynamicsCheck((*passed, *findings, *described), as_is)
