@@ -294,6 +294,14 @@ def test_torques_that_step_once_are_told_with_the_time(tmp_path: Path, after: fl
         assert "torque_step" not in {check.name for check in drifting.checks}
 
 
+def test_a_load_that_is_taken_up_says_nothing_of_units(tmp_path: Path) -> None:
+    """What it adds to friction is that of neither side."""
+    given = log("ur10", 5)
+    loaded = np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * (given.t >= 0.5 * given.t[-1])[:, None]
+    taken = read(given.robot, tmp_path, given.columns(tau=given.tau + 4.0 * given.tau.std(axis=0) * loaded))
+    assert [check.name for check in taken.checks if check.status != "ok"] == ["torque_step"]
+
+
 def test_the_time_of_a_step_of_torque_is_right_inside_windows(tmp_path: Path) -> None:
     given = log("ur10", 9)
     end = float(given.t[-1])

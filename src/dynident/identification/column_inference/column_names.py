@@ -39,9 +39,11 @@ _WORDS: dict[Signal, frozenset[str]] = {
     "segment": _split_words("segment run episode"),
 }
 _OTHER = _split_words(
-    "tcp cartesian cart force fx fy fz quaternion quat digital analog io status mode state_id safety voltage volt "
+    "tcp cartesian cart force fx fy fz quaternion quat digital analog io state_id safety voltage volt "
     "power payload gripper error err residual bits"
 )
+_STATES = _split_words("status mode")
+"""Words of a state where they stand last; before a signal they say in which message it was sent."""
 _WAVES = {"cos": "sin", "sin": "cos", "cosine": "sine", "sine": "cosine"}
 """Words that say that a column is the sine or the cosine of an angle, where the other of the two is there, too."""
 _COMMANDED = _split_words(
@@ -327,6 +329,8 @@ def _classify_signal(plain: list[str]) -> Signal | None:
         return "other"
     kind: Signal | None = None
     for word in plain:
+        if word in _STATES:
+            kind = "other"
         for signal, known in _WORDS.items():
             if word not in known or (word == "i" and len(plain) > 2):
                 continue
