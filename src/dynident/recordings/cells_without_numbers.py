@@ -21,8 +21,9 @@ from dynident.recordings.time_columns import are_times, is_time_name, parse_seco
 
 _LONGEST = 256
 _ABOUT = Path("meta") / "info.json"
-_DEEPEST = 3
-"""Folders above a file of a data set that its description is looked for in: data/chunk-000/file-000.parquet."""
+_DATA, _DEEPEST = "data", 3
+"""Folder of a data set that its files lie in, and folders above a file that it is looked for in:
+data/chunk-000/file-000.parquet."""
 
 
 def list_columns(first: pa.RecordBatch) -> dict[str, int]:
@@ -120,10 +121,9 @@ def make_counted_names(name: str, length: int) -> tuple[str, ...]:
 
 def _read_stated_names(path: Path) -> dict[tuple[str, int], tuple[str, ...]]:
     """Return the names of a data set's lists, by column and length; none if the file lies in no data set."""
-    # A data set lies in folders of its own: its description is looked for in the nearest ones above the file.
-    about = next(
-        (candidate for folder in path.absolute().parents[:_DEEPEST] if (candidate := folder / _ABOUT).is_file()), None
-    )
+    # Of another data set above or beside the file nothing is told: its description stands beside the folder of data.
+    roots = (folder.parent for folder in path.absolute().parents[:_DEEPEST] if folder.name == _DATA)
+    about = next((candidate for root in roots if (candidate := root / _ABOUT).is_file()), None)
     try:
         features = json.loads(about.read_text(encoding="utf-8"))["features"] if about is not None else {}
         named = {name: _flatten_names(feature.get("names")) for name, feature in features.items()}

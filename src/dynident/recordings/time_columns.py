@@ -408,8 +408,7 @@ def find_stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str, float]]:
         stem = match["whose"].casefold()
         seconds = (f"{stem}{word}{match['end']}" for word in _WORDS)
         whole = next((plain[candidate] for candidate in seconds if candidate in plain), None)
-        called = match["whose"].rstrip(" [(_")
-        ours = called if is_time_name(called) else f"{match['whose']}time"
+        ours = match["whose"].rstrip(" [(_") if match["end"] else f"{match['whose']}time"
         if whole is not None and ours not in names and ours not in pairs:
             part = match["part"].casefold()
             pairs[ours] = whole, name, _PARTS["mi" if part == "micro" else part[0]]
