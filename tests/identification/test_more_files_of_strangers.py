@@ -277,6 +277,18 @@ def test_obvious_outliers_are_called_corrupted_before_an_import_as_well() -> Non
     assert row.field == "rows/corrupted_samples"
 
 
+def test_rows_whose_drives_are_off_are_no_motion_of_a_proposal() -> None:
+    """They are left out where columns are guessed, as they are when the file is read."""
+    given = log("ur10", 8)
+    off = round(8.0 / (given.t[1] - given.t[0]))
+    q, tau = np.vstack([np.repeat(given.q[:1], off, 0), given.q]), np.vstack([np.zeros((off, 6)), given.tau])
+    t = np.arange(len(q)) * (given.t[1] - given.t[0])
+    columns = {"t": t} | {f"{s}{k + 1}": values[:, k] for s, values in (("q", q), ("tau", tau)) for k in range(6)}
+    proposal = guess(given.robot, columns)
+    assert proposal.questions == ()
+    assert [one.field for one in proposal.guesses if one.field.startswith("rows/")] == ["rows/idle_drives"]
+
+
 @pytest.mark.parametrize("after", [0.3, 0.6])
 def test_torques_that_step_once_are_told_with_the_time(tmp_path: Path, after: float) -> None:
     """Sensors that are zeroed anew in the middle of a recording; a drift is none."""

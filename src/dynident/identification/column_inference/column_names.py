@@ -318,8 +318,10 @@ def _split_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, 
     if stated is None and words[-2:] in (("nano", "sec"), ("nano", "secs")):
         return words[:-2], "ns"
     if stated is None and len(words) >= 2 and words[-1] in _SUFFIXES:
-        # A single letter counts as a unit, too: i_1_a is in amperes.
-        return words[:-1], _UNITS[words[-1]]
+        # A single letter counts as a unit, too: i_1_a is in amperes. Of another signal it is an axis: pulse_s.
+        signal = _classify_signal([word for word in words[:-1] if not word.isdigit()])
+        if len(words[-1]) > 1 or signal in (None, "effort", get_signal_of_unit(_UNITS[words[-1]])):
+            return words[:-1], _UNITS[words[-1]]
     return words, stated
 
 

@@ -31,7 +31,7 @@ from dynident.identification.column_inference.column_statistics import (
     mask_outliers,
     restore_masked,
 )
-from dynident.identification.column_inference.dynamics_fits import DynamicsFits, NoFits, PoseFits, condition_sample
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits, NoFits, PoseFits
 from dynident.identification.column_inference.metadata_proposal import Proposal, Question
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
@@ -175,8 +175,7 @@ class _ColumnInference(WorkingProposal):
         if q is not None:
             values = restore_masked(self.sample.values, whole.values)
             rows = replace(self.sample, values=values[good])
-            q, tau, put_right = condition_sample(self.fits, rows, position, effort, q)
-            self.values[:, list(effort.columns)] = tau
+            q, self.fits, put_right = self.condition_rows(self.fits, rows, position, effort, q)
             self._guess_rates(groups, position, q)
             kind = self._guess_efforts(effort, q, kind)
             self.guesses += put_right

@@ -186,8 +186,8 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         findings = (*_report_compensated(machine, motion, tau), *steps)
     else:
         # Sizes are looked at only where order and signs are right: a wrong column has any size, and so has a step.
-        off_scale = find_torque_scales(machine, motion, find_excess_of_motion(machine, motion, judges))
-        findings = _report_scales(off_scale, recording, tau)
+        excess, frictions = find_excess_of_motion(machine, motion, judges), judges.plain_fit.measure_frictions(motion)
+        findings = _report_scales(find_torque_scales(machine, motion, excess, frictions), recording, tau)
         if all(check.status == "ok" for check in findings):
             # A delay can only be estimated once all torques are in the same unit.
             findings = (*_check_delay(machine, *bands[band], tau, judges), *findings)

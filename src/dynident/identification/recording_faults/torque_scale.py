@@ -247,7 +247,9 @@ class TorqueScale:
     by_friction: bool = False
 
 
-def find_torque_scales(robot: Robot, motion: Motion, excess: Mapping[int, float]) -> tuple[TorqueScale, ...] | None:
+def find_torque_scales(
+    robot: Robot, motion: Motion, excess: Mapping[int, float], frictions: FloatArray | None = None
+) -> tuple[TorqueScale, ...] | None:
     """Return the joints whose torques are in another unit.
 
     Parameters
@@ -258,6 +260,8 @@ def find_torque_scales(robot: Robot, motion: Motion, excess: Mapping[int, float]
         Filtered rows of the recording.
     excess : mapping of int to float
         Joints whose friction is too large, and how many times, from `find_excess_friction`.
+    frictions : (blocks, n), optional
+        As in `find_excess_friction`.
 
     Returns
     -------
@@ -282,7 +286,10 @@ def find_torque_scales(robot: Robot, motion: Motion, excess: Mapping[int, float]
     far = {
         joint: times
         for joint, times in explained.items()
-        if not 1.0 / FAR < times < FAR and (times > 1.0 or driving[joint])
+        if not 1.0 / FAR < times < FAR
+        and (times > 1.0 or driving[joint])
+        # In another unit friction would be as far off: alone the load is that of a tool that the description lacks.
+        and (frictions is None or is_nearer_to_others(robot, frictions, joint, 1.0 / times))
     }
     # A joint that carries most of the arm needs little of its load to tell that a torque is far too large: neither
     # friction nor a load at the flange is several times that. A motor that is off looks too small in any joint.
