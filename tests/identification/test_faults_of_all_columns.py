@@ -124,6 +124,22 @@ def test_a_sweep_of_one_joint_tells_signs_and_gravity(joint: int) -> None:
     assert found.name == "gravity_direction"
 
 
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_load_at_the_flange_is_no_other_unit_of_a_wrist(seed: int) -> None:
+    """It is many times what the description has there; friction, which another unit would change, is as it was."""
+    motion = fourier_motion(ROBOT, 20.0, 200.0, seed)
+    bare = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq)
+    inertias = ROBOT.inertias.copy()
+    inertias[-1] += 3.0 * np.array([0.01, 0.0, 0.0, 0.01, 0.0, 0.002, 0.0, 0.0, 0.05, 1.0])
+    loaded = pinocchio_torque(replace(ROBOT, inertias=inertias), motion.q, motion.dq, motion.ddq)
+    size = np.maximum(np.abs(bare).max(axis=0), 0.02 * np.abs(bare).max())
+    rest = 0.04 * np.sign(motion.dq) + 0.03 * motion.dq + 0.004 * np.random.default_rng(seed).normal(size=bare.shape)
+    assert findings(record(ROBOT, motion, loaded + size * rest)) == []
+    tenfold = np.where(np.arange(6) == 4, 10.0, 1.0)
+    (found,) = findings(record(ROBOT, motion, tenfold * (bare + size * rest)))
+    assert found.name == "torque_scale"
+
+
 def test_a_torque_without_friction_and_inertia_is_a_command() -> None:
     motion, _ = measured()
     still = np.zeros_like(motion.q)

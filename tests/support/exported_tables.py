@@ -264,17 +264,6 @@ def messages_of_a_bus(folder: Path, run: Recorded) -> Path:
     return written(folder / "bus.csv", "\n".join(["timestamp,message,signal,value,unit", *rows, ""]))
 
 
-def structures_of_other_rates(folder: Path, run: Recorded) -> Path:
-    """Simulink's blocks To Workspace, each a structure with its time; that of the temperatures is a slow one."""
-
-    def structure(label: str, values: np.ndarray, step: int) -> dict[str, object]:
-        return {"time": run.t[::step, None], "signals": {"values": values[::step], "label": label}, "blockName": label}
-
-    blocks = {"q_meas": structure("q", run.q, 1), "tau_meas": structure("tau", run.tau, 1)}
-    savemat(folder / "out.mat", {**blocks, "heat": structure("temp", 40.0 + 0.0 * run.q, 10)})
-    return folder / "out.mat"
-
-
 EXPORTED_TABLES: dict[str, Layout] = {
     layout.__name__: layout
     for layout in (
@@ -283,7 +272,7 @@ EXPORTED_TABLES: dict[str, Layout] = {
         objects_of_joints, records_of_numpy, messages_of_a_simulator, values_beside_their_names, printed_objects,
         structures_of_rust, answer_of_a_data_base, objects_by_their_times, rate_in_a_remark, durations_of_iso,
         tags_with_milliseconds_apart, further_axis, slots_of_a_simulator,
-        stamps_in_brackets, messages_of_a_bus, structures_of_other_rates,
+        stamps_in_brackets, messages_of_a_bus,
     )
 }  # fmt: skip
 

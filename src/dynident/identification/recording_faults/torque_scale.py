@@ -286,11 +286,18 @@ def find_torque_scales(
     far = {
         joint: times
         for joint, times in explained.items()
-        if not 1.0 / FAR < times < FAR
-        and (times > 1.0 or driving[joint])
-        # In another unit friction would be as far off: alone the load is that of a tool that the description lacks.
-        and (frictions is None or is_nearer_to_others(robot, frictions, joint, 1.0 / times))
+        if not 1.0 / FAR < times < FAR and (times > 1.0 or driving[joint])
     }
+    right = [joint for joint in range(robot.n) if joint not in far]
+    if frictions is not None and len(right) > 1:
+        # In another unit friction would be off the same way: alone the load is that of a tool without a description.
+        others = np.where(np.isin(np.arange(robot.n), right), frictions, np.nan)
+        beside = {joint: np.where(np.arange(robot.n) == joint, frictions, others) for joint in far}
+        far = {
+            joint: times
+            for joint, times in far.items()
+            if is_nearer_to_others(robot, beside[joint], joint, 0.9 if times > 1.0 else 1.1)
+        }
     # A joint that carries most of the arm needs little of its load to tell that a torque is far too large: neither
     # friction nor a load at the flange is several times that. A motor that is off looks too small in any joint.
     for joint in np.flatnonzero(_find_bearing_joints(robot, motion)):
