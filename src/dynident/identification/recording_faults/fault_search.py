@@ -195,7 +195,7 @@ def search_faults(
             break
         fall, summed = now.score - step.unexplained.score, now.compute_summed_fall_to(step.unexplained)
         mended = step.fault.mend(motion)
-        scores = (judges.offset_fit.measure_unexplained(one).score for one in (motion, mended))
+        scores = (judges.offset_fit.measure_unexplained(rows).score for rows in (motion, mended))
         if judge is judges.plain_fit and next(scores) - next(scores) < BESIDE_OFFSETS * fall:
             # A constant torque explains the same, so the search goes on with constant torques in the model.
             judge = judges.offset_fit
