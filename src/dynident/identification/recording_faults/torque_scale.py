@@ -288,11 +288,10 @@ def find_torque_scales(
         for joint, times in explained.items()
         if not 1.0 / FAR < times < FAR and (times > 1.0 or driving[joint])
     }
-    right = [joint for joint in range(robot.n) if joint not in far]
-    if frictions is not None and len(right) > 1:
+    fair = [joint for joint in range(robot.n) if joint not in far]
+    if frictions is not None and len(fair) > 1:
         # In another unit friction would be off the same way: alone the load is that of a tool without a description.
-        others = np.where(np.isin(np.arange(robot.n), right), frictions, np.nan)
-        beside = {joint: np.where(np.arange(robot.n) == joint, frictions, others) for joint in far}
+        beside = {joint: np.where(np.isin(np.arange(robot.n), [joint, *fair]), frictions, np.nan) for joint in far}
         far = {
             joint: times
             for joint, times in far.items()
